@@ -1,0 +1,61 @@
+"""What every reader of captures and logs delivers: batches, gaps, and facts about the file."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal, Protocol
+
+from syncline_schemas.batch import FrameBatch, Gap
+
+TimeBase = Literal["utc", "relative", "none"]
+"""Whether stamps are UTC, count from the start of the log, or are not in the log at all."""
+
+MAX_KEPT_LINES = 100
+"""Unparsed lines kept with their text; the rest is only counted."""
+
+
+@dataclass(slots=True)
+class CaptureFacts:
+    """What is known of a capture besides its frames; complete when the last batch was read.
+
+    `resolution_ns` is the step of the time stamps, as far as the format or the file tells.
+    `damage` says in words what could not be read of a damaged capture. `notes` hold what the
+    format could not tell ("remote frames are not marked in this format").
+    """
+
+    path: Path
+    format: str
+    buses: list[str] = field(default_factory=list)
+    time_base: TimeBase = "utc"
+    resolution_ns: int = 1
+    clock: str = "unknown"
+    bitrates: dict[str, int] = field(default_factory=dict)
+    unparsed_lines: list[tuple[int, str]] = field(default_factory=list)
+    unparsed_count: int = 0
+    description_toml: str | None = None
+    eds_files: dict[str, bytes] = field(default_factory=dict)
+    metadata: dict[str, str] = field(default_factory=dict)
+    damage: str | None = None
+    notes: list[str] = field(default_factory=list)
+
+    def bus_number(self, name: str) -> int:
+        """Number of the bus of this name, which is appended when it is new."""
+        if name not in self.buses:
+            self.buses.append(name)
+        return self.buses.index(name)
+
+    def add_unparsed(self, line_number: int, line: str) -> None:
+        """Count a line that could not be read; the first hundred are kept with their text."""
+        self.unparsed_count += 1
+        if len(self.unparsed_lines) < MAX_KEPT_LINES:
+            self.unparsed_lines.append((line_number, line[:200]))
+
+
+class CaptureReader(Protocol):
+    """A capture that can be read once, from the first frame to the last."""
+
+    facts: CaptureFacts
+
+    def batches(self) -> Iterator[FrameBatch | Gap]:
+        """Batches in file order, with a Gap between them where the recorder was blind."""
+        ...

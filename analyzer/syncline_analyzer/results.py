@@ -1,0 +1,332 @@
+"""Rows of the tables: what the folds return, and what JSON, pandas and the views show.
+
+The field names are those of `--format json` and never change within a major version. Times named
+`*_ns` are stamps `t` as analysis.md defines them; `bus` is the interface's name as recorded;
+`evidence` holds `seq` numbers.
+"""
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Severity = Literal["error", "warning", "info"]
+
+
+@dataclass(frozen=True, slots=True)
+class Quantiles:
+    """Minimum, median, 99th percentile and maximum; `std` where the interface asks for it."""
+
+    min: float
+    median: float
+    p99: float
+    max: float
+    std: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class GapRow:
+    """A stretch in which the recorder was blind."""
+
+    start_ns: int
+    end_ns: int
+    reason: str
+    lost_frames: int | None
+    bus: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class CaptureRow:
+    """The capture as a whole."""
+
+    files: list[str]
+    frames: int
+    data_frames: int
+    remote_frames: int
+    error_frames: int
+    extended_frames: int
+    unparsed_lines: int
+    start_utc_ns: int | None
+    duration_ns: int
+    buses: list[str]
+    gaps: list[GapRow]
+    first_ns: int = 0
+    time_base: str = "utc"
+    resolution_ns: int = 1
+    notes: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class NodeRow:
+    """A node that something on the bus proves or claims."""
+
+    bus: str
+    node: int
+    name: str | None
+    device: str | None
+    boot_ups: int
+    heartbeats: int
+    heartbeat_period_ms: float | None
+    guard_requests: int
+    guard_answers: int
+    toggle_errors: int
+    emcy: int
+    sdo_transfers: int
+    sdo_aborts: int
+    sdo_unanswered: int
+    pdo_frames: int
+    state_share: dict[str, float]
+    final_state: str
+    proof: list[str] = field(default_factory=list)
+    """What lists the node: "error control", "emcy", "sdo answer", "pdo", "pdo (guess)"."""
+
+
+@dataclass(frozen=True, slots=True)
+class NmtCommandRow:
+    """An NMT command: a two-byte data frame on 000h; node 0 means all."""
+
+    bus: str
+    seq: int
+    t_ns: int
+    command: str
+    node: int
+    confirmed_ms: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class NmtStateRow:
+    """An interval of a node's NMT state, half-open."""
+
+    bus: str
+    node: int
+    state: str
+    start_ns: int
+    end_ns: int
+    cause: str
+    certainty: Literal["observed", "commanded", "implied", "assumed"]
+    evidence: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class SyncRow:
+    """A SYNC producer's identifier and its periods."""
+
+    bus: str
+    cob_id: int
+    count: int
+    period_us: Quantiles | None
+    missing: int
+    counter_jumps: int
+
+
+@dataclass(frozen=True, slots=True)
+class PdoRow:
+    """A PDO and its timing; response and device time only for synchronous ones."""
+
+    bus: str
+    cob_id: int
+    node: int | None
+    pdo: str | None
+    """"TPDO1", "RPDO2" ...; with " (guess)" where only the predefined identifier says so."""
+    frames: int
+    transmission_type: int | None
+    type_source: str
+    """"sdo-read", "sdo-write", "bus-description", "eds-default", "inferred: ..." or "unknown"."""
+    period_us: Quantiles | None
+    response_us: Quantiles | None
+    device_us_low: Quantiles | None
+    device_us_high: Quantiles | None
+    missed: int
+    extra: int
+    late: int
+    missed_seq: list[int] = field(default_factory=list)
+    """`seq` of the first SYNCs (at most 100) that got no answer."""
+
+
+@dataclass(frozen=True, slots=True)
+class EmcyRow:
+    """One EMCY message and the transition it makes."""
+
+    bus: str
+    node: int
+    seq: int
+    t_ns: int
+    code: int | None
+    meaning: str
+    error_register: int | None
+    registers: list[str]
+    manufacturer_hex: str
+    transition: Literal[
+        "raised", "further", "partly cleared", "all cleared", "reset", "malformed"
+    ]
+    details: dict[str, Any] = field(default_factory=dict)
+    """Manufacturer bytes decoded by device, for example {"alarms": 1, "warnings": 0}."""
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorRow:
+    """One error of a node from raise to clear."""
+
+    bus: str
+    node: int
+    code: int
+    meaning: str
+    raised_ns: int
+    cleared_ns: int | None
+    status: Literal["cleared", "still active", "lost at reset"]
+    count: int
+    evidence: list[int] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class SdoRow:
+    """One SDO transfer."""
+
+    bus: str
+    node: int
+    seq: int
+    start_ns: int
+    end_ns: int
+    index: int | None
+    """None when the capture starts in the middle of a transfer."""
+    sub: int | None
+    direction: Literal["upload", "download"]
+    kind: Literal["expedited", "segmented", "block"]
+    size: int | None
+    value: int | float | str | None
+    """Decoded by the object's type where it is known; else the hexadecimal bytes as sent."""
+    result: Literal["ok", "abort", "no answer", "interrupted"]
+    abort_code: int | None
+    answer_us: float | None
+    name: str | None = None
+    data: bytes = b""
+    end_seq: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class TraceRow:
+    """Summary of one trace of a position-like object."""
+
+    bus: str
+    node: int
+    object: int
+    """index << 8 | sub"""
+    name: str
+    unit: str
+    samples: int
+    min: float | None
+    max: float | None
+    cuts: int
+    flags: dict[str, int]
+
+
+@dataclass(frozen=True, slots=True)
+class BusLoadRow:
+    """Load of one bus; percentages are None where the bit rate is not known."""
+
+    bus: str
+    bitrate: int | None
+    mean_percent: float | None
+    peak_percent: float | None
+    frames_per_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """What a service engineer would write in a report."""
+
+    id: str
+    severity: Severity
+    bus: str | None
+    node: int | None
+    start_ns: int
+    end_ns: int
+    text: str
+    cause: str
+    check_next: str
+    evidence: list[int]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trace:
+    """Samples of one trace, for plots and for `Session.traces()`.
+
+    Columns, all (n,): t_ns int64; seq int64; raw int64; value float64 in `unit` (NaN where
+    invalid); extra columns by name, for encoders `position` [counts], `turn`, `angle_deg`,
+    `unwrapped_deg`, `speed_rpm` (float64, NaN where unknown); flags uint16 of `TraceFlag`; segment int32, one number
+    per stretch between cuts. `assumed` names the scales that were only assumed.
+    """
+
+    bus: str
+    node: int
+    object: int
+    name: str
+    unit: str
+    t_ns: NDArray[np.int64]
+    seq: NDArray[np.int64]
+    raw: NDArray[np.int64]
+    value: NDArray[np.float64]
+    flags: NDArray[np.uint16]
+    segment: NDArray[np.int32]
+    columns: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    assumed: list[str] = field(default_factory=list)
+
+
+TRACE_FLAGS = ("wrap", "jump", "ambiguous", "frozen", "out_of_range", "scale_assumed")
+"""Names of the bits of `Trace.flags`, bit 0 first."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Responses:
+    """Answers of one synchronous PDO to its SYNC.
+
+    Columns, all (n,): seq int64, t_ns int64, response_us, device_low_us, device_high_us float64.
+    `histogram` holds the counts of `edges_us` (len + 1 edges) over all responses, also when the
+    columns were thinned.
+    """
+
+    bus: str
+    cob_id: int
+    node: int | None
+    pdo: str | None
+    seq: NDArray[np.int64]
+    t_ns: NDArray[np.int64]
+    response_us: NDArray[np.float64]
+    device_low_us: NDArray[np.float64]
+    device_high_us: NDArray[np.float64]
+    histogram: NDArray[np.int64]
+    edges_us: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Series:
+    """A quantity over time for plots: t_ns (n,) int64, value (n,) float64 in `unit`."""
+
+    bus: str
+    name: str
+    unit: str
+    t_ns: NDArray[np.int64]
+    value: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Analysis:
+    """Everything one pass over a capture tells."""
+
+    capture: CaptureRow
+    nodes: list[NodeRow]
+    nmt_commands: list[NmtCommandRow]
+    nmt_states: list[NmtStateRow]
+    sync: list[SyncRow]
+    pdos: list[PdoRow]
+    emcy: list[EmcyRow]
+    errors: list[ErrorRow]
+    sdo: list[SdoRow]
+    traces: list[TraceRow]
+    bus_load: list[BusLoadRow]
+    findings: list[Finding]
+    trace_data: list[Trace] = field(default_factory=list)
+    responses: list[Responses] = field(default_factory=list)
+    series: list[Series] = field(default_factory=list)
+    """Plots over time: bus load ("bus load", "%"), SYNC period ("SYNC 080h period", "us")."""

@@ -5,6 +5,7 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
 from syncline_schemas.canopen.services import Service, service_of
 
@@ -41,14 +42,16 @@ class IndexedBatch:
     @cached_property
     def remote(self) -> NDArray[np.bool_]:
         """(n,) True for remote frames."""
-        return (self.frames.flags & FrameFlag.REMOTE) != 0
+        return np.not_equal(self.frames.flags & FrameFlag.REMOTE, 0)
 
     @cached_property
     def _by_id(self) -> dict[tuple[int, int], NDArray[np.intp]]:
         frames = self.frames
         rows = np.flatnonzero((frames.flags & _DATA_11_BIT) == 0)
         key = (frames.bus[rows].astype(np.uint32) << 11) | frames.can_id[rows]
-        order = np.argsort(key.astype(np.uint16) if key.max(initial=0) < 1 << 16 else key, kind="stable")
+        order = np.argsort(
+            key.astype(np.uint16) if key.max(initial=0) < 1 << 16 else key, kind="stable"
+        )
         ordered = key[order]
         cuts = np.flatnonzero(np.diff(ordered)) + 1
         starts = np.concatenate(([0], cuts)) if len(ordered) else np.zeros(0, np.intp)
@@ -67,7 +70,7 @@ class IndexedBatch:
 
     def rows_of(self, *services: Service, remote: bool = False) -> NDArray[np.intp]:
         """Rows whose predefined service is one of these; data frames, or remote ones."""
-        wanted = _WANTED[list(services)].any(axis=0)
+        wanted = np.isin(np.arange(len(Service)), services)
         return np.flatnonzero(wanted[self.service] & (self.remote == remote))
 
     def seq(self, row: int) -> int:
@@ -76,7 +79,6 @@ class IndexedBatch:
 
 
 _NO_ROWS = np.zeros(0, np.intp)
-_WANTED = np.eye(len(Service), dtype=np.bool_)
 
 
 class Fold(Protocol):

@@ -55,6 +55,8 @@ class CaptureRow:
     time_base: str = "utc"
     resolution_ns: int = 1
     notes: list[str] = field(default_factory=list)
+    damage: list[str] = field(default_factory=list)
+    """What could not be read of damaged files; empty when all are whole."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,6 +147,41 @@ class PdoRow:
 
 
 @dataclass(frozen=True, slots=True)
+class HoleRow:
+    """A stretch in which SYNCs or PDOs were due and did not come; at most 1000 per identifier.
+
+    `evidence` holds the SYNCs around missing SYNCs, the SYNCs that a PDO did not answer (the first
+    100), or the last frame before the silence of a cyclic PDO.
+    """
+
+    bus: str
+    cob_id: int
+    service: Literal["sync", "pdo"]
+    start_ns: int
+    end_ns: int
+    missing: int
+    evidence: list[int]
+
+
+@dataclass(frozen=True, slots=True)
+class SyncJitterRow:
+    """A stretch in which SYNC periods lie off their median by a tenth and more, again and again.
+
+    `off` of `periods` do, the worst by `worst_us`; `evidence` holds the first 100 of them.
+    """
+
+    bus: str
+    cob_id: int
+    start_ns: int
+    end_ns: int
+    off: int
+    periods: int
+    median_us: float
+    worst_us: float
+    evidence: list[int]
+
+
+@dataclass(frozen=True, slots=True)
 class EmcyRow:
     """One EMCY message and the transition it makes."""
 
@@ -157,9 +194,7 @@ class EmcyRow:
     error_register: int | None
     registers: list[str]
     manufacturer_hex: str
-    transition: Literal[
-        "raised", "further", "partly cleared", "all cleared", "reset", "malformed"
-    ]
+    transition: Literal["raised", "further", "partly cleared", "all cleared", "reset", "malformed"]
     details: dict[str, Any] = field(default_factory=dict)
     """Manufacturer bytes decoded by device, for example {"alarms": 1, "warnings": 0}."""
 
@@ -205,6 +240,22 @@ class SdoRow:
 
 
 @dataclass(frozen=True, slots=True)
+class ObjectRow:
+    """Last known value of an object that was seen on the bus."""
+
+    bus: str
+    node: int
+    index: int
+    sub: int
+    name: str | None
+    unit: str | None
+    value: int | float | str
+    source: str
+    seq: int | None
+    t_ns: int | None
+
+
+@dataclass(frozen=True, slots=True)
 class TraceRow:
     """Summary of one trace of a position-like object."""
 
@@ -219,6 +270,25 @@ class TraceRow:
     max: float | None
     cuts: int
     flags: dict[str, int]
+
+
+@dataclass(frozen=True, slots=True)
+class TraceEventRow:
+    """A moment of a trace that a reader must know of; at most 1000 per trace and kind.
+
+    `kind` is "jump" (faster than the device can turn), "out of range" (the first
+    one of a stretch) or "cut"; `text` says why. `before` and `after` are values in the trace's unit.
+    """
+
+    bus: str
+    node: int
+    object: int
+    kind: Literal["jump", "out of range", "cut"]
+    seq: int
+    t_ns: int
+    before: float | None
+    after: float | None
+    text: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -328,5 +398,9 @@ class Analysis:
     findings: list[Finding]
     trace_data: list[Trace] = field(default_factory=list)
     responses: list[Responses] = field(default_factory=list)
+    holes: list[HoleRow] = field(default_factory=list)
+    sync_jitter: list[SyncJitterRow] = field(default_factory=list)
+    trace_events: list[TraceEventRow] = field(default_factory=list)
     series: list[Series] = field(default_factory=list)
     """Plots over time: bus load ("bus load", "%"), SYNC period ("SYNC 080h period", "us")."""
+    objects: list[ObjectRow] = field(default_factory=list)

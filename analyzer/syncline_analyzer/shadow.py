@@ -2,14 +2,16 @@
 
 from bisect import bisect_right
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from syncline_schemas.description import BusDescription
-from syncline_schemas.devices import Device, identify, load_device
+from syncline_schemas.devices import Device, identify, quirks
 
 Source = Literal["sdo-read", "sdo-write", "bus-description", "eds-default"]
 Value = int | bytes
+Key = tuple[int, int]
+"""(index, subindex) of an object."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,16 +26,24 @@ class Known:
 
 @dataclass(slots=True)
 class _History:
+    """Values by `seq`; `saved` is what a reset falls back to once the value is `unsaved`."""
+
     seqs: list[int] = field(default_factory=list)
     values: list[Known | None] = field(default_factory=list)
     saved: Known | None = None
+    unsaved: bool = False
+
+    def add(self, seq: int, known: Known | None) -> None:
+        self.seqs.append(seq)
+        self.values.append(known)
 
 
 class Shadow:
     """Values of objects per bus number and node over the capture, addressed by `seq`.
 
     Values learned from the bus come first, then the bus description, then the device's EDS.
-    A None in a history means: thrown away by a reset, fall back to what is assumed.
+    A None in a history means: thrown away by a reset, fall back to what is assumed. A capture gap
+    forgets nothing: what was written before it is still the best that is known.
     """
 
     def __init__(
@@ -46,33 +56,57 @@ class Shadow:
         self._description = description or BusDescription()
         self._devices_by_node = dict(devices or {})
         self._identified: dict[tuple[int, int], Device | None] = {}
-        self._known: dict[tuple[int, int], dict[tuple[int, int], _History]] = {}
+        self._known: dict[tuple[int, int], dict[Key, _History]] = {}
+        self._refused: dict[tuple[int, int], set[Key]] = {}
 
     def learn(self, bus: int, node: int, index: int, sub: int, known: Known) -> None:
-        """Store a value seen on the bus; calls come in order of `seq`."""
-        history = self._known.setdefault((bus, node), {}).setdefault((index, sub), _History())
-        assert known.seq is not None
-        history.seqs.append(known.seq)
-        history.values.append(known)
-        if known.source == "sdo-read":
-            history.saved = history.saved or known
-        if (index, sub) in _IDENTITY:
+        """Store a value seen on the bus; calls come in order of `seq`.
+
+        A value that is read while no write waits to be saved is taken as the stored one.
+        """
+        key = (index, sub)
+        if index in _IDENTITY:
+            self._identified.pop((bus, node), None)
+        facts = quirks(self.device(bus, node))
+        self._store(bus, node, facts.aliases.get(key, key), known, key in facts.stored_at_once)
+        if known.source != "sdo-write":
+            return
+        for written, changed, value in facts.side_effects:
+            if written == key:
+                self._store(bus, node, changed, replace(known, value=value), False)
+        if facts.factory_reset_writes.get(key) == known.value:
+            self.restore(bus, node)
+
+    def refuse(self, bus: int, node: int, index: int, sub: int) -> None:
+        """Note that the node said that it has no such object (abort 0602 0000)."""
+        self._refused.setdefault((bus, node), set()).add((index, sub))
+        if index in _IDENTITY:
             self._identified.pop((bus, node), None)
 
-    def save(self, bus: int, node: int) -> None:
-        """Remember the present values as the ones that a reset falls back to (1010h `save`)."""
-        for history in self._known.get((bus, node), {}).values():
-            history.saved = history.values[-1]
+    def save(self, bus: int, node: int, sub: int = 1) -> None:
+        """Keep the present values as those that a reset falls back to (1010h `save`)."""
+        for key, history in self._known.get((bus, node), {}).items():
+            if history.values and self._kept_by(bus, node, key, sub):
+                history.saved = history.values[-1]
+                history.unsaved = False
+
+    def restore(self, bus: int, node: int, sub: int = 1) -> None:
+        """Forget what was saved: the next reset falls back to what is assumed (1011h `load`)."""
+        for key, history in self._known.get((bus, node), {}).items():
+            if self._kept_by(bus, node, key, sub):
+                history.saved = None
+                history.unsaved = True
 
     def reset(self, bus: int, node: int, seq: int) -> None:
         """Throw written values back to the last saved ones (boot-up, 81h, 82h)."""
         for history in self._known.get((bus, node), {}).values():
-            last = history.values[-1]
-            if last is not None and last.source == "sdo-write" and last is not history.saved:
-                history.seqs.append(seq)
-                history.values.append(history.saved)
+            if history.unsaved:
+                history.add(seq, history.saved)
+                history.unsaved = False
 
-    def get(self, bus: int, node: int, index: int, sub: int = 0, seq: int | None = None) -> Known | None:
+    def get(
+        self, bus: int, node: int, index: int, sub: int = 0, seq: int | None = None
+    ) -> Known | None:
         """What is known of an object at `seq` (at the end when None)."""
         history = self._known.get((bus, node), {}).get((index, sub))
         if history is not None:
@@ -81,12 +115,16 @@ class Shadow:
                 return known
         return self._assumed(bus, node, index, sub)
 
-    def number(self, bus: int, node: int, index: int, sub: int = 0, seq: int | None = None) -> int | None:
+    def number(
+        self, bus: int, node: int, index: int, sub: int = 0, seq: int | None = None
+    ) -> int | None:
         """The value of a numeric object, None when nothing is known."""
         known = self.get(bus, node, index, sub, seq)
         if known is None:
             return None
-        return known.value if isinstance(known.value, int) else int.from_bytes(known.value, "little")
+        return (
+            known.value if isinstance(known.value, int) else int.from_bytes(known.value, "little")
+        )
 
     def changes(self, bus: int, node: int, index: int, sub: int = 0) -> list[int]:
         """`seq` of every moment at which knowledge of an object changed."""
@@ -108,9 +146,10 @@ class Shadow:
             return self._devices_by_node[node]
         entry = self._description.node(self._bus_name(bus), node)
         if entry is not None and entry.device is not None:
-            return load_device(entry.device)
+            return entry.device
         if (bus, node) not in self._identified:
-            self._identified[bus, node] = identify(self._identity(bus, node))
+            identity = self._identity(bus, node)
+            self._identified[bus, node] = identify(identity) if identity else None
         return self._identified[bus, node]
 
     def name(self, bus: int, node: int) -> str | None:
@@ -118,13 +157,44 @@ class Shadow:
         entry = self._description.node(self._bus_name(bus), node)
         return entry.name if entry else None
 
-    def _identity(self, bus: int, node: int) -> dict[tuple[int, int], Value]:
+    def _store(self, bus: int, node: int, key: Key, known: Known, at_once: bool) -> None:
+        seq = known.seq
+        assert seq is not None
+        history = self._known.setdefault((bus, node), {}).setdefault(key, _History())
+        if known.source == "sdo-write":
+            known = self._as_taken_over(bus, node, key, known)
+            history.unsaved = not at_once
+        history.add(seq, known)
+        if not history.unsaved:
+            history.saved = known
+
+    def _as_taken_over(self, bus: int, node: int, key: Key, known: Known) -> Known:
+        """A written PDO COB-ID as the device takes it: some only let bits of it change."""
+        mask = quirks(self.device(bus, node)).pdo_cob_id_mask
+        if not (0x1800 <= key[0] < 0x1A00 and key[1] == 1) or mask == 0xFFFFFFFF:
+            return known
+        before = self.number(bus, node, *key)
+        if before is None or not isinstance(known.value, int):
+            return known
+        return replace(known, value=before & ~mask | known.value & mask)
+
+    def _kept_by(self, bus: int, node: int, key: Key, sub: int) -> bool:
+        """Whether 1010h:sub keeps an object (CiA 301 7.5.2.13, or what the device's maker says)."""
+        facts = quirks(self.device(bus, node))
+        if facts.storage and not facts.saves_all:
+            return key in facts.storage.get(sub, ())
+        return key[0] in _SAVED_BY_SUB.get(sub, _ALL)
+
+    def _identity(self, bus: int, node: int) -> dict[Key, Value]:
         known = self._known.get((bus, node), {})
-        return {
-            key: value.value
-            for key in _IDENTITY
-            if key in known and (value := known[key].values[-1]) is not None
+        identity: dict[Key, Value] = {
+            key: b"absent" for key in self._refused.get((bus, node), ()) if key[0] in _IDENTITY
         }
+        for key, history in known.items():
+            value = history.values[-1]
+            if key[0] in _IDENTITY and value is not None:
+                identity[key] = value.value
+        return identity
 
     def _assumed(self, bus: int, node: int, index: int, sub: int) -> Known | None:
         entry = self._description.node(self._bus_name(bus), node)
@@ -135,6 +205,10 @@ class Shadow:
         return Known(default, "eds-default") if default is not None else None
 
 
-_IDENTITY = {
-    (0x1000, 0), (0x1008, 0), (0x1010, 0), (0x1018, 1), (0x1018, 2), (0x1015, 0), (0x6200, 0),
-}
+_IDENTITY = frozenset(
+    {0x1000, 0x1008, 0x1009, 0x100A, 0x1010, 0x1015, 0x1018, 0x3000, 0x3001, 0x6200}
+    | set(range(0x6503, 0x6509))
+)
+"""Indexes by which devices are told apart."""
+_ALL = range(0x1000, 0x10000)
+_SAVED_BY_SUB = {2: range(0x1000, 0x2000), 3: range(0x6000, 0xA000)}

@@ -1,0 +1,205 @@
+"""From every format that can be read to every format that can be written."""
+
+import gzip
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import BinaryIO, Final, cast
+
+import numpy as np
+
+from syncline_analyzer.capture import CaptureFacts, CaptureReader
+from syncline_analyzer.merge import Merge
+from syncline_analyzer.readers import open_capture
+from syncline_analyzer.writers.log import LogWriter, Survey
+from syncline_schemas.batch import Gap
+from syncline_schemas.capture.layout import Attachment, description_attachment, eds_attachment
+from syncline_schemas.errors import CaptureError, UsageError
+
+OUTPUT_FORMATS: Final = {
+    ".mcap": "mcap",
+    ".log": "candump",
+    ".candump": "candump",
+    ".txt": "candump",
+    ".asc": "asc",
+    ".blf": "blf",
+    ".trc": "trc",
+    ".csv": "csv",
+}
+"""Format by the ending of the output; each but .mcap and .blf also with .gz behind it."""
+_UNSEARCHABLE: Final = ("candump", "asc", "trc", "csv")
+
+
+@dataclass(frozen=True, slots=True)
+class ConvertResult:
+    """What a conversion did.
+
+    Attributes:
+        output: the file written.
+        format: its format.
+        frames: frames written.
+        lost: what the output format cannot hold, counted by kind in words; empty when nothing.
+        unparsed_lines: lines of the inputs that could not be read.
+        damage: what could not be read of damaged inputs, with the file's name.
+        notes: what the inputs could not tell, with the file's name.
+    """
+
+    output: Path
+    format: str
+    frames: int
+    lost: dict[str, int] = field(default_factory=dict)
+    unparsed_lines: int = 0
+    damage: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def complete(self) -> bool:
+        """Whether everything in the inputs is in the output."""
+        return not self.lost and not self.damage and not self.unparsed_lines
+
+
+def convert(inputs: Sequence[str | Path], output: str | Path) -> ConvertResult:
+    """Write the frames of captures or logs, in order of time, as one log.
+
+    The inputs are read twice: what stands at the start of a log has to be known before its first
+    frame. The output appears when it is complete.
+
+    Raises:
+        CaptureError: an input cannot be read, or the output cannot be written.
+        UsageError: the output's ending names no format, or it is one of the inputs.
+    """
+    output, paths = Path(output), [Path(path) for path in inputs]
+    form = output_format(output)
+    if not paths:
+        raise UsageError("no capture given: name at least one file to convert")
+    if any(path.resolve() == output.resolve() for path in paths):
+        raise UsageError(f"{output}: is one of the inputs; choose another name")
+    readers = [open_capture(path) for path in paths]
+    survey = _survey(readers, paths)
+    partial = output.with_name(output.name + ".part")
+    try:
+        with _opened(partial, packed=output.suffix.lower() == ".gz") as stream:
+            result = _written(paths, survey, form, stream, output)
+        partial.replace(output)
+    except OSError as error:
+        partial.unlink(missing_ok=True)
+        if isinstance(error, CaptureError):
+            raise
+        raise CaptureError(f"{output}: cannot be written: {error.strerror or error}") from error
+    except BaseException:
+        partial.unlink(missing_ok=True)
+        raise
+    return result
+
+
+def output_format(output: Path) -> str:
+    """The format that a file's ending names.
+
+    >>> output_format(Path("a.log.gz"))
+    'candump'
+    """
+    packed = output.suffix.lower() == ".gz"
+    ending = (output.with_suffix("") if packed else output).suffix.lower()
+    form = OUTPUT_FORMATS.get(ending)
+    if form is None:
+        known = ", ".join(OUTPUT_FORMATS)
+        raise UsageError(f"{output}: the ending names no format that can be written: use {known}")
+    if packed and form not in _UNSEARCHABLE:
+        raise UsageError(f"{output}: {form} is packed inside; leave out the .gz")
+    return form
+
+
+def _opened(path: Path, *, packed: bool) -> BinaryIO:
+    try:
+        if packed:
+            return cast(BinaryIO, gzip.open(path, "wb", compresslevel=6))
+        return path.open("wb")
+    except OSError as error:
+        raise CaptureError(f"{path}: cannot be written: {error.strerror or error}") from error
+
+
+def _written(
+    paths: Sequence[Path], survey: Survey, form: str, stream: BinaryIO, output: Path
+) -> ConvertResult:
+    readers = [open_capture(path) for path in paths]
+    merge = Merge(readers)
+    writer = _writer(form, stream, survey, [reader.facts for reader in readers])
+    frames = 0
+    for item in merge.stream():
+        if isinstance(item, Gap):
+            writer.gap(item)
+        else:
+            writer.write(item)
+            frames += len(item)
+    writer.close()
+    facts = [reader.facts for reader in readers]
+    lost = Counter(writer.lost)
+    if survey.time_base != "utc" and form in ("candump", "csv"):
+        lost[
+            "that the times are no dates"
+            if survey.time_base == "relative"
+            else "that there are no times"
+        ] += 1
+    return ConvertResult(
+        output=output,
+        format=form,
+        frames=frames,
+        lost=dict(lost),
+        unparsed_lines=sum(each.unparsed_count for each in facts),
+        damage=[f"{each.path.name}: {each.damage}" for each in facts if each.damage],
+        notes=[f"{each.path.name}: {note}" for each in facts for note in each.notes],
+    )
+
+
+def _survey(readers: Sequence[CaptureReader], paths: Sequence[Path]) -> Survey:
+    merge = Merge(readers)
+    frames, first_ns, whole_us = 0, None, True
+    for item in merge.stream():
+        if isinstance(item, Gap) or not len(item):
+            continue
+        frames += len(item)
+        earliest = int(item.t_ns.min())
+        first_ns = earliest if first_ns is None else min(first_ns, earliest)
+        whole_us = whole_us and not np.any(item.t_ns % 1000)
+    facts = [reader.facts for reader in readers]
+    return Survey(
+        buses=tuple(merge.buses),
+        bitrates={name: rate for each in facts for name, rate in each.bitrates.items()},
+        frames=frames,
+        first_ns=first_ns or 0,
+        whole_us=whole_us,
+        time_base=facts[0].time_base,
+        clock=facts[0].clock,
+        resolution_ns=max(each.resolution_ns for each in facts),
+        source="converted from " + ", ".join(path.name for path in paths),
+    )
+
+
+def _writer(
+    form: str, stream: BinaryIO, survey: Survey, facts: Sequence[CaptureFacts]
+) -> LogWriter:
+    if form == "mcap":
+        from syncline_analyzer.writers.capture import McapWriter
+
+        return McapWriter(stream, survey, _attachments(facts))
+    if form == "blf":
+        from syncline_analyzer.writers.blf import BlfWriter
+
+        return BlfWriter(stream, survey)
+    from syncline_analyzer.writers import text
+
+    writers: dict[str, type[LogWriter]] = {
+        "candump": text.CandumpWriter,
+        "asc": text.AscWriter,
+        "trc": text.TrcWriter,
+        "csv": text.CsvWriter,
+    }
+    return writers[form](stream, survey)
+
+
+def _attachments(facts: Sequence[CaptureFacts]) -> tuple[Attachment, ...]:
+    files = {name: data for each in facts for name, data in each.eds_files.items()}
+    toml = next((each.description_toml for each in facts if each.description_toml), None)
+    attached = [eds_attachment(name, data) for name, data in files.items()]
+    return (*attached, *([description_attachment(toml)] if toml else []))

@@ -1,0 +1,155 @@
+"""Statistics of a quantity in bounded memory: exact while few, a histogram with a stated error then."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from syncline_analyzer.results import Quantiles
+
+EXACT_LIMIT = 8192
+"""Values kept one by one; quantiles of no more than these are exact."""
+RELATIVE_ERROR = 1 / 256
+"""Largest error of a quantile beyond that: half a coarse bin, 128 of which make an octave."""
+FINE_BINS = 4096
+"""Bins of equal width over the range of most of the first values, so the error there is far less."""
+PLOT_BINS = 64
+_MANTISSA_BITS = 7
+_SHIFT = 52 - _MANTISSA_BITS
+_FIRST_KEY = 1023 << _MANTISSA_BITS
+_COARSE_BINS = 50 << _MANTISSA_BITS
+
+Floats = NDArray[np.float64]
+
+
+class Distribution:
+    """Values [ns, not negative] of which count, mean, deviation and extremes are always exact."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.minimum = 0.0
+        self.maximum = 0.0
+        self._shift = 0.0
+        self._sum = 0.0
+        self._squares = 0.0
+        self._kept: list[Floats] = []
+        self._bins: _Bins | None = None
+
+    def add(self, values: NDArray[np.int64] | Floats) -> None:
+        """Take in values; negative ones must have been left out."""
+        if not len(values):
+            return
+        new = values.astype(np.float64)
+        self._add_moments(new)
+        if self._bins is not None:
+            self._bins.add(new)
+            return
+        self._kept.append(new)
+        if self.count > EXACT_LIMIT:
+            kept = np.concatenate(self._kept)
+            self._kept, self._bins = [], _Bins(kept)
+            self._bins.add(kept)
+
+    def quantile(self, share: float) -> float:
+        """Value below which a share (0..1) of all values lies; NaN without values."""
+        if not self.count:
+            return float("nan")
+        if self._bins is None:
+            return float(np.quantile(self._exact(), share))
+        value, weight = self._bins.weighted()
+        at = int(np.searchsorted(np.cumsum(weight), share * (self.count - 1), side="right"))
+        return float(np.clip(value[at], self.minimum, self.maximum))
+
+    @property
+    def mean(self) -> float:
+        """Mean of all values."""
+        return self._shift + self._sum / self.count if self.count else float("nan")
+
+    @property
+    def std(self) -> float:
+        """Standard deviation of all values."""
+        if not self.count:
+            return float("nan")
+        variance = self._squares / self.count - (self._sum / self.count) ** 2
+        return float(np.sqrt(max(variance, 0.0)))
+
+    def quantiles(self, unit_ns: float, *, std: bool = False) -> Quantiles | None:
+        """Row of the tables in units of `unit_ns` [ns]; None without values."""
+        if not self.count:
+            return None
+        return Quantiles(
+            self.minimum / unit_ns,
+            self.quantile(0.5) / unit_ns,
+            self.quantile(0.99) / unit_ns,
+            self.maximum / unit_ns,
+            self.std / unit_ns if std else None,
+        )
+
+    def histogram(self) -> tuple[NDArray[np.int64], Floats]:
+        """(counts, edges) of all values: 64 bins over the middle 99 %, one bin for each tail."""
+        if not self.count:
+            return np.zeros(0, np.int64), np.zeros(1, np.float64)
+        low, high = self.quantile(0.005), self.quantile(0.995)
+        middle = np.linspace(low, high if high > low else low + 1.0, PLOT_BINS + 1)
+        head = [self.minimum] if self.minimum < low else []
+        tail = [self.maximum] if self.maximum > middle[-1] else []
+        edges = np.concatenate([head, middle, tail])
+        if self._bins is None:
+            return np.histogram(self._exact(), edges)[0].astype(np.int64), edges
+        value, weight = self._bins.weighted()
+        inside = np.clip(value, self.minimum, self.maximum)
+        return np.histogram(inside, edges, weights=weight)[0].astype(np.int64), edges
+
+    def _exact(self) -> Floats:
+        if len(self._kept) > 1:
+            self._kept = [np.concatenate(self._kept)]
+        return self._kept[0]
+
+    def _add_moments(self, new: Floats) -> None:
+        low, high = float(new.min()), float(new.max())
+        if not self.count:
+            self._shift, self.minimum, self.maximum = float(new[0]), low, high
+        self.minimum, self.maximum = min(self.minimum, low), max(self.maximum, high)
+        shifted = new - self._shift
+        self._sum += float(shifted.sum())
+        self._squares += float(np.square(shifted).sum())
+        self.count += len(new)
+
+
+class _Bins:
+    """Counts in fine bins where most of the first values lie, in coarse ones elsewhere."""
+
+    def __init__(self, first: Floats) -> None:
+        low, high = np.quantile(first, [0.01, 0.99])
+        margin = max(high - low, 1.0)
+        self._low = max(float(low - margin), 0.0)
+        self._width = float(high + margin - self._low) / FINE_BINS
+        self._fine = np.zeros(FINE_BINS, np.int64)
+        self._coarse = np.zeros(_COARSE_BINS, np.int64)
+
+    def add(self, values: Floats) -> None:
+        place = np.floor((values - self._low) / self._width)
+        fine = (place >= 0) & (place < FINE_BINS)
+        if fine.all():
+            self._fine += np.bincount(place.astype(np.int64), minlength=FINE_BINS)
+            return
+        self._fine += np.bincount(place[fine].astype(np.int64), minlength=FINE_BINS)
+        self._coarse += np.bincount(_coarse_keys(values[~fine]), minlength=_COARSE_BINS)
+
+    def weighted(self) -> tuple[Floats, NDArray[np.int64]]:
+        """Middles of the bins that are not empty, ascending, and their counts."""
+        fine, coarse = np.flatnonzero(self._fine), np.flatnonzero(self._coarse)
+        value = np.concatenate([self._low + (fine + 0.5) * self._width, _coarse_middles(coarse)])
+        weight = np.concatenate([self._fine[fine], self._coarse[coarse]])
+        order = np.argsort(value, kind="stable")
+        return value[order], weight[order]
+
+
+def _coarse_keys(values: Floats) -> NDArray[np.int64]:
+    """Bin of each value: exponent and leading mantissa bits of value + 1."""
+    keys: NDArray[np.int64] = ((values + 1.0).view(np.int64) >> _SHIFT) - _FIRST_KEY
+    return np.clip(keys, 0, _COARSE_BINS - 1)
+
+
+def _coarse_middles(keys: NDArray[np.int64]) -> Floats:
+    edges = ((np.stack([keys, keys + 1]) + _FIRST_KEY) << _SHIFT).view(np.float64)
+    middles: Floats = edges.mean(axis=0) - 1.0
+    return middles

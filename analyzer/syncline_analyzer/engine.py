@@ -1,0 +1,187 @@
+"""One pass over a session: frames through all folds, tables, findings."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+
+import numpy as np
+
+from syncline_analyzer.capture import CaptureFacts, TimeBase
+from syncline_analyzer.context import Context
+from syncline_analyzer.findings import find_all
+from syncline_analyzer.fold import Fold, IndexedBatch
+from syncline_analyzer.folds.angle import AngleFold
+from syncline_analyzer.folds.control import ControlFold
+from syncline_analyzer.folds.timing import TimingFold
+from syncline_analyzer.nodes import node_rows
+from syncline_analyzer.objects import object_rows
+from syncline_analyzer.results import Analysis, CaptureRow, GapRow
+from syncline_analyzer.shadow import Shadow
+from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
+from syncline_schemas.description import BusDescription
+from syncline_schemas.devices import Device
+
+Progress = Callable[[int], None]
+"""Called after each batch with the number of frames taken in so far."""
+
+
+def analyze(
+    stream: Iterable[tuple[int, FrameBatch | Gap]],
+    facts: Sequence[CaptureFacts],
+    buses: list[str],
+    *,
+    description: BusDescription,
+    devices: Mapping[int, Device],
+    bitrate: int | None = None,
+    progress: Progress | None = None,
+) -> Analysis:
+    """Run all folds over a stream of (`seq`, batch or gap) and join what they found.
+
+    Args:
+        stream: batches and gaps in capture order.
+        facts: of every file; complete once the stream is read.
+        buses: names by bus number; may grow while the stream is read.
+        description: what the user says of buses and nodes.
+        devices: device by node id, where the description leaves it open.
+        bitrate: bit/s of every bus whose bit rate is not told otherwise.
+    """
+    context = _context(facts, buses, description, devices)
+    control, timing, angle = ControlFold(context), TimingFold(context), AngleFold(context)
+    folds: tuple[Fold, ...] = (control, timing, angle)
+    census = _Census()
+    for seq, item in stream:
+        _learn_bitrates(context, facts, description, bitrate)
+        if isinstance(item, Gap):
+            for fold in folds:
+                fold.gap(item)
+            census.gap(item)
+        else:
+            batch = IndexedBatch(item, seq, timed=context.timed)
+            for fold in folds:
+                fold.update(batch)
+            census.update(item)
+        if progress:
+            progress(census.frames)
+    end_ns = census.end_ns
+    controls = control.finish(end_ns)
+    timings = timing.finish(end_ns, controls.nmt.states)
+    angles = angle.finish(end_ns)
+    analysis = Analysis(
+        capture=census.row(facts, context),
+        nodes=node_rows(context, controls, timings.pdos),
+        nmt_commands=controls.nmt.commands,
+        nmt_states=controls.nmt.states,
+        sync=timings.sync,
+        pdos=timings.pdos,
+        emcy=controls.emcy.rows,
+        errors=controls.emcy.errors,
+        sdo=controls.sdo.rows,
+        traces=angles.traces,
+        bus_load=timings.bus_load,
+        findings=[],
+        trace_data=angles.trace_data,
+        responses=timings.responses,
+        holes=timings.holes,
+        sync_jitter=timings.sync_jitter,
+        trace_events=angles.events,
+        series=timings.series,
+        objects=object_rows(context),
+    )
+    analysis.findings.extend(find_all(analysis, controls, context))
+    return analysis
+
+
+def _context(
+    facts: Sequence[CaptureFacts],
+    buses: list[str],
+    description: BusDescription,
+    devices: Mapping[int, Device],
+) -> Context:
+    def bus_name(bus: int) -> str:
+        return buses[bus] if bus < len(buses) else str(bus)
+
+    return Context(
+        buses=buses,
+        shadow=Shadow(bus_name, description, dict(devices)),
+        timed=_time_base(facts) != "none",
+        resolution_ns=max((each.resolution_ns for each in facts), default=1),
+    )
+
+
+def _time_base(facts: Sequence[CaptureFacts]) -> TimeBase:
+    bases: set[TimeBase] = {each.time_base for each in facts}
+    return bases.pop() if len(bases) == 1 else "none"
+
+
+def _learn_bitrates(
+    context: Context,
+    facts: Sequence[CaptureFacts],
+    description: BusDescription,
+    default: int | None,
+) -> None:
+    """Bit rates of buses that came up: by the description, the capture, the command line."""
+    for name in context.buses:
+        if name not in context.bitrates:
+            recorded = next((f.bitrates[name] for f in facts if name in f.bitrates), None)
+            known = description.bitrate(name) or recorded or default
+            if known:
+                context.bitrates[name] = known
+
+
+class _Census:
+    """Counts every frame of the capture, and keeps its gaps."""
+
+    def __init__(self) -> None:
+        self.frames = 0
+        self._remote = 0
+        self._error = 0
+        self._extended = 0
+        self._first_ns: int | None = None
+        self._last_ns = 0
+        self._gaps: list[Gap] = []
+
+    @property
+    def end_ns(self) -> int:
+        """Latest stamp of the capture."""
+        return self._last_ns
+
+    def update(self, batch: FrameBatch) -> None:
+        if not len(batch):
+            return
+        error = (batch.flags & FrameFlag.ERROR) != 0
+        self.frames += len(batch)
+        self._error += int(np.count_nonzero(error))
+        self._remote += int(np.count_nonzero(batch.flags[~error] & FrameFlag.REMOTE))
+        self._extended += int(np.count_nonzero(batch.flags[~error] & FrameFlag.EXTENDED))
+        if self._first_ns is None:
+            self._first_ns = self._last_ns = int(batch.t_ns[0])
+        self._last_ns = max(self._last_ns, int(batch.t_ns.max()))
+
+    def gap(self, gap: Gap) -> None:
+        self._gaps.append(gap)
+        self._last_ns = max(self._last_ns, gap.end_ns)
+
+    def row(self, facts: Sequence[CaptureFacts], context: Context) -> CaptureRow:
+        first_ns = self._first_ns or 0
+        dated = _time_base(facts) == "utc" and self._first_ns is not None
+        return CaptureRow(
+            files=[str(each.path) for each in facts],
+            frames=self.frames,
+            data_frames=self.frames - self._remote - self._error,
+            remote_frames=self._remote,
+            error_frames=self._error,
+            extended_frames=self._extended,
+            unparsed_lines=sum(each.unparsed_count for each in facts),
+            start_utc_ns=first_ns if dated else None,
+            duration_ns=max(self._last_ns - first_ns, 0) if self.frames else 0,
+            buses=list(context.buses),
+            gaps=[_gap_row(gap, context) for gap in self._gaps],
+            first_ns=first_ns,
+            time_base=_time_base(facts),
+            resolution_ns=context.resolution_ns,
+            notes=[note for each in facts for note in each.notes],
+            damage=[f"{each.path}: {each.damage}" for each in facts if each.damage],
+        )
+
+
+def _gap_row(gap: Gap, context: Context) -> GapRow:
+    bus = None if gap.bus is None else context.bus_name(gap.bus)
+    return GapRow(gap.start_ns, gap.end_ns, gap.reason, gap.lost_frames, bus)

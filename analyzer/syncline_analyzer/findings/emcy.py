@@ -1,0 +1,130 @@
+"""Findings on EMCY messages: errors that were active, storms, inhibit times."""
+
+from collections.abc import Iterator
+from itertools import groupby
+
+from syncline_analyzer.context import Context
+from syncline_analyzer.findings.bus import tells_bus_off
+from syncline_analyzer.findings.stretch import seconds
+from syncline_analyzer.folds.control import ControlTables
+from syncline_analyzer.results import Analysis, ErrorRow, Finding
+
+LIFE_GUARD = 0x8130
+"""Told as the story of the master's silence, by the NMT findings."""
+
+
+def find(analysis: Analysis, control: ControlTables, context: Context) -> list[Finding]:
+    """All findings of this family."""
+    return [
+        *_storms(control),
+        *_active(analysis, context),
+        *_before(analysis, control),
+        *_too_soon(control),
+    ]
+
+
+def _active(analysis: Analysis, context: Context) -> Iterator[Finding]:
+    """Errors by node and code; those still active at the end are apart from those that are over."""
+    rows = [row for row in analysis.errors if not _told_elsewhere(analysis, context, row)]
+    rows.sort(key=lambda row: (row.bus, row.node, row.code, row.status == "still active"))
+    for (bus, node, _, still), group in groupby(
+        rows, key=lambda row: (row.bus, row.node, row.code, row.status == "still active")
+    ):
+        found = sorted(group, key=lambda row: row.evidence[0])
+        yield _active_finding(analysis, context, bus, node, found, still)
+
+
+def _active_finding(
+    analysis: Analysis, context: Context, bus: str, node: int, rows: list[ErrorRow], still: bool
+) -> Finding:
+    first = rows[0]
+    end_ns = analysis.capture.first_ns + analysis.capture.duration_ns
+    ends = [row.cleared_ns if row.cleared_ns is not None else row.raised_ns for row in rows]
+    count = sum(row.count for row in rows)
+    text = f"Node {node} reports {first.meaning} ({first.code:04X}h)"
+    text += f", {count} messages" if count > 1 else ""
+    lasted = sum((row.cleared_ns or row.raised_ns) - row.raised_ns for row in rows)
+    lost = sum(row.status == "lost at reset" for row in rows)
+    if still:
+        text += "; it is still active at the end of the capture."
+    elif lost == len(rows):
+        text += f"; {lost} times" if lost > 1 else ""
+        text += " ended by a restart of the node, not cleared."
+    else:
+        text += f"; cleared after {seconds(lasted)}" if context.timed else "; cleared"
+        text += f", {len(rows)} times" if len(rows) > 1 else ""
+        text += f" ({lost} ended by a restart)." if lost else "."
+    return Finding(
+        "emcy.active",
+        "error" if still else "warning",
+        bus,
+        node,
+        first.raised_ns,
+        end_ns if still else max(ends),
+        text,
+        "The node itself found this fault; the code is its own word for it.",
+        "Look the code up in the device's manual; read 1001h and 1003h of the node.",
+        [seq for row in rows for seq in row.evidence][:20],
+    )
+
+
+def _told_elsewhere(analysis: Analysis, context: Context, row: ErrorRow) -> bool:
+    return context.timed and (row.code == LIFE_GUARD or tells_bus_off(row.code, row.meaning))
+
+
+def _storms(control: ControlTables) -> Iterator[Finding]:
+    for storm in control.emcy.storms:
+        yield Finding(
+            "emcy.storm",
+            "error",
+            storm.bus,
+            storm.node,
+            storm.start_ns,
+            storm.end_ns,
+            f"Node {storm.node} sent {storm.count} EMCYs within"
+            f" {seconds(storm.end_ns - storm.start_ns)}.",
+            "A fault that comes and goes many times a second: loose contact, or a limit without"
+            " hysteresis; no inhibit time (1015h) holds it back.",
+            "Which codes alternate? Set 1015h to keep the bus free.",
+            [storm.first_seq],
+        )
+
+
+def _before(analysis: Analysis, control: ControlTables) -> Iterator[Finding]:
+    """A partial clear as first EMCY: an error was there before the capture began."""
+    wanted = set(control.emcy.before)
+    for row in analysis.emcy:
+        if row.seq in wanted:
+            left = ", ".join(row.registers) or f"register {row.error_register or 0:02X}h"
+            yield Finding(
+                "emcy.active_before",
+                "warning",
+                row.bus,
+                row.node,
+                row.t_ns,
+                row.t_ns,
+                f"The first EMCY of node {row.node} clears one error and leaves others: {left}.",
+                "These errors were raised before the capture began.",
+                "Read 1003h of the node for the codes.",
+                [row.seq],
+            )
+
+
+def _too_soon(control: ControlTables) -> Iterator[Finding]:
+    rows = sorted(control.emcy.too_soon, key=lambda row: (row.bus, row.node, row.seq))
+    for (bus, node), group in groupby(rows, key=lambda row: (row.bus, row.node)):
+        found = list(group)
+        yield Finding(
+            "emcy.inhibit_time",
+            "info",
+            bus,
+            node,
+            found[0].t_ns,
+            found[-1].t_ns,
+            f"Node {node} sent {len(found)} EMCYs sooner than its inhibit time 1015h allows"
+            f" ({found[0].passed_us:.0f} us after the one before instead of"
+            f" {found[0].inhibit_us:.0f} us).",
+            "1015h is not in effect, or the recorder's stamps are not exact.",
+            "Read 1015h back.",
+            [row.seq for row in found[:20]],
+        )

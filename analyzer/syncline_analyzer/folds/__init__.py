@@ -1,0 +1,1 @@
+"""The analyses: folds over indexed batches."""

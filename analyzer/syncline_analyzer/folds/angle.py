@@ -1,0 +1,301 @@
+"""Angle traces: position-like objects of encoders and inclinometers over time."""
+
+from bisect import insort
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from syncline_analyzer.context import Context
+from syncline_analyzer.fold import IndexedBatch
+from syncline_analyzer.folds.block import Block, Blocks
+from syncline_analyzer.folds.samples import Key, SampleReader, Samples
+from syncline_analyzer.folds.trace import Converter, Derived, Encoder, Plain, Tilt, TraceState
+from syncline_analyzer.pdo_binding import PdoBindings
+from syncline_analyzer.results import Trace, TraceEventRow, TraceRow
+from syncline_schemas.batch import Gap
+from syncline_schemas.decoder import decode_nmt
+from syncline_schemas.devices import Device, Jump, quirks
+from syncline_schemas.measurement import (
+    EncoderScale,
+    encoder_scale,
+    position_objects,
+    tilt_axis,
+    tilt_scale,
+)
+
+WRITE_NS = 500_000_000
+"""A jump this near to a write that explains it is the write's doing."""
+GENERIC_JUMPS = (Jump(0x6003, 0, "preset"), Jump(0x6000, 0, "operating parameters"))
+_RESETS = (0x81, 0x82)
+_SCALE_OBJECTS = (0x6000, 0x6001, 0x6002, 0x6501, 0x6502, 0x2040, 0x2044)
+_RECENT_WRITES = 1000
+
+
+class Cut(NamedTuple):
+    """A moment at which a trace must be cut; `write` when an SDO write is the reason."""
+
+    seq: int
+    t_ns: int
+    text: str
+    write: bool
+
+
+@dataclass(frozen=True, slots=True)
+class AngleTables:
+    """Everything about angles."""
+
+    traces: list[TraceRow] = field(default_factory=list)
+    trace_data: list[Trace] = field(default_factory=list)
+    events: list[TraceEventRow] = field(default_factory=list)
+
+
+class AngleFold:
+    """Traces of all position-like objects (analysis.md section 7), from TPDOs and SDO reads.
+
+    Comes after the fold that fills the shadow. A trace is cut at a gap, a reset, a change of scale,
+    and at the writes that its device names (preset, teach, zero ...).
+    """
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        self._blocks = Blocks()
+        self._reader = SampleReader(context.shadow, PdoBindings(context.shadow))
+        self._states: dict[Key, TraceState] = {}
+        self._writes: dict[tuple[int, int], deque[Cut]] = {}
+        self._seen: dict[int, int] = {}
+
+    def update(self, batch: IndexedBatch) -> None:
+        """Take in the next frames."""
+        for block in self._blocks.add(batch):
+            self._take(block)
+
+    def gap(self, gap: Gap) -> None:
+        """Nothing is joined over a gap."""
+        self._flush()
+        for (bus, _, _), state in self._states.items():
+            if gap.bus in (None, bus):
+                state.cut(self._seen.get(bus, 0), gap.start_ns, f"capture gap: {gap.reason}")
+
+    def finish(self, end_ns: int) -> AngleTables:
+        """All traces; a jump that a write explains is told as a cut."""
+        self._flush()
+        tables = AngleTables()
+        for (bus, node, _), state in sorted(self._states.items()):
+            tables.traces.append(state.row())
+            tables.trace_data.append(state.trace())
+            writes = list(self._writes.get((bus, node), ()))
+            tables.events.extend(e for e in state.events if not _explained(e, writes))
+        return tables
+
+    def _flush(self) -> None:
+        for block in self._blocks.flush():
+            self._take(block)
+
+    def _take(self, block: Block) -> None:
+        for bus in block.by_bus:
+            found = self._reader.read(block, bus)
+            nodes = {node for _, node, _ in found} | {n for b, n, _ in self._states if b == bus}
+            last_seq = block.batch.seq0 + len(block.batch) - 1
+            cuts = {node: self._cuts(block, bus, node, last_seq) for node in nodes}
+            for key in sorted(set(found) | {k for k in self._states if k[0] == bus}):
+                self._extend(key, found.get(key), cuts[key[1]])
+            self._seen[bus] = last_seq
+
+    def _extend(self, key: Key, samples: Samples | None, cuts: list[Cut]) -> None:
+        """Add the samples of a block to a trace, cut where it must be."""
+        bus, node, number = key
+        if samples is None:
+            for cut in cuts if key in self._states else ():
+                self._states[key].cut(cut.seq, cut.t_ns, cut.text)
+            return
+        if key not in self._states:
+            self._states[key] = TraceState(self._context.bus_name(bus), node, number)
+        state = self._states[key]
+        begin = 0
+        for cut in self._placed(key, samples, cuts):
+            stop = int(np.searchsorted(samples.seq, cut.seq))
+            self._add(state, key, _piece(samples, begin, stop))
+            state.cut(cut.seq, cut.t_ns, cut.text)
+            begin = stop
+        self._add(state, key, _piece(samples, begin, len(samples.seq)))
+
+    def _placed(self, key: Key, samples: Samples, cuts: list[Cut]) -> list[Cut]:
+        """The cuts; a write's cut is put where the value jumps, which may be before its answer."""
+        placed: list[Cut] = []
+        for cut in cuts:
+            if cut.write and self._context.timed:
+                near = np.flatnonzero(np.abs(samples.t_ns - cut.t_ns) <= WRITE_NS)
+                jumps = self._jumps_of(key, samples, near, cut.seq)
+                if jumps:
+                    row = min(jumps, key=lambda row: abs(int(samples.t_ns[row]) - cut.t_ns))
+                    cut = cut._replace(seq=int(samples.seq[row]))
+            insort(placed, cut)
+        return placed
+
+    def _jumps_of(self, key: Key, samples: Samples, rows: np.ndarray, seq: int) -> list[int]:
+        if not len(rows):
+            return []
+        piece = _piece(samples, int(rows[0]), int(rows[-1]) + 1)
+        converter = self._converter(key, piece, seq)
+        trial = TraceState("", 0, 0)
+        derived = converter.derive(trial.link, piece, timed=True)
+        return [int(rows[0]) + jump.row for jump in derived.jumps]
+
+    def _add(self, state: TraceState, key: Key, piece: Samples) -> None:
+        if not len(piece.seq):
+            return
+        converter = self._converter(key, piece, int(piece.seq[0]))
+        if state.begun and not converter.same_scale(state.converter):
+            state.cut(int(piece.seq[0]), int(piece.t_ns[0]), "another scale")
+        derived = state.add(piece, converter, timed=self._context.timed)
+        self._note_jumps(state, key, piece, derived, converter)
+        self._note_outside(state, piece, derived)
+
+    def _note_jumps(
+        self,
+        state: TraceState,
+        key: Key,
+        piece: Samples,
+        derived: Derived,
+        converter: Converter,
+    ) -> None:
+        for jump in derived.jumps:
+            text = self._jump_text(key, jump.after, converter, int(piece.seq[jump.row]))
+            limit = converter.scale.max_rpm if isinstance(converter, Encoder) else None
+            state.note(
+                "jump",
+                int(piece.seq[jump.row]),
+                int(piece.t_ns[jump.row]),
+                jump.before,
+                jump.after,
+                f"{jump.span_ns / 1e6:.4g} ms apart, which takes {jump.speed_rpm:.0f} rpm;"
+                f" the limit is {limit:.0f} rpm{text}",
+            )
+
+    def _jump_text(self, key: Key, after: float, converter: Converter, seq: int) -> str:
+        """Hint at the wire that sets the position of some devices without a bus message."""
+        bus, node, _ = key
+        device = self._context.shadow.device(bus, node)
+        if not quirks(device).hardware_preset or not isinstance(converter, Encoder):
+            return ""
+        preset = self._context.shadow.number(bus, node, 0x6003, 0, seq) or 0
+        per_turn = converter.scale.counts_per_turn or 1
+        total = converter.scale.range_counts or 1
+        distance = min((after - preset) % total, (preset - after) % total)
+        return f"; it landed at the preset value {preset}" if distance < per_turn else ""
+
+    @staticmethod
+    def _note_outside(state: TraceState, piece: Samples, derived: Derived) -> None:
+        """The first sample of each stretch of impossible values."""
+        outside = derived.flags >> 4 & 1
+        starts = np.flatnonzero(np.diff(outside.astype(np.int8), prepend=int(state.outside)) > 0)
+        state.outside = bool(outside[-1])
+        assumed = f"assumed: {', '.join(state.assumed)}" if state.assumed else "scale as read"
+        for row in starts.tolist():
+            state.note(
+                "out of range",
+                int(piece.seq[row]),
+                int(piece.t_ns[row]),
+                None,
+                float(derived.value[row]),
+                assumed,
+            )
+
+    def _converter(self, key: Key, piece: Samples, seq: int) -> Converter:
+        """Scale of a trace as known at `seq`."""
+        bus, node, number = key
+        shadow = self._context.shadow
+        device = shadow.device(bus, node)
+
+        def lookup(index: int, sub: int) -> tuple[int, bool] | None:
+            known = shadow.get(bus, node, index, sub, seq)
+            if known is None or not isinstance(known.value, int):
+                return None
+            return known.value, known.source == "eds-default"
+
+        index = number >> 8
+        overrides = self._context.overrides(bus, node)
+        if device is None:
+            return Encoder(_generic_scale(lookup(0x6001, 0), lookup(0x6002, 0)))
+        axis = tilt_axis(device, index)
+        if axis is not None:
+            scale = tilt_scale(device, lookup, overrides)
+            return Tilt(scale, scale.axes[axis], piece.entry.bits)
+        if (index, number & 0xFF) in position_objects(device):
+            return Encoder(encoder_scale(device, lookup, overrides))
+        return Plain(piece.entry.scale, piece.entry.unit)
+
+    def _cuts(self, block: Block, bus: int, node: int, last_seq: int) -> list[Cut]:
+        """Everything in a block that cuts the traces of a node."""
+        first = self._seen.get(bus, -1)
+        device = self._context.shadow.device(bus, node)
+        writes = list(self._explaining_writes(bus, node, device, first, last_seq))
+        kept = self._writes.setdefault((bus, node), deque(maxlen=_RECENT_WRITES))
+        kept.extend(writes)
+        return sorted([*writes, *_resets(block, bus, node)])
+
+    def _explaining_writes(
+        self, bus: int, node: int, device: Device | None, first: int, last: int
+    ) -> Iterator[Cut]:
+        shadow = self._context.shadow
+        for jump in quirks(device).jumps or GENERIC_JUMPS:
+            for seq in shadow.changes(bus, node, jump.index, jump.sub):
+                known = shadow.get(bus, node, jump.index, jump.sub, seq)
+                if not first < seq <= last or known is None or known.source != "sdo-write":
+                    continue
+                if jump.values is None or known.value in jump.values:
+                    yield Cut(
+                        seq, known.t_ns or 0, f"{jump.text} ({jump.index:04X}h written)", True
+                    )
+
+
+def _generic_scale(
+    per_turn: tuple[int, bool] | None, total: tuple[int, bool] | None
+) -> EncoderScale:
+    """Scale of an encoder of which only the objects of CiA 406 are known."""
+    known = {"cpr": per_turn, "range": total}
+    return EncoderScale(
+        per_turn[0] if per_turn and per_turn[0] > 0 else None,
+        total[0] if total and total[0] > 0 else None,
+        assumed=tuple(name for name, value in known.items() if value and value[1]),
+    )
+
+
+def _resets(block: Block, bus: int, node: int) -> Iterator[Cut]:
+    """Reset commands to a node, and boot-ups."""
+    frames, seq0 = block.frames, block.batch.seq0
+    rows = block.batch.rows(bus, 0)
+    if len(rows):
+        nmt = decode_nmt(frames.data[rows], frames.dlc[rows])
+        to_node = nmt.valid & np.isin(nmt.command, _RESETS) & np.isin(nmt.node, (0, node))
+        for row in rows[to_node].tolist():
+            yield Cut(seq0 + row, int(frames.t_ns[row]), "reset command", False)
+    rows = block.batch.rows(bus, 0x700 + node)
+    if len(rows):
+        state = np.where(frames.dlc[rows] == 1, frames.data[rows, 0], 0xFF)
+        # Some devices go on with empty state bytes after a remote frame: only the first can be a boot-up.
+        boots = (state == 0) & (np.concatenate(([0xFF], state[:-1])) != 0)
+        for row in rows[boots].tolist():
+            yield Cut(seq0 + row, int(frames.t_ns[row]), "boot-up", False)
+
+
+def _explained(event: TraceEventRow, writes: list[Cut]) -> bool:
+    """Whether a jump is the doing of a write near it."""
+    return event.kind == "jump" and any(abs(w.t_ns - event.t_ns) <= WRITE_NS for w in writes)
+
+
+def _piece(samples: Samples, begin: int, stop: int) -> Samples:
+    if begin == 0 and stop == len(samples.seq):
+        return samples
+    part = slice(begin, stop)
+    return replace(
+        samples,
+        seq=samples.seq[part],
+        t_ns=samples.t_ns[part],
+        raw=samples.raw[part],
+        valid=samples.valid[part],
+        source=samples.source[part],
+    )

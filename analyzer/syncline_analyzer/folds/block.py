@@ -1,0 +1,84 @@
+"""Small batches joined into blocks, so that work per batch does not count."""
+
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from syncline_analyzer.fold import IndexedBatch
+from syncline_schemas.batch import FrameBatch, FrameFlag
+from syncline_schemas.wire_length import wire_bits
+
+BLOCK_FRAMES = 1 << 16
+"""Frames that make a block worth its fixed cost, and enough of them to learn a rhythm from."""
+
+
+class Blocks:
+    """Joins batches that follow one another in `seq` until there are enough frames."""
+
+    def __init__(self, frames: int = BLOCK_FRAMES) -> None:
+        self._wanted = frames
+        self._waiting: list[IndexedBatch] = []
+        self._held = 0
+
+    def add(self, batch: IndexedBatch) -> list["Block"]:
+        """Blocks that are complete with this batch."""
+        done = []
+        if self._waiting and self._waiting[0].seq0 + self._held != batch.seq0:
+            done += self.flush()
+        if len(batch):
+            self._waiting.append(batch)
+            self._held += len(batch)
+        if self._held >= self._wanted:
+            done += self.flush()
+        return done
+
+    def flush(self) -> list["Block"]:
+        """What is waiting as a block: before a gap, and at the end."""
+        waiting, self._waiting, self._held = self._waiting, [], 0
+        if not waiting:
+            return []
+        if len(waiting) == 1:
+            return [Block(waiting[0])]
+        frames = FrameBatch.concat([batch.frames for batch in waiting])
+        return [Block(IndexedBatch(frames, waiting[0].seq0, timed=waiting[0].timed))]
+
+
+class Block:
+    """A batch with its wire lengths, computed once for all who need them."""
+
+    def __init__(self, batch: IndexedBatch) -> None:
+        self.batch = batch
+
+    @property
+    def frames(self) -> FrameBatch:
+        """The columns."""
+        return self.batch.frames
+
+    @cached_property
+    def wire_bits(self) -> NDArray[np.int64]:
+        """(n,) length on the wire with intermission [bit]; at most for FD frames, 0 for errors."""
+        return wire_bits(self.frames)
+
+    @cached_property
+    def by_bus(self) -> dict[int, NDArray[np.intp] | slice]:
+        """Rows of each bus; a slice when there is only one."""
+        bus = self.frames.bus
+        if not len(bus) or bool((bus == bus[0]).all()):
+            return {int(bus[0]): slice(None)} if len(bus) else {}
+        return {int(one): np.flatnonzero(bus == one) for one in np.unique(bus)}
+
+    @cached_property
+    def error(self) -> NDArray[np.bool_]:
+        """(n,) True for error frames."""
+        return _flagged(self.frames, FrameFlag.ERROR)
+
+    @cached_property
+    def fd(self) -> NDArray[np.bool_]:
+        """(n,) True for FD frames."""
+        return _flagged(self.frames, FrameFlag.FD)
+
+
+def _flagged(frames: FrameBatch, flag: FrameFlag) -> NDArray[np.bool_]:
+    flagged: NDArray[np.bool_] = (frames.flags & flag) != 0
+    return flagged

@@ -1,0 +1,115 @@
+"""The stamps themselves: steps back of the clock, and stretches without any frame on a bus."""
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from syncline_analyzer.context import Context
+from syncline_analyzer.fold import IndexedBatch
+from syncline_schemas.batch import Gap
+
+MAX_STEPS = 1000
+"""Steps back that are kept one by one; the rest is only counted."""
+MAX_SILENCES = 1024
+"""Longest silences that are kept per bus."""
+
+
+class ClockStep(NamedTuple):
+    """Two frames of one bus whose stamps run backwards, by `back_ns` [ns]."""
+
+    bus: str
+    seq: int
+    t_ns: int
+    back_ns: int
+
+
+class BusSilence(NamedTuple):
+    """A stretch (start_ns, end_ns) between two frames of a bus that follow one another."""
+
+    start_ns: int
+    end_ns: int
+    end_seq: int
+
+
+@dataclass(frozen=True, slots=True)
+class ClockTable:
+    """Steps back in order of `seq`, their number, and the longest silences by bus number."""
+
+    steps: list[ClockStep] = field(default_factory=list)
+    step_count: int = 0
+    silences: dict[int, list[BusSilence]] = field(default_factory=dict)
+
+    def silence_within(self, bus: int, start_ns: int, end_ns: int) -> BusSilence | None:
+        """The longest silence of the whole bus that overlaps a stretch, cut to it."""
+        overlapping = [
+            BusSilence(max(s.start_ns, start_ns), min(s.end_ns, end_ns), s.end_seq)
+            for s in self.silences.get(bus, ())
+            if s.start_ns < end_ns and s.end_ns > start_ns
+        ]
+        return max(overlapping, key=lambda s: s.end_ns - s.start_ns, default=None)
+
+
+class ClockFold:
+    """Follows the stamps of each bus; states follow `seq`, so nothing here changes an order."""
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        self._last: dict[int, int] = {}
+        self._steps: list[ClockStep] = []
+        self._step_count = 0
+        self._silences: dict[int, list[BusSilence]] = {}
+
+    def update(self, batch: IndexedBatch) -> None:
+        """Take in the next frames."""
+        if not self._context.timed or not len(batch):
+            return
+        for bus in np.unique(batch.frames.bus).tolist():
+            rows = np.flatnonzero(batch.frames.bus == bus)
+            self._follow(bus, batch.frames.t_ns[rows], rows + batch.seq0)
+
+    def gap(self, gap: Gap) -> None:
+        """Nothing follows from the time between the frames around a gap."""
+        if gap.bus is None:
+            self._last.clear()
+        else:
+            self._last.pop(gap.bus, None)
+
+    def finish(self) -> ClockTable:
+        """Everything seen."""
+        return ClockTable(self._steps, self._step_count, self._silences)
+
+    def _follow(self, bus: int, t_ns: NDArray[np.int64], seq: NDArray[np.intp]) -> None:
+        last = self._last.get(bus)
+        before = np.concatenate(([t_ns[0] if last is None else last], t_ns[:-1]))
+        passed = t_ns - before
+        self._last[bus] = int(t_ns[-1])
+        back = np.flatnonzero(passed < 0)
+        self._step_count += len(back)
+        for row in back[: MAX_STEPS - len(self._steps)].tolist():
+            self._steps.append(
+                ClockStep(
+                    self._context.bus_name(bus), int(seq[row]), int(t_ns[row]), -int(passed[row])
+                )
+            )
+        self._keep_longest(bus, before, t_ns, seq, passed)
+
+    def _keep_longest(
+        self,
+        bus: int,
+        before: NDArray[np.int64],
+        t_ns: NDArray[np.int64],
+        seq: NDArray[np.intp],
+        passed: NDArray[np.int64],
+    ) -> None:
+        kept = self._silences.setdefault(bus, [])
+        shortest = min((s.end_ns - s.start_ns for s in kept), default=0)
+        longer = passed > (shortest if len(kept) == MAX_SILENCES else 0)
+        rows = np.flatnonzero(longer)
+        if len(rows) > MAX_SILENCES:
+            rows = rows[np.argpartition(passed[rows], -MAX_SILENCES)[-MAX_SILENCES:]]
+        kept.extend(BusSilence(int(before[r]), int(t_ns[r]), int(seq[r])) for r in rows.tolist())
+        if len(kept) > MAX_SILENCES:
+            kept.sort(key=lambda s: s.start_ns - s.end_ns)
+            del kept[MAX_SILENCES:]

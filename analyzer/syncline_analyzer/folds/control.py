@@ -1,0 +1,67 @@
+"""The control side of a bus in one pass: SDO transfers, NMT states, EMCY and the clock."""
+
+from dataclasses import dataclass, replace
+
+from syncline_analyzer.context import Context
+from syncline_analyzer.fold import IndexedBatch
+from syncline_analyzer.folds.bus_errors import BusErrorFold, BusErrorTable
+from syncline_analyzer.folds.clock import ClockFold, ClockTable
+from syncline_analyzer.folds.emcy import EmcyFold, EmcyTable
+from syncline_analyzer.folds.nmt import NmtFold, NmtTable
+from syncline_analyzer.folds.sdo import SdoFold, SdoTable
+from syncline_schemas.batch import Gap
+
+
+@dataclass(frozen=True, slots=True)
+class ControlTables:
+    """What the control fold found; the rules of `findings` read more of it than the rows."""
+
+    nmt: NmtTable
+    sdo: SdoTable
+    emcy: EmcyTable
+    clock: ClockTable
+    bus_errors: BusErrorTable
+
+
+class ControlFold:
+    """Feeds the folds that depend on one another in the right order.
+
+    Resets that the NMT fold sees go into the SDO fold, so that the shadow learns and forgets in
+    order of `seq`; the boot-ups go into the EMCY fold. Comes before every fold that asks the
+    shadow.
+    """
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        self._clock = ClockFold(context)
+        self._bus_errors = BusErrorFold(context)
+        self._nmt = NmtFold(context)
+        self._sdo = SdoFold(context)
+        self._emcy = EmcyFold(context)
+
+    def update(self, batch: IndexedBatch) -> None:
+        """Take in the next frames."""
+        self._clock.update(batch)
+        self._bus_errors.update(batch)
+        self._sdo.update(batch, self._nmt.update(batch))
+        self._emcy.update(batch)
+
+    def gap(self, gap: Gap) -> None:
+        """Take in that nothing was heard for a while."""
+        self._clock.gap(gap)
+        self._nmt.gap(gap)
+        self._sdo.gap(gap)
+
+    def finish(self, end_ns: int) -> ControlTables:
+        """All tables; `end_ns` is the end of the capture.
+
+        On a bus without any sign of CANopen its identifiers mean something else: no rows.
+        """
+        clock = self._clock.finish()
+        sdo = self._sdo.finish(end_ns)
+        answering = {bus for (bus, _), count in sdo.counts.items() if count.confirmed}
+        nmt = self._nmt.finish(end_ns, clock, answering)
+        buses = {self._context.bus_name(bus) for bus in nmt.canopen}
+        sdo = replace(sdo, rows=[row for row in sdo.rows if row.bus in buses])
+        emcy = self._emcy.finish(nmt.boot_ups, nmt.canopen)
+        return ControlTables(nmt, sdo, emcy, clock, self._bus_errors.finish())

@@ -1,0 +1,548 @@
+"""Error control of one node (700h + n) reduced to what changes its state, its periods and counts."""
+
+from dataclasses import dataclass, field
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+GUARD_ANSWER_NS = 100_000_000
+"""A guard answer follows its request within this time; a later frame is a heartbeat [ns]."""
+WINDOW = 15
+"""Periods whose median a silence is held against."""
+MIN_PERIODS = 3
+"""Periods that must have been seen before silence means anything (analysis.md 4)."""
+CANDIDATE_RATIO = 1.2
+"""Intervals this much longer than the median are looked at again at the end."""
+MAX_EVENTS = 100_000
+"""State changes kept per node; more than that is counted only."""
+KEPT_AFTER_MARK = 3
+"""State messages kept after an NMT command or a gap, also when they change nothing."""
+
+Int64s = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+BeatKind = Literal["heartbeat", "guard answer", "boot-up", "empty"]
+_HEARTBEAT, _ANSWER, _BOOT_UP, _EMPTY, _REQUEST, _ODD = range(6)
+_KINDS: tuple[BeatKind, ...] = ("heartbeat", "guard answer", "boot-up", "empty")
+_STATE_BYTES = np.isin(np.arange(256), (0x04, 0x05, 0x7F, 0x80, 0x84, 0x85, 0xFF))
+"""State bytes of heartbeats and guard answers (CiA 301 7.2.8.3.2); 00h is looked at apart."""
+_BIN = 1e-3
+"""Relative width of a bin of the period statistics."""
+
+
+class Beat(NamedTuple):
+    """A message of the node's error control that says something new.
+
+    `state` is bits 6..0 of the byte, `previous_ns` the node's last sign of life before it (its own
+    time when there was none).
+    """
+
+    seq: int
+    t_ns: int
+    kind: BeatKind
+    state: int
+    previous_ns: int
+
+
+class Silence(NamedTuple):
+    """The longest stretch without any frame of the node between two of its error-control messages.
+
+    `period_ns` is the median of the last periods, None when fewer than three were seen;
+    `requests` counts guard requests that got no answer within it; `end_seq` is None where the
+    capture or a gap ended it. `kind` is what the node's error control consisted of; `order` is the
+    `seq` from which on the silence is known.
+    """
+
+    start_seq: int
+    start_ns: int
+    end_seq: int | None
+    end_ns: int
+    period_ns: int | None
+    requests: int
+    kind: BeatKind
+    order: int
+
+
+class Pause(NamedTuple):
+    """A longer stretch between two guard requests; `end_ns` is None at the end of the capture."""
+
+    start_seq: int
+    start_ns: int
+    end_ns: int | None
+
+
+class Columns(NamedTuple):
+    """Frames of one node's error control in order of `seq`; all (n,)."""
+
+    seq: Int64s
+    t_ns: Int64s
+    remote: Mask
+    dlc: NDArray[np.uint8]
+    byte: NDArray[np.uint8]
+
+    def rows(self, chosen: slice) -> "Columns":
+        """Some of the rows."""
+        return Columns(*(column[chosen] for column in self))
+
+    def after(self, held: "Columns") -> "Columns":
+        """These rows after others."""
+        return Columns(*(np.concatenate(pair) for pair in zip(held, self, strict=True)))
+
+
+@dataclass(slots=True)
+class _Life:
+    """Signs of life of the node since its last beat: the longest silence between them."""
+
+    last_seq: int
+    last_ns: int
+    longest_ns: int = 0
+    start: tuple[int, int] = (0, 0)
+    end: tuple[int, int] = (0, 0)
+
+    def hear(self, seq: Int64s, t_ns: Int64s) -> None:
+        """Take in further frames of the node."""
+        if not len(seq):
+            return
+        seqs = np.concatenate(([self.last_seq], seq))
+        times = np.concatenate(([self.last_ns], t_ns))
+        passed = np.diff(times)
+        row = int(np.argmax(passed))
+        if passed[row] > self.longest_ns:
+            self.longest_ns = int(passed[row])
+            self.start = (int(seqs[row]), int(times[row]))
+            self.end = (int(seqs[row + 1]), int(times[row + 1]))
+        self.last_seq, self.last_ns = int(seq[-1]), int(t_ns[-1])
+
+
+@dataclass(slots=True)
+class Counts:
+    """Counts over the whole capture."""
+
+    boot_ups: int = 0
+    heartbeats: int = 0
+    guard_requests: int = 0
+    guard_answers: int = 0
+    toggle_errors: int = 0
+    empty: int = 0
+    odd: int = 0
+    doubled: int = 0
+    """Heartbeats in two interleaved cadences."""
+
+
+@dataclass(slots=True)
+class ErrorControl:
+    """Follows one node's error control; `beats` and `silences` are the reduced history."""
+
+    timed: bool = True
+    counts: Counts = field(default_factory=Counts)
+    beats: list[Beat] = field(default_factory=list)
+    silences: list[Silence] = field(default_factory=list)
+    both_at: tuple[int, int] | None = None
+    """(seq, t_ns) of the first remote frame to a node that sends heartbeats."""
+    doubled_at: list[int] = field(default_factory=list)
+    """`seq` of the first heartbeats in two interleaved cadences."""
+    doubled_span: tuple[int, int] | None = None
+    """Time of the first and the last of them."""
+    pauses: list[Pause] = field(default_factory=list)
+    """Stretches without a guard request that are longer than usual."""
+    toggle_seqs: list[int] = field(default_factory=list)
+    last_beat_ns: int | None = None
+    _held: Columns | None = None
+    _life: _Life | None = None
+    _last: tuple[int, int, int] | None = None
+    """(seq, t_ns, kind) of the last beat."""
+    _state: int = -1
+    _toggle: int = -1
+    _keep: int = KEPT_AFTER_MARK
+    _request_ns: int | None = None
+    _waiting: int = 0
+    _in_row: int = 0
+    """Heartbeats in a row that nobody asked for."""
+    _remote_seq: int = -1
+    _reset_seq: int = -1
+    _answers_seen: bool = False
+    _recent: Int64s = field(default_factory=lambda: np.zeros(0, np.int64))
+    _asked: tuple[Int64s, Int64s] = field(
+        default_factory=lambda: (np.zeros(0, np.int64), np.zeros(0, np.int64))
+    )
+    """(seq, t_ns) of the last guard requests."""
+    _bins: dict[int, tuple[int, float]] = field(default_factory=dict)
+    """Number and sum of the periods in each bin."""
+
+    def feed(self, rows: Columns, life: tuple[Int64s, Int64s], marks: list[int]) -> None:
+        """Take in the frames of a batch.
+
+        Args:
+            rows: data and remote frames of 700h + n.
+            life: (seq, t_ns) of every data frame of the node, the ones above included.
+            marks: `seq` of NMT commands to the node, ascending; of resets as `reset_mark(seq)`.
+        """
+        rows = rows if self._held is None else rows.after(self._held)
+        cut = len(rows.seq) - self._undecided(rows)
+        self._held = rows.rows(slice(cut, None)) if cut < len(rows.seq) else None
+        self._take(rows.rows(slice(0, cut)), life, marks)
+
+    def gap(self, start_ns: int, next_seq: int) -> None:
+        """Nothing follows from the time between the frames around a gap."""
+        self.finish(start_ns, next_seq)
+        self._life = self._last = self._request_ns = None
+        self._state = self._toggle = -1
+        self._keep = KEPT_AFTER_MARK
+        self._in_row = self._waiting = 0
+
+    def finish(self, end_ns: int, next_seq: int) -> None:
+        """Decide what was held back, and look at the silence up to the end or a gap."""
+        self._take_held()
+        if len(self._asked[0]):
+            self.pauses.append(Pause(int(self._asked[0][-1]), int(self._asked[1][-1]), None))
+        if self._life is None or self._last is None or not self.timed:
+            return
+        self._life.hear(np.array([-1]), np.array([end_ns]))
+        self._add_silence(self._last[2], self._median(self._recent[-WINDOW:]), next_seq)
+
+    def median_ns(self) -> int | None:
+        """Median of all regular periods [ns], to one part in a thousand."""
+        total = sum(count for count, _ in self._bins.values())
+        seen = 0
+        for _, (count, length) in sorted(self._bins.items()):
+            seen += count
+            if 2 * seen >= total:
+                return round(length / count)
+        return None
+
+    @property
+    def alive(self) -> bool:
+        """Whether the node itself ever sent error control."""
+        counts = self.counts
+        return counts.boot_ups + counts.heartbeats + counts.guard_answers + counts.empty > 0
+
+    def _undecided(self, rows: Columns) -> int:
+        """Rows at the end whose meaning depends on what follows: no byte, or a suspicious 00h."""
+        seen_remote = self._remote_seq >= 0 or bool(rows.remote.any())
+        quiet = (rows.dlc == 0) | ((rows.dlc == 1) & (rows.byte == 0) & seen_remote)
+        return int(len(rows.seq) and not rows.remote[-1] and quiet[-1])
+
+    def _take_held(self) -> None:
+        if self._held is not None:
+            held, self._held = self._held, None
+            self._take(held, (held.seq, held.t_ns), [])
+
+    def _take(self, rows: Columns, life: tuple[Int64s, Int64s], marks: list[int]) -> None:
+        kinds = self._classify(rows, marks)
+        requests = rows.seq[kinds == _REQUEST]
+        self._follow_requests(requests, rows.t_ns[kinds == _REQUEST])
+        beat_rows = np.flatnonzero(kinds < _REQUEST)
+        beats = Columns(*(column[beat_rows] for column in rows))
+        heard_ns = self._life.last_ns if self._life else None
+        self._count(kinds, beats, kinds[beat_rows])
+        self._follow_periods(beats, kinds[beat_rows], life, requests)
+        self._keep_beats(beats, kinds[beat_rows], life, heard_ns, [_seq_of(mark) for mark in marks])
+
+    def _classify(self, rows: Columns, marks: list[int]) -> NDArray[np.int8]:
+        """Kind of each row; requests that a logger stored as empty data frames are recognised."""
+        n = len(rows.seq)
+        one_byte = (rows.dlc == 1) & ~rows.remote
+        speaks = one_byte & _STATE_BYTES[rows.byte]
+        next_speaks = np.concatenate((speaks[1:], [False])) if n else speaks
+        bare = (rows.dlc == 0) & ~rows.remote
+        marked = self._remote_seq >= 0 or bool(rows.remote.any())
+        request = rows.remote | (bare & (next_speaks | (not marked)))
+        kinds = np.full(n, _ODD, np.int8)
+        kinds[request] = _REQUEST
+        kinds[bare & ~request] = _EMPTY
+        kinds[speaks] = _HEARTBEAT
+        self._find_answers(rows, request, speaks, kinds)
+        resets = [_seq_of(mark) for mark in marks if mark < 0]
+        for row in np.flatnonzero(one_byte & (rows.byte == 0)).tolist():
+            kinds[row] = self._zero_byte(rows, kinds, row, resets)
+        if rows.remote.any():
+            self._remote_seq = max(self._remote_seq, int(rows.seq[rows.remote][-1]))
+        self._reset_seq = max([self._reset_seq, *resets])
+        return kinds
+
+    def _find_answers(
+        self, rows: Columns, request: Mask, speaks: Mask, kinds: NDArray[np.int8]
+    ) -> None:
+        """Mark the guard answers: the message right after a request, soon enough."""
+        n = len(rows.seq)
+        if not n or not (request.any() or self._request_ns is not None):
+            if n:
+                self._in_row += int(np.count_nonzero(speaks))
+            return
+        for row in np.flatnonzero(request | speaks).tolist():
+            t_ns = int(rows.t_ns[row])
+            if request[row]:
+                self._request_ns = t_ns
+                if self._in_row >= MIN_PERIODS and self.both_at is None and rows.remote[row]:
+                    self.both_at = (int(rows.seq[row]), t_ns)
+                continue
+            asked, self._request_ns = self._request_ns, None
+            soon = asked is not None and (not self.timed or t_ns - asked <= GUARD_ANSWER_NS)
+            if soon and (rows.byte[row] & 0x80 or self._in_row < MIN_PERIODS):
+                kinds[row] = _ANSWER
+                self._answers_seen = True
+                self._in_row = 0
+            else:
+                self._in_row += 1
+
+    def _zero_byte(
+        self, rows: Columns, kinds: NDArray[np.int8], row: int, resets: list[int]
+    ) -> int:
+        """A byte 00h: a boot-up, unless a remote frame has emptied the heartbeats of the node.
+
+        A single one between others is a boot-up all the same: the effect lasts until a reset.
+        """
+        seq = int(rows.seq[row])
+        remote = rows.seq[:row][rows.remote[:row]]
+        last_remote = max(self._remote_seq, int(remote[-1]) if len(remote) else -1)
+        last_reset = max([self._reset_seq, *(r for r in resets if r < seq)])
+        if last_remote <= last_reset or (self._answers_seen and not self.counts.empty):
+            self._reset_seq = seq
+            return _BOOT_UP
+        talked = self.counts.heartbeats or bool((kinds[:row] == _HEARTBEAT).any())
+        data = np.flatnonzero(~rows.remote)
+        following = data[data > row]
+        alone = len(following) and rows.byte[following[0]] != 0 and self._last_was_state(rows, row)
+        if not talked or alone:
+            self._reset_seq = seq
+            return _BOOT_UP
+        return _EMPTY
+
+    def _last_was_state(self, rows: Columns, row: int) -> bool:
+        before = np.flatnonzero(~rows.remote[:row])
+        if len(before):
+            return bool(rows.byte[before[-1]] != 0)
+        return self._last is not None and self._last[2] in (_HEARTBEAT, _ANSWER)
+
+    def _count(self, kinds: NDArray[np.int8], beats: Columns, beat_kinds: NDArray[np.int8]) -> None:
+        number = np.bincount(kinds, minlength=6)
+        counts = self.counts
+        counts.heartbeats += int(number[_HEARTBEAT])
+        counts.guard_answers += int(number[_ANSWER])
+        counts.boot_ups += int(number[_BOOT_UP])
+        counts.empty += int(number[_EMPTY])
+        counts.guard_requests += int(number[_REQUEST])
+        counts.odd += int(number[_ODD])
+        telling = np.flatnonzero((beat_kinds == _ANSWER) | (beat_kinds == _BOOT_UP))
+        if not len(telling):
+            return
+        toggles = np.where(beat_kinds[telling] == _ANSWER, beats.byte[telling] >> 7, -1).astype(
+            np.int8
+        )
+        before = np.concatenate(([self._toggle], toggles[:-1]))
+        wrong = (toggles == before) & (toggles >= 0)
+        counts.toggle_errors += int(np.count_nonzero(wrong))
+        self.toggle_seqs.extend(beats.seq[telling[wrong]][: 100 - len(self.toggle_seqs)].tolist())
+        self._toggle = int(toggles[-1])
+
+    def _follow_periods(
+        self,
+        beats: Columns,
+        kinds: NDArray[np.int8],
+        life: tuple[Int64s, Int64s],
+        requests: Int64s,
+    ) -> None:
+        """Collect periods, and the silences among them that may be too long."""
+        if not self.timed:
+            return
+        n = len(beats.seq)
+        first = np.array([self._last[1]] if self._last else [], np.int64)
+        kind0 = np.array([self._last[2]] if self._last else [], np.int8)
+        passed = np.diff(np.concatenate((first, beats.t_ns)))
+        all_kinds = np.concatenate((kind0, kinds))
+        regular = (all_kinds[1:] == all_kinds[:-1]) & (all_kinds[1:] != _BOOT_UP) & (passed > 0)
+        recent = np.concatenate((self._recent, passed[regular]))
+        known = len(self._recent) + np.cumsum(regular) - regular
+        self._note_doubles(beats, regular, passed)
+        rows = _longer_than_before(passed, recent, known)
+        offset = n - len(passed)
+        done = 0
+        life_seq, life_ns = life
+        for row in rows.tolist():
+            before = recent[max(0, known[row] - WINDOW) : known[row]]
+            period = self._median(before)
+            if period is not None and passed[row] <= CANDIDATE_RATIO * period:
+                continue
+            done = self._silence_before(
+                beats, kinds, row + offset, life_seq, life_ns, requests, period, done
+            )
+        self._hear_rest(beats, kinds, life_seq, life_ns, requests)
+        self._add_periods(passed[regular])
+        self._recent = recent[-WINDOW:]
+
+    def _follow_requests(self, seq: Int64s, t_ns: Int64s) -> None:
+        """Note where the guarding master paused."""
+        if not self.timed or not len(seq):
+            return
+        seqs, times = (np.concatenate(pair) for pair in zip(self._asked, (seq, t_ns), strict=True))
+        passed = np.diff(times)
+        known = np.arange(len(passed))
+        fresh = known >= len(self._asked[0]) - 1
+        for row in _longer_than_before(passed, passed, known).tolist():
+            if fresh[row] and row >= MIN_PERIODS and len(self.pauses) < MAX_EVENTS:
+                self.pauses.append(Pause(int(seqs[row]), int(times[row]), int(times[row + 1])))
+        self._asked = (seqs[-MIN_PERIODS - 1 :], times[-MIN_PERIODS - 1 :])
+
+    def _silence_before(
+        self,
+        beats: Columns,
+        kinds: NDArray[np.int8],
+        row: int,
+        life_seq: Int64s,
+        life_ns: Int64s,
+        requests: Int64s,
+        period: int | None,
+        done: int,
+    ) -> int:
+        """Look for the longest silence between a beat and the one before it."""
+        if row > 0:
+            self._life = _Life(int(beats.seq[row - 1]), int(beats.t_ns[row - 1]))
+            self._waiting = 0
+            self._last = (self._life.last_seq, self._life.last_ns, int(kinds[row - 1]))
+        if self._life is None or self._last is None:
+            return done
+        begin = int(np.searchsorted(life_seq, self._life.last_seq, "right"))
+        stop = int(np.searchsorted(life_seq, beats.seq[row], "right"))
+        self._life.hear(life_seq[begin:stop], life_ns[begin:stop])
+        if self._life.last_seq < beats.seq[row]:
+            self._life.hear(beats.seq[row : row + 1], beats.t_ns[row : row + 1])
+        between = (requests > self._last[0]) & (requests < beats.seq[row])
+        asked = int(np.count_nonzero(between)) - int(kinds[row] == _ANSWER)
+        self._waiting += asked
+        self._add_silence(self._last[2], period, int(beats.seq[row]))
+        return row
+
+    def _hear_rest(
+        self,
+        beats: Columns,
+        kinds: NDArray[np.int8],
+        life_seq: Int64s,
+        life_ns: Int64s,
+        requests: Int64s,
+    ) -> None:
+        """Keep the signs of life after the last beat for the next batch."""
+        if len(beats.seq):
+            self._last = (int(beats.seq[-1]), int(beats.t_ns[-1]), int(kinds[-1]))
+            self.last_beat_ns = self._last[1]
+            self._life = _Life(self._last[0], self._last[1])
+            self._waiting = 0
+        if self._life is None or self._last is None:
+            return
+        begin = int(np.searchsorted(life_seq, self._life.last_seq, "right"))
+        self._life.hear(life_seq[begin:], life_ns[begin:])
+        self._waiting += int(np.count_nonzero(requests > self._last[0]))
+
+    def _add_silence(self, kind: int, period: int | None, order: int) -> None:
+        life = self._life
+        if life is None or life.longest_ns <= 0 or len(self.silences) >= MAX_EVENTS:
+            return
+        heard = life.end[0] >= 0
+        self.silences.append(
+            Silence(
+                *life.start,
+                life.end[0] if heard else None,
+                life.end[1],
+                period,
+                max(0, self._waiting),
+                _KINDS[kind],
+                life.end[0] if heard else order,
+            )
+        )
+
+    def _note_doubles(self, beats: Columns, regular: Mask, passed: Int64s) -> None:
+        """Two producers of one period under one number: short and long intervals alternate."""
+        if len(passed) < 8:
+            return
+        pair = (passed[:-1] + passed[1:])[:-1].astype(np.float64)
+        alternating = (
+            regular[:-2]
+            & regular[1:-1]
+            & regular[2:]
+            & (np.abs(passed[2:] - passed[:-2]) < 0.05 * pair)
+            & (np.abs(passed[1:-1] - passed[:-2]) > 0.1 * pair)
+        )
+        count = int(np.count_nonzero(alternating))
+        if not count:
+            return
+        self.counts.doubled += count
+        seqs, times = (c[-len(passed) :][:-2][alternating] for c in (beats.seq, beats.t_ns))
+        self.doubled_at.extend(seqs[: max(0, 10 - len(self.doubled_at))].tolist())
+        first = self.doubled_span[0] if self.doubled_span else int(times[0])
+        self.doubled_span = (first, int(times[-1]))
+
+    def _add_periods(self, periods: Int64s) -> None:
+        if not len(periods):
+            return
+        numbers = np.floor(np.log(periods) / _BIN).astype(np.int64)
+        bins, place, counts = np.unique(numbers, return_inverse=True, return_counts=True)
+        sums = np.bincount(place, weights=periods)
+        for number, count, length in zip(
+            bins.tolist(), counts.tolist(), sums.tolist(), strict=True
+        ):
+            before = self._bins.get(number, (0, 0.0))
+            self._bins[number] = (before[0] + count, before[1] + length)
+
+    def _keep_beats(
+        self,
+        beats: Columns,
+        kinds: NDArray[np.int8],
+        life: tuple[Int64s, Int64s],
+        heard_ns: int | None,
+        marks: list[int],
+    ) -> None:
+        """Keep the beats that change the state, and the first ones after each command."""
+        n = len(beats.seq)
+        if not n:
+            self._keep = KEPT_AFTER_MARK if marks else self._keep
+            return
+        states = np.where(kinds == _EMPTY, -2, np.where(kinds == _BOOT_UP, -3, beats.byte & 0x7F))
+        keep = states != np.concatenate(([self._state], states[:-1]))
+        keep |= kinds == _BOOT_UP
+        keep[: self._keep] = True
+        self._keep = max(0, self._keep - n)
+        for silence in reversed(self.silences[-20:]):
+            if silence.end_seq is not None:
+                at = int(np.searchsorted(beats.seq, silence.end_seq))
+                keep[at : at + 1] = True
+        for mark in marks:
+            at = int(np.searchsorted(beats.seq, mark, "right"))
+            keep[at : at + KEPT_AFTER_MARK] = True
+            self._keep = max(self._keep, KEPT_AFTER_MARK - (n - at))
+        self._state = int(states[-1])
+        life_seq, life_ns = life
+        for row in np.flatnonzero(keep)[: max(0, MAX_EVENTS - len(self.beats))].tolist():
+            at = int(np.searchsorted(life_seq, beats.seq[row]))
+            previous = int(life_ns[at - 1]) if at else heard_ns
+            self.beats.append(
+                Beat(
+                    int(beats.seq[row]),
+                    int(beats.t_ns[row]),
+                    _KINDS[int(kinds[row])],
+                    int(beats.byte[row] & 0x7F),
+                    int(beats.t_ns[row]) if previous is None else previous,
+                )
+            )
+
+    @staticmethod
+    def _median(periods: Int64s) -> int | None:
+        return int(np.median(periods)) if len(periods) >= MIN_PERIODS else None
+
+
+def reset_mark(seq: int) -> int:
+    """The mark of a reset command, told from those of other commands by its sign."""
+    return -seq - 1
+
+
+def _seq_of(mark: int) -> int:
+    return mark if mark >= 0 else -mark - 1
+
+
+def _longer_than_before(passed: Int64s, recent: Int64s, known: Int64s) -> NDArray[np.intp]:
+    """Rows whose interval is clearly longer than the shortest of the three periods before."""
+    early = known < MIN_PERIODS
+    if not len(recent):
+        return np.flatnonzero(early)
+    before = np.stack(
+        [recent[np.maximum(known - back, 0).clip(max=len(recent) - 1)] for back in (1, 2, 3)]
+    )
+    return np.flatnonzero(early | (passed > CANDIDATE_RATIO * before.min(axis=0)))

@@ -1,0 +1,444 @@
+"""NMT: commands, and the state timeline of every node (analysis.md section 4)."""
+
+from collections.abc import Set as AbstractSet
+from dataclasses import dataclass, field
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from syncline_analyzer.context import Context
+from syncline_analyzer.fold import IndexedBatch
+from syncline_analyzer.folds.clock import ClockTable
+from syncline_analyzer.folds.error_control import (
+    Columns,
+    Counts,
+    ErrorControl,
+    Pause,
+    reset_mark,
+)
+from syncline_analyzer.folds.nmt_timeline import (
+    Command,
+    Interval,
+    Lateness,
+    NodeHistory,
+    PdoSpan,
+    Timeline,
+    Violation,
+)
+from syncline_analyzer.folds.sdo import Reset
+from syncline_analyzer.pdo_binding import Pdo, PdoBindings
+from syncline_analyzer.results import NmtCommandRow, NmtStateRow
+from syncline_schemas.batch import FrameFlag, Gap
+from syncline_schemas.canopen.nmt import COMMANDS, NmtState, command_name
+from syncline_schemas.canopen.services import Service
+
+RESETS = (0x81, 0x82)
+SYNC_ID = 0x080
+MAX_SPANS = 20_000
+"""Stretches of PDOs kept per node."""
+
+_NOT_PDO = (Service.EMCY, Service.SDO_ANSWER, Service.ERROR_CONTROL)
+
+NodeKey = tuple[int, int]
+"""(bus number, node)."""
+
+
+class BootUp(NamedTuple):
+    """A boot-up of a node and the reset that explains it, if any.
+
+    `repeated` marks the second frame of a pair within a second of the first.
+    """
+
+    bus: str
+    node: int
+    seq: int
+    t_ns: int
+    byte: int
+    command_seq: int | None
+    command_ns: int | None
+    repeated: bool
+
+
+@dataclass(slots=True)
+class NodeNmt:
+    """What one node's error control and states come to."""
+
+    counts: Counts = field(default_factory=Counts)
+    heartbeat_period_ns: int | None = None
+    share: dict[str, float] = field(default_factory=dict)
+    final_state: str = NmtState.UNKNOWN
+    alive: bool = False
+    both_at: tuple[int, int] | None = None
+    doubled_at: list[int] = field(default_factory=list)
+    doubled_span: tuple[int, int] = (0, 0)
+    pauses: list[Pause] = field(default_factory=list)
+    toggle_seqs: list[int] = field(default_factory=list)
+    violations: list[Violation] = field(default_factory=list)
+    late: Lateness | None = None
+    """Heartbeats that come more slowly than 1017h says."""
+    pdos: Literal["no", "guess", "bound"] = "no"
+    """Whether the node sends PDOs, and whether only their predefined identifiers say so."""
+
+
+@dataclass(frozen=True, slots=True)
+class NmtTable:
+    """Commands, states, and per (bus number, node) what else there is to say."""
+
+    commands: list[NmtCommandRow] = field(default_factory=list)
+    states: list[NmtStateRow] = field(default_factory=list)
+    boot_ups: list[BootUp] = field(default_factory=list)
+    nodes: dict[NodeKey, NodeNmt] = field(default_factory=dict)
+    first_ns: int = 0
+    """Time of the first frame of the capture."""
+    canopen: frozenset[int] = frozenset()
+    """Numbers of the buses on which something shows CANopen."""
+    malformed: int = 0
+    """Frames on 000h that do not have two bytes."""
+    timelines: dict[NodeKey, Timeline] = field(default_factory=dict)
+
+
+class NmtFold:
+    """Follows NMT commands, error control and the PDOs that prove a state.
+
+    What a batch brings is reduced to commands, changes and silences; the timelines are told at the
+    end, when everything is known that the shadow can know.
+    """
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        self._first_ns: int | None = None
+        self._commands: dict[int, list[Command]] = {}
+        self._malformed = 0
+        self._control: dict[NodeKey, ErrorControl] = {}
+        self._pdos: dict[NodeKey, _Pdos] = {}
+        self._gaps: dict[int | None, list[tuple[int, Gap]]] = {}
+        self._synced: set[int] = set()
+        self._next_seq = 0
+        self._bindings = PdoBindings(context.shadow)
+
+    def update(self, batch: IndexedBatch) -> list[Reset]:
+        """Take in the next frames; tells the resets among them, in order of their rows."""
+        if not len(batch):
+            return []
+        if self._first_ns is None:
+            self._first_ns = int(batch.frames.t_ns[0])
+        self._next_seq = batch.seq0 + len(batch)
+        resets = self._take_commands(batch)
+        owner = self._owners(batch)
+        for key, rows in _by_node(batch, owner).items():
+            resets += self._take_node(batch, key, rows)
+        self._take_pdos(batch, owner)
+        return sorted(resets)
+
+    def gap(self, gap: Gap) -> None:
+        """States are not known after a gap until something tells them."""
+        self._gaps.setdefault(gap.bus, []).append((self._next_seq, gap))
+        for (bus, _), control in self._control.items():
+            if gap.bus in (None, bus):
+                control.gap(gap.start_ns, self._next_seq)
+        for (bus, _), pdos in self._pdos.items():
+            if gap.bus in (None, bus):
+                pdos.close()
+
+    def finish(
+        self, end_ns: int, clock: ClockTable, canopen: AbstractSet[int] = frozenset()
+    ) -> NmtTable:
+        """Timelines of all nodes, up to the end of the capture.
+
+        A PDO identifier alone tells of a node only on a bus that shows CANopen otherwise: by
+        error control, NMT commands, SYNC, or because it is one of `canopen` (bus numbers).
+        """
+        for control in self._control.values():
+            control.finish(end_ns, self._next_seq)
+        alive = {key for key, control in self._control.items() if control.alive}
+        shown = set(canopen) | {bus for bus, _ in alive} | self._commanded_buses() | self._synced
+        table = NmtTable(
+            first_ns=self._first_ns or 0, malformed=self._malformed, canopen=frozenset(shown)
+        )
+        spans = self._spans(shown)
+        for key in sorted(alive | set(spans)):
+            self._tell(table, key, spans.get(key, []), end_ns, clock)
+        for bus, commands in sorted(self._commands.items()):
+            table.commands.extend(self._command_row(bus, command, table) for command in commands)
+        table.commands.sort(key=lambda row: row.seq)
+        return table
+
+    def _spans(self, buses: AbstractSet[int]) -> dict[NodeKey, list[PdoSpan]]:
+        """Stretches of PDOs by node, as the bindings stand now that everything was seen."""
+        for bus in buses:
+            self._bindings.refresh(bus)
+        spans: dict[NodeKey, list[PdoSpan]] = {}
+        for (bus, _), pdos in self._pdos.items():
+            for span in pdos.spans() if bus in buses else ():
+                pdo = self._tpdo(bus, span.can_id, span.first_seq)
+                if pdo is not None:
+                    span.guess = pdo.guess
+                    spans.setdefault((bus, pdo.node), []).append(span)
+        return {key: sorted(found, key=lambda s: s.first_seq) for key, found in spans.items()}
+
+    def _commanded_buses(self) -> set[int]:
+        return {
+            bus
+            for bus, commands in self._commands.items()
+            if any(c.specifier in COMMANDS and c.node <= 127 for c in commands)
+        }
+
+    def _take_commands(self, batch: IndexedBatch) -> list[Reset]:
+        resets = []
+        for bus, can_id in batch.ids():
+            if can_id == SYNC_ID and (batch.frames.dlc[batch.rows(bus, can_id)] <= 1).all():
+                self._synced.add(bus)
+            if can_id != 0:
+                continue
+            rows = batch.rows(bus, 0)
+            good = rows[batch.frames.dlc[rows] == 2]
+            self._malformed += len(rows) - len(good)
+            kept = self._commands.setdefault(bus, [])
+            for row in good.tolist():
+                specifier, node = batch.frames.data[row, :2].tolist()
+                kept.append(Command(batch.seq(row), int(batch.frames.t_ns[row]), specifier, node))
+                if specifier in RESETS:
+                    resets.append(Reset(row, bus, node))
+        return resets
+
+    def _owners(self, batch: IndexedBatch) -> NDArray[np.uint16]:
+        """(n,) number of the frame's sender as bus << 7 | node; 0 in the low bits: not known."""
+        frames = batch.frames
+        owner = np.zeros(len(batch), np.uint16)
+        sent = batch.rows_of(Service.EMCY, Service.SDO_ANSWER, Service.ERROR_CONTROL)
+        owner[sent] = (frames.bus[sent].astype(np.uint16) << 7) | batch.node[sent]
+        for bus in {bus for bus, _ in batch.ids()}:
+            self._bindings.refresh(bus)
+        for bus, can_id in batch.ids():
+            pdo = self._tpdo(bus, can_id, batch.seq0)
+            if pdo is not None:
+                owner[batch.rows(bus, can_id)] = bus << 7 | pdo.node
+        return owner
+
+    def _tpdo(self, bus: int, can_id: int, seq: int) -> Pdo | None:
+        """The TPDO on an identifier: as bound at `seq`, as bound later, or by a guess."""
+        pdo = self._bindings.owner(bus, can_id, seq)
+        if pdo is None or pdo.guess:
+            pdo = self._bindings.owner(bus, can_id) or pdo
+        return pdo if pdo is not None and pdo.kind == "tpdo" else None
+
+    def _take_node(self, batch: IndexedBatch, key: NodeKey, rows: NDArray[np.intp]) -> list[Reset]:
+        """One node's frames of a batch, with the remote frames to it."""
+        frames = batch.frames
+        control_rows = rows[batch.service[rows] == Service.ERROR_CONTROL]
+        control = self._control.get(key)
+        if control is None:
+            if not len(control_rows):
+                return []
+            control = self._control[key] = ErrorControl(timed=self._context.timed)
+        data = frames.data[control_rows, 0]
+        remote = (frames.flags[control_rows] & FrameFlag.REMOTE) != 0
+        seq = control_rows.astype(np.int64) + batch.seq0
+        columns = Columns(seq, frames.t_ns[control_rows], remote, frames.dlc[control_rows], data)
+        alive = rows[(frames.flags[rows] & FrameFlag.REMOTE) == 0]
+        life = (alive.astype(np.int64) + batch.seq0, frames.t_ns[alive])
+        seen = len(control.beats)
+        control.feed(columns, life, self._marks(batch, key))
+        return [
+            Reset(max(0, beat.seq - batch.seq0), *key)
+            for beat in control.beats[seen:]
+            if beat.kind == "boot-up"
+        ]
+
+    def _marks(self, batch: IndexedBatch, key: NodeKey) -> list[int]:
+        """Marks of the commands of this batch that concern a node."""
+        marks = []
+        for command in reversed(self._commands.get(key[0], [])):
+            if command.seq < batch.seq0:
+                break
+            if command.node in (0, key[1]):
+                reset = command.specifier in RESETS
+                marks.append(reset_mark(command.seq) if reset else command.seq)
+        return marks[::-1]
+
+    def _take_pdos(self, batch: IndexedBatch, owner: NDArray[np.uint16]) -> None:
+        asked = batch.rows_of(Service.PDO, remote=True)
+        remote_ids = set(batch.frames.can_id[asked].tolist())
+        for bus, can_id in batch.ids():
+            rows = batch.rows(bus, can_id)
+            number = int(owner[rows[0]])
+            if not number & 0x7F or batch.service[rows[0]] in _NOT_PDO:
+                continue
+            key = (number >> 7, number & 0x7F)
+            pdos = self._pdos.setdefault(key, _Pdos())
+            cuts = self._cuts(batch, key)
+            pdos.take(
+                can_id, rows + batch.seq0, batch.frames.t_ns[rows], cuts, can_id in remote_ids
+            )
+
+    def _cuts(self, batch: IndexedBatch, key: NodeKey) -> list[tuple[int, int]]:
+        """(seq, t_ns) of what may change the node's state in this batch."""
+        cuts = []
+        control = self._control.get(key)
+        for beat in reversed(control.beats if control else []):
+            if beat.seq < batch.seq0:
+                break
+            cuts.append((beat.seq, beat.t_ns))
+        for silence in reversed(control.silences if control else []):
+            if silence.order < batch.seq0:
+                break
+            cuts.append((silence.order - 1, silence.end_ns))
+        for command in reversed(self._commands.get(key[0], [])):
+            if command.seq < batch.seq0:
+                break
+            if command.node in (0, key[1]):
+                cuts.append((command.seq, command.t_ns))
+        return sorted(cuts)
+
+    def _tell(
+        self,
+        table: NmtTable,
+        key: NodeKey,
+        spans: list[PdoSpan],
+        end_ns: int,
+        clock: ClockTable,
+    ) -> None:
+        control = self._control.get(key) or ErrorControl(timed=self._context.timed)
+        commands = [c for c in self._commands.get(key[0], []) if c.node in (0, key[1])]
+        history = NodeHistory(
+            bus=key[0],
+            node=key[1],
+            beats=control.beats,
+            silences=control.silences,
+            commands=commands,
+            spans=spans,
+            gaps=sorted(
+                self._gaps.get(key[0], []) + self._gaps.get(None, []), key=lambda entry: entry[0]
+            ),
+            first_ns=self._first_ns or 0,
+            end_ns=end_ns,
+            period_ns=control.median_ns(),
+        )
+        timeline = Timeline(self._context, history, clock)
+        table.timelines[key] = timeline
+        bus = self._context.bus_name(key[0])
+        table.states.extend(
+            NmtStateRow(
+                bus, key[1], i.state, i.start_ns, i.end_ns, i.cause, i.certainty, i.evidence
+            )
+            for i in timeline.intervals
+        )
+        boot_ups = [BootUp(bus, key[1], *boot) for boot in timeline.boot_ups]
+        table.boot_ups.extend(boot_ups)
+        extra = len(boot_ups) - control.counts.boot_ups
+        control.counts.boot_ups += extra
+        control.counts.heartbeats -= extra
+        table.nodes[key] = NodeNmt(
+            counts=control.counts,
+            heartbeat_period_ns=control.median_ns() if self._context.timed else None,
+            share=_shares(timeline.intervals),
+            final_state=timeline.intervals[-1].state if timeline.intervals else NmtState.UNKNOWN,
+            alive=control.alive,
+            both_at=control.both_at,
+            doubled_at=control.doubled_at,
+            doubled_span=control.doubled_span or (0, 0),
+            pauses=control.pauses,
+            toggle_seqs=control.toggle_seqs,
+            violations=timeline.violations,
+            late=timeline.late,
+            pdos="no" if not spans else "guess" if all(s.guess for s in spans) else "bound",
+        )
+
+    def _command_row(self, bus: int, command: Command, table: NmtTable) -> NmtCommandRow:
+        if command.node:
+            timeline = table.timelines.get((bus, command.node))
+            confirmed = timeline.confirmed(command) if timeline else None
+        else:
+            confirmed = self._broadcast_confirmed(bus, command, table)
+        timed = self._context.timed and confirmed is not None
+        return NmtCommandRow(
+            self._context.bus_name(bus),
+            command.seq,
+            command.t_ns,
+            command_name(command.specifier),
+            command.node,
+            (confirmed or 0) / 1e6 if timed else None,
+        )
+
+    def _broadcast_confirmed(self, bus: int, command: Command, table: NmtTable) -> int | None:
+        """Time until the last node of the bus confirmed; None when one of them did not."""
+        times = [
+            timeline.confirmed(command)
+            for (on, _), timeline in table.timelines.items()
+            if on == bus and timeline.listens(command)
+        ]
+        told = [time for time in times if time is not None]
+        return max(told) if told and len(told) == len(times) else None
+
+
+class _Pdos:
+    """PDOs of one node between the events that may change its state."""
+
+    def __init__(self) -> None:
+        self._open: dict[int, PdoSpan] = {}
+        self._closed: list[PdoSpan] = []
+        self._cut_ns: int | None = None
+
+    def take(
+        self,
+        can_id: int,
+        seq: NDArray[np.intp],
+        t_ns: NDArray[np.int64],
+        cuts: list[tuple[int, int]],
+        asked: bool,
+    ) -> None:
+        """Take in the rows of one identifier; `asked` when remote frames asked for it."""
+        part = np.searchsorted([cut[0] for cut in cuts], seq)
+        edges = np.flatnonzero(np.diff(part)) + 1
+        for rows in np.split(np.arange(len(seq)), edges):
+            number = int(part[rows[0]])
+            since = cuts[number - 1] if number else None
+            begun = self._open.get(can_id)
+            if begun is None or since is not None:
+                if begun is not None:
+                    self._close(begun)
+                begun = PdoSpan(can_id, since[1] if since else None, asked)
+                self._open[can_id] = begun
+            begun.extend(seq[rows], t_ns[rows])
+            begun.asked = begun.asked or asked
+
+    def close(self) -> None:
+        """End all stretches, as at a gap."""
+        for span in self._open.values():
+            self._close(span)
+        self._open.clear()
+
+    def spans(self) -> list[PdoSpan]:
+        """All stretches in order of their first frame."""
+        return sorted([*self._closed, *self._open.values()], key=lambda span: span.first_seq)
+
+    def _close(self, span: PdoSpan) -> None:
+        if len(self._closed) < MAX_SPANS:
+            self._closed.append(span)
+
+
+def _by_node(batch: IndexedBatch, owner: NDArray[np.uint16]) -> dict[NodeKey, NDArray[np.intp]]:
+    """Rows by sender, in arrival order; remote frames of error control count to their node."""
+    asked = batch.rows_of(Service.ERROR_CONTROL, remote=True)
+    owner = owner.copy()
+    owner[asked] = (batch.frames.bus[asked].astype(np.uint16) << 7) | batch.node[asked]
+    rows = np.flatnonzero(owner & 0x7F)
+    order = np.argsort(owner[rows], kind="stable")
+    ordered = owner[rows][order]
+    cuts = np.flatnonzero(np.diff(ordered)) + 1
+    return {
+        (int(owner[part[0]]) >> 7, int(owner[part[0]]) & 0x7F): part
+        for part in np.split(rows[order], cuts)
+        if len(part)
+    }
+
+
+def _shares(intervals: list[Interval]) -> dict[str, float]:
+    """Share of the told time by state; empty when no time passed."""
+    total = sum(i.end_ns - i.start_ns for i in intervals)
+    shares: dict[str, float] = {}
+    for interval in intervals:
+        part = (interval.end_ns - interval.start_ns) / total if total else 0.0
+        shares[interval.state.value] = shares.get(interval.state.value, 0.0) + part
+    return shares if total else {}

@@ -1,0 +1,575 @@
+"""The NMT state timeline of one node, told from its reduced history (analysis.md section 4)."""
+
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from syncline_analyzer.context import Context
+from syncline_analyzer.folds.clock import ClockTable
+from syncline_analyzer.folds.error_control import Beat, Silence
+from syncline_schemas.batch import Gap
+from syncline_schemas.canopen.nmt import (
+    STATE_AFTER_COMMAND,
+    STATE_OF_BYTE,
+    NmtState,
+    command_name,
+)
+from syncline_schemas.devices import quirks
+
+IN_FLIGHT_NS = 10_000_000
+"""What a node sends this soon after a command or change may have been on its way [ns]."""
+RESET_MARGIN_NS = 1_000_000_000
+"""Added to the silence that a device's maker allows after a reset [ns]."""
+RESET_QUIET_NS = 4_000_000_000
+"""Silence after a reset command that is not held against a node of unknown make [ns]."""
+PAIR_NS = 1_000_000_000
+"""A second boot-up this soon after the first belongs to the same start [ns]."""
+RESET_WINDOW_NS = 10_000_000_000
+"""A boot-up this long after a reset command is still its effect [ns]."""
+LOST_FACTOR = 1.5
+"""Producer heartbeat times without a message after which a node is LOST (analysis.md 4)."""
+ALIKE = 3
+"""So many long intervals of one length in a row are a period, not silences."""
+BUS_SHARE = 0.8
+"""Part of a node's silence during which the whole bus was silent that makes it the bus's."""
+
+Certainty = Literal["observed", "commanded", "implied", "assumed"]
+_RESETS = (0x81, 0x82)
+
+
+class Command(NamedTuple):
+    """An NMT command; node 0 means all."""
+
+    seq: int
+    t_ns: int
+    specifier: int
+    node: int
+
+
+@dataclass(slots=True)
+class PdoSpan:
+    """PDOs of one identifier between two events that may change the node's state.
+
+    `late_*` is the first one later than the in-flight time after the event; `asked` when remote
+    frames asked for the PDO.
+    """
+
+    can_id: int
+    since_ns: int | None
+    asked: bool = False
+    guess: bool = False
+    """Only the predefined identifier says whose PDO it is."""
+    count: int = 0
+    first_seq: int = 0
+    first_ns: int = 0
+    last_ns: int = 0
+    late_seq: int | None = None
+    late_ns: int = 0
+    late_count: int = 0
+
+    def extend(self, seq: NDArray[np.intp], t_ns: NDArray[np.int64]) -> None:
+        """Take in further frames."""
+        if not self.count:
+            self.first_seq, self.first_ns = int(seq[0]), int(t_ns[0])
+        self.count += len(seq)
+        self.last_ns = int(t_ns[-1])
+        late = np.flatnonzero(t_ns > (self.since_ns or 0) + IN_FLIGHT_NS)
+        if len(late):
+            self.late_count += len(late)
+            if self.late_seq is None:
+                self.late_seq, self.late_ns = int(seq[late[0]]), int(t_ns[late[0]])
+
+
+@dataclass(frozen=True, slots=True)
+class NodeHistory:
+    """Everything that was kept of a node, all in order of `seq`."""
+
+    bus: int
+    node: int
+    beats: list[Beat]
+    silences: list[Silence]
+    commands: list[Command]
+    spans: list[PdoSpan]
+    gaps: list[tuple[int, Gap]]
+    """With the `seq` of the first frame after each."""
+    first_ns: int
+    end_ns: int
+    period_ns: int | None
+
+
+@dataclass(slots=True)
+class Interval:
+    """A state from `start_ns` until `end_ns`."""
+
+    state: NmtState
+    start_ns: int
+    end_ns: int
+    cause: str
+    certainty: Certainty
+    evidence: int | None
+
+
+class Violation(NamedTuple):
+    """PDOs while the node was known not to be OPERATIONAL."""
+
+    can_id: int
+    state: str
+    seq: int
+    start_ns: int
+    end_ns: int
+    count: int
+    guess: bool
+    certainty: str
+
+
+class Lateness(NamedTuple):
+    """A heartbeat that comes more slowly than 1017h says [ms]."""
+
+    producer_ms: int
+    median_ms: float
+    source: str
+
+
+class Lost(NamedTuple):
+    """A stretch in which the node was silent for too long."""
+
+    start_ns: int
+    end_ns: int
+    last_seq: int
+    last_ns: int
+    end_seq: int | None
+    timeout_ns: int
+    reason: str
+    state_before: str
+    whole_bus: bool
+
+
+class Ignored(NamedTuple):
+    """A command that the node demonstrably did not follow."""
+
+    command: Command
+    seq: int
+    t_ns: int
+    state: str
+
+
+class BootUpEvent(NamedTuple):
+    """A boot-up: (seq, t_ns, byte, seq and time of the reset command before it, repeated)."""
+
+    seq: int
+    t_ns: int
+    byte: int
+    command_seq: int | None
+    command_ns: int | None
+    repeated: bool
+
+
+@dataclass(slots=True)
+class _Cursor:
+    """What is known at one point of the timeline."""
+
+    state: NmtState
+    since_ns: int
+    command: Command | None = None
+    """The last command that nothing has confirmed yet."""
+    boot_ns: int | None = None
+    reset: Command | None = None
+
+
+class Timeline:
+    """Tells a node's states; `intervals` are half-open and leave no time out."""
+
+    def __init__(self, context: Context, history: NodeHistory, clock: ClockTable) -> None:
+        self._context = context
+        self.history = history
+        self._clock = clock
+        self._quirks = quirks(context.shadow.device(history.bus, history.node))
+        self._seqs = [beat.seq for beat in history.beats]
+        self.intervals: list[Interval] = []
+        self.boot_ups: list[BootUpEvent] = []
+        self.violations: list[Violation] = []
+        self.lost: list[Lost] = []
+        self.ignored: list[Ignored] = []
+        self.changes: list[tuple[int, int, str, str]] = []
+        """(seq, t_ns, from, to) of changes that the node reported without a command for them."""
+        self.late = self._lateness()
+        self.followed = False
+        """Whether the node ever did what a command said; the NMT master itself does not."""
+        self._heard = False
+        self._fresh_seq: int | None = -1
+        """The last boot-up, as long as the node has not told a state since: it may start itself."""
+        self._now = _Cursor(NmtState.UNKNOWN, history.first_ns)
+        self._begin(NmtState.UNKNOWN, history.first_ns, "nothing heard of it yet", "assumed", None)
+        for _, _, event in sorted(self._events(), key=lambda entry: entry[:2]):
+            self._take(event)
+        self._close(history.end_ns)
+
+    def listens(self, command: Command) -> bool:
+        """Whether the node was there to hear a command: known before it, and not LOST."""
+        before = bisect_left(self._seqs, command.seq)
+        away = any(lost.start_ns <= command.t_ns < lost.end_ns for lost in self.lost)
+        return before > 0 and not away
+
+    def confirmed(self, command: Command) -> int | None:
+        """Time from a command to the first message that confirms it [ns], None without one."""
+        wanted = STATE_AFTER_COMMAND.get(command.specifier)
+        if wanted is None:
+            return None
+        later = [c for c in self.history.commands if c.seq > command.seq]
+        stop = next((c.seq for c in later if STATE_AFTER_COMMAND.get(c.specifier) != wanted), None)
+        boots = {boot.seq for boot in self.boot_ups}
+        for beat in self.history.beats[bisect_right(self._seqs, command.seq) :]:
+            if stop is not None and beat.seq > stop:
+                return None
+            reached = beat.seq in boots if command.specifier in _RESETS else _state(beat) is wanted
+            if reached:
+                return max(0, beat.t_ns - command.t_ns)
+        return None
+
+    def _events(self) -> Iterator[tuple[int, int, object]]:
+        """(seq, order, event): commands before beats, silences before the frame that ends them."""
+        history = self.history
+        for silence in self._periodic(history.silences):
+            yield from self._events_of(silence)
+        for seq, gap in history.gaps:
+            yield seq, 2, gap
+        for command in history.commands:
+            yield command.seq, 3, command
+        for beat in history.beats:
+            yield beat.seq, 4, beat
+        for span in history.spans:
+            yield span.first_seq, 5, span
+
+    def _periodic(self, silences: list[Silence]) -> Iterator[Silence]:
+        """Leave out those that are a new, longer period: several alike, one after the other."""
+        for number, silence in enumerate(silences):
+            alike = [s.end_ns - s.start_ns for s in silences[number : number + ALIKE]]
+            joined = all(
+                later.start_ns == earlier.end_ns
+                for earlier, later in pairwise(silences[number : number + ALIKE])
+            )
+            if len(alike) == ALIKE and joined and max(alike) < 1.2 * min(alike):
+                continue
+            yield silence
+
+    def _events_of(self, silence: Silence) -> Iterator[tuple[int, int, object]]:
+        """Where in the order of `seq` a node gets LOST: commands may come before and after."""
+        timeout = self._timeout(silence)
+        if timeout is None or silence.end_ns <= silence.start_ns + timeout[0]:
+            return
+        lost_ns = silence.start_ns + timeout[0]
+        later = [
+            command.seq
+            for command in self.history.commands
+            if silence.start_seq < command.seq and command.t_ns >= lost_ns
+        ]
+        yield min([silence.order, *later[:1]]), 0, (silence, timeout)
+        if silence.end_seq is not None and not self._is_beat(silence.end_seq):
+            yield silence.order, 1, silence
+
+    def _take(self, event: object) -> None:
+        match event:
+            case Command():
+                self._command(event)
+            case Beat():
+                self._beat(event)
+            case PdoSpan():
+                self._pdos(event)
+            case (Silence() as silence, (int() as timeout_ns, str() as reason)):
+                self._silence(silence, timeout_ns, reason)
+            case Silence():
+                self._heard_again(event)
+            case Gap():
+                self._gap(event)
+
+    def _begin(
+        self, state: NmtState, t_ns: int, cause: str, certainty: Certainty, evidence: int | None
+    ) -> None:
+        """Start a new interval; a time before the present one's start is taken as its start."""
+        if self.intervals:
+            t_ns = max(t_ns, self.intervals[-1].start_ns)
+            self._close(t_ns)
+        if self.intervals and self.intervals[-1].start_ns == t_ns and self._may_vanish():
+            self.intervals.pop()
+        self.intervals.append(Interval(state, t_ns, t_ns, cause, certainty, evidence))
+        self._now.state, self._now.since_ns = state, t_ns
+
+    def _may_vanish(self) -> bool:
+        """Whether an interval without length says nothing: all have none in a log without times."""
+        return self._context.timed or self.intervals[-1].state is NmtState.UNKNOWN
+
+    def _close(self, t_ns: int) -> None:
+        if self.intervals:
+            last = self.intervals[-1]
+            last.end_ns = max(last.start_ns, t_ns)
+
+    def _command(self, command: Command) -> None:
+        state = STATE_AFTER_COMMAND.get(command.specifier)
+        if state is None:
+            return
+        now = self._now
+        if command.specifier in _RESETS:
+            now.reset = command
+        if now.state is state and state is not NmtState.INITIALISING:
+            now.command = command
+            return
+        if now.state is NmtState.LOST or (command.node == 0 and not self._heard):
+            return
+        now.command = command
+        whom = "all nodes" if command.node == 0 else "the node"
+        cause = f'command "{command_name(command.specifier)}" to {whom}'
+        self._begin(state, command.t_ns, cause, "commanded", command.seq)
+
+    def _beat(self, beat: Beat) -> None:
+        self._heard = True
+        if self._is_boot_up(beat):
+            self._boot_up(beat)
+            return
+        if beat.kind == "empty":
+            if self._now.state is not NmtState.UNKNOWN:
+                cause = "alive, but its state byte is empty since a remote frame asked for it"
+                self._begin(NmtState.UNKNOWN, beat.t_ns, cause, "observed", beat.seq)
+            return
+        state = _state(beat)
+        if state is None:
+            return
+        now, last = self._now, self.intervals[-1]
+        if state is now.state:
+            self._confirm(last, beat)
+            return
+        command = now.command
+        if command is not None and last.certainty == "commanded":
+            if beat.t_ns - command.t_ns <= IN_FLIGHT_NS and self._context.timed:
+                return
+            self._note_ignored(command, beat, state)
+        elif now.state not in (NmtState.UNKNOWN, NmtState.LOST):
+            self.changes.append((beat.seq, beat.t_ns, now.state.value, state.value))
+        self._begin(state, beat.t_ns, self._cause_of(beat, now.state), "observed", beat.seq)
+
+    def _confirm(self, last: Interval, beat: Beat) -> None:
+        """The node says the state that is told already."""
+        self._fresh_seq = -1
+        if last.certainty == "commanded":
+            self.followed = True
+            last.cause += f", confirmed by {beat.kind}"
+            if self._context.timed:
+                last.cause += f" after {max(0, beat.t_ns - last.start_ns) / 1e6:.1f} ms"
+        elif last.certainty == "implied":
+            last.cause += f", confirmed by {beat.kind}"
+        last.certainty = "observed"
+        last.evidence = beat.seq if last.evidence is None else last.evidence
+        self._now.command = None
+
+    def _note_ignored(self, command: Command, beat: Beat, state: NmtState) -> None:
+        """A contradiction counts once a period of the error control has passed."""
+        patience = self.history.period_ns
+        if patience is None or not self._context.timed:
+            return
+        if command.specifier in _RESETS:
+            patience = max(patience, self._reset_quiet_ns())
+        if beat.t_ns - command.t_ns > patience:
+            self.ignored.append(Ignored(command, beat.seq, beat.t_ns, state.value))
+
+    def _cause_of(self, beat: Beat, before: NmtState) -> str:
+        if before in (NmtState.UNKNOWN, NmtState.LOST):
+            return f"{beat.kind} says so"
+        command = self._now.command
+        if before is NmtState.INITIALISING and self._now.reset is not None:
+            return f"{beat.kind} says so, no boot-up was seen"
+        if command is not None and STATE_AFTER_COMMAND.get(command.specifier) is before:
+            return f'{beat.kind} says so, against the command "{command_name(command.specifier)}"'
+        return f"{beat.kind} says so, no command seen"
+
+    def _is_boot_up(self, beat: Beat) -> bool:
+        """00h as classified; another byte by the device's habit, right after a reset or silence."""
+        if beat.kind == "boot-up":
+            return True
+        if beat.kind != "heartbeat" or beat.state not in self._quirks.bootup_bytes:
+            return False
+        now = self._now
+        if now.state is NmtState.INITIALISING and now.reset is not None:
+            return True
+        return now.state is NmtState.LOST and beat.t_ns - beat.previous_ns >= 0
+
+    def _boot_up(self, beat: Beat) -> None:
+        now = self._now
+        reset = now.reset
+        commanded = reset is not None and (
+            not self._context.timed or 0 <= beat.t_ns - reset.t_ns <= RESET_WINDOW_NS
+        )
+        repeated = (
+            self._context.timed
+            and now.boot_ns is not None
+            and 0 <= beat.t_ns - now.boot_ns <= PAIR_NS
+            and now.reset is None
+        )
+        seq, t_ns = (reset.seq, reset.t_ns) if reset and commanded else (None, None)
+        self.boot_ups.append(BootUpEvent(beat.seq, beat.t_ns, beat.state, seq, t_ns, repeated))
+        if not repeated:
+            if now.state not in (NmtState.INITIALISING, NmtState.LOST, NmtState.UNKNOWN):
+                cause = "it started anew without a command, some time after its last sign of life"
+                start = beat.previous_ns if self._context.timed else beat.t_ns
+                self._begin(NmtState.INITIALISING, start, cause, "implied", beat.seq)
+            cause = "boot-up after a reset command" if commanded else "boot-up"
+            self._begin(NmtState.PRE_OPERATIONAL, beat.t_ns, cause, "observed", beat.seq)
+            self._fresh_seq = beat.seq
+        self.followed = self.followed or commanded
+        now.boot_ns, now.reset, now.command = beat.t_ns, None, None
+
+    def _pdos(self, span: PdoSpan) -> None:
+        now, last = self._now, self.intervals[-1]
+        fresh = now.state is NmtState.PRE_OPERATIONAL and last.evidence == self._fresh_seq
+        if now.state in (NmtState.UNKNOWN, NmtState.LOST) or fresh:
+            cause = f"PDO {span.can_id:03X}h, which only an OPERATIONAL node sends"
+            self._begin(NmtState.OPERATIONAL, span.first_ns, cause, "implied", span.first_seq)
+        elif now.state is NmtState.OPERATIONAL or span.asked or not self._context.timed:
+            return
+        elif span.late_seq is not None:
+            self.violations.append(
+                Violation(
+                    span.can_id,
+                    now.state,
+                    span.late_seq,
+                    span.late_ns,
+                    span.last_ns,
+                    span.late_count,
+                    span.guess,
+                    self.intervals[-1].certainty,
+                )
+            )
+
+    def _silence(self, silence: Silence, timeout_ns: int, reason: str) -> None:
+        now = self._now
+        start = silence.start_ns + timeout_ns
+        if now.state is NmtState.INITIALISING:
+            quiet = self._reset_quiet_ns()
+            since = now.reset.t_ns if now.reset else silence.start_ns
+            if silence.end_ns - since <= quiet:
+                return
+            start = max(start, since + quiet)
+        whole = self._of_the_bus(silence)
+        before = now.state.value
+        now.command = None
+        if whole and not self._starts_anew(silence) and silence.end_seq is not None:
+            cause = (
+                "no frame of anybody on the bus: switched off, not recorded, or the clock stepped"
+            )
+            self._begin(NmtState.UNKNOWN, start, cause, "assumed", None)
+            return
+        cause = f"silent for {(silence.end_ns - silence.start_ns) / 1e9:.3f} s, {reason}"
+        if whole:
+            cause += "; nobody else was heard either"
+        self._begin(NmtState.LOST, start, cause, "observed", silence.start_seq)
+        self.lost.append(
+            Lost(
+                start,
+                silence.end_ns,
+                silence.start_seq,
+                silence.start_ns,
+                silence.end_seq,
+                timeout_ns,
+                reason,
+                before,
+                whole,
+            )
+        )
+
+    def _heard_again(self, silence: Silence) -> None:
+        if self._now.state is NmtState.LOST:
+            cause = "heard again, but it has not told its state"
+            self._begin(NmtState.UNKNOWN, silence.end_ns, cause, "assumed", silence.end_seq)
+
+    def _is_beat(self, seq: int) -> bool:
+        at = bisect_left(self._seqs, seq)
+        return at < len(self._seqs) and self._seqs[at] == seq
+
+    def _of_the_bus(self, silence: Silence) -> bool:
+        bus = self._clock.silence_within(self.history.bus, silence.start_ns, silence.end_ns)
+        passed = silence.end_ns - silence.start_ns
+        return bus is not None and bus.end_ns - bus.start_ns >= BUS_SHARE * passed
+
+    def _starts_anew(self, silence: Silence) -> bool:
+        """Whether the node's first message after a silence is a boot-up."""
+        if silence.end_seq is None:
+            return False
+        at = bisect_left(self._seqs, silence.end_seq)
+        following = self.history.beats[at : at + 1]
+        return any(
+            beat.kind == "boot-up" or beat.state in self._quirks.bootup_bytes for beat in following
+        )
+
+    def _gap(self, gap: Gap) -> None:
+        cause = f"the recorder was blind ({gap.reason}); nothing heard since"
+        self._begin(NmtState.UNKNOWN, gap.start_ns, cause, "assumed", None)
+        self._now.command = self._now.reset = self._now.boot_ns = None
+
+    def _timeout(self, silence: Silence) -> tuple[int, str] | None:
+        """Silence after which the node is LOST [ns], and where the number comes from."""
+        if not self._context.timed or silence.kind == "boot-up":
+            return None
+        median = silence.period_ns
+        if median is not None:
+            median = max(median, self.history.period_ns or 0)
+        if silence.kind == "guard answer":
+            if not silence.requests or median is None:
+                return None
+            return round(LOST_FACTOR * median), f"{silence.requests} guard requests not answered"
+        consumer = self._consumer_ns(silence.start_seq)
+        if consumer is not None and (median is None or consumer[0] > median):
+            return consumer
+        known = self._context.shadow.get(
+            self.history.bus, self.history.node, 0x1017, 0, silence.start_seq
+        )
+        if known is not None and isinstance(known.value, int) and known.value > 0:
+            limit = round(LOST_FACTOR * known.value * 1e6)
+            if median is None or limit > median:
+                return limit, f"1.5 times its 1017h of {known.value} ms ({known.source})"
+        if median is None:
+            return None
+        return round(LOST_FACTOR * median), f"1.5 times its usual period of {median / 1e6:.1f} ms"
+
+    def _consumer_ns(self, seq: int) -> tuple[int, str] | None:
+        """The shortest 1016h time of a node that watches this one, as far as the bus told it."""
+        shadow, found = self._context.shadow, []
+        for bus, node in shadow.nodes():
+            if bus != self.history.bus or node == self.history.node:
+                continue
+            if not quirks(shadow.device(bus, node)).consumes_heartbeat:
+                continue
+            for sub in range(1, 128):
+                known = shadow.get(bus, node, 0x1016, sub, seq)
+                if known is None:
+                    break
+                value = known.value if isinstance(known.value, int) else 0
+                if value >> 16 & 0x7F == self.history.node and value & 0xFFFF:
+                    found.append((value & 0xFFFF, node, sub, known.source))
+        if not found:
+            return None
+        ms, node, sub, source = min(found)
+        return ms * 1_000_000, f"the {ms} ms that node {node} allows it (1016h:{sub}, {source})"
+
+    def _lateness(self) -> Lateness | None:
+        """Heartbeats that come at more than 1.5 times 1017h as a rule."""
+        history = self.history
+        known = self._context.shadow.get(history.bus, history.node, 0x1017)
+        if known is None or known.source == "eds-default" or history.period_ns is None:
+            return None
+        value = known.value if isinstance(known.value, int) else 0
+        if value <= 0 or history.period_ns <= LOST_FACTOR * value * 1e6:
+            return None
+        return Lateness(value, history.period_ns / 1e6, known.source)
+
+    def _reset_quiet_ns(self) -> int:
+        known = self._quirks.reset_quiet_ms * 1_000_000
+        return (known or RESET_QUIET_NS) + RESET_MARGIN_NS
+
+
+def _state(beat: Beat) -> NmtState | None:
+    if beat.kind == "boot-up":
+        return NmtState.PRE_OPERATIONAL
+    return None if beat.kind == "empty" else STATE_OF_BYTE.get(beat.state)

@@ -1,0 +1,281 @@
+"""PDO timing: answers to SYNC with the bounds of the device time, missed and extra ones, periods."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from syncline_analyzer.context import Context
+from syncline_analyzer.distribution import Distribution
+from syncline_analyzer.folds.block import Block
+from syncline_analyzer.folds.rhythm import Missed, Rhythm
+from syncline_analyzer.folds.sync import SyncFold, SyncIndex
+from syncline_analyzer.pdo_binding import Pdo, PdoBindings, Transmission
+from syncline_analyzer.series import Thinner
+from syncline_schemas.canopen.services import SERVICE_OF_ID, Service
+from syncline_schemas.wire_length import INTERMISSION_BITS
+
+MAX_RESPONSES = 100_000
+"""Responses of one PDO that are kept one by one."""
+UNKNOWN_BITS = 1 << 24
+"""What an error frame counts as between a SYNC and its answer: nothing is known of the bus then."""
+OVERDUE = 1.5
+"""A cyclic PDO is missing when its period is longer than this many event timers."""
+_SMALL_SPREAD = 0.25
+"""Interquartile range of the response, as a share of the SYNC period, of a synchronous PDO."""
+
+
+@dataclass(slots=True)
+class PdoState:
+    """A PDO identifier from block to block, and what its row is made of."""
+
+    frames: int = 0
+    last_ns: int | None = None
+    last_seq: int = 0
+    period: Distribution = field(default_factory=Distribution)
+    response: Distribution = field(default_factory=Distribution)
+    device_low: Distribution = field(default_factory=Distribution)
+    device_high: Distribution = field(default_factory=Distribution)
+    extra: int = 0
+    late: int = 0
+    rhythm: Rhythm = field(default_factory=Rhythm)
+    overdue: Missed = field(default_factory=Missed)
+    responses: Thinner = field(default_factory=lambda: Thinner("response_us", MAX_RESPONSES))
+    owner: Pdo | None = None
+    transmission: Transmission | None = None
+    changed_seq: int = 0
+    """`seq` since which `transmission` holds."""
+    sync_cob_id: int = 0x80
+
+    def told_type(self) -> int | None:
+        """Transmission type that the bus or the user told; a device's default does not count."""
+        known = self.transmission.type if self.transmission else None
+        if known is None or known.source == "eds-default" or not isinstance(known.value, int):
+            return None
+        return known.value if self.owner is not None and self.owner.kind == "tpdo" else None
+
+    def told_timer_ns(self) -> int | None:
+        """Event timer of a cyclic TPDO that the bus or the user told, None when 0 or not in use."""
+        timer = self.transmission.event_timer_ms if self.transmission else None
+        if self.told_type() not in (0xFE, 0xFF) or timer is None or timer.source == "eds-default":
+            return None
+        return timer.value * 1_000_000 if isinstance(timer.value, int) and timer.value else None
+
+    def answers_sync(self, sync_period_ns: float) -> int | None:
+        """n when the frames follow every n-th SYNC closely enough to answer it."""
+        every = self.rhythm.every()
+        if every is None or not self.response.count:
+            return None
+        spread = self.response.quantile(0.75) - self.response.quantile(0.25)
+        return every if spread <= _SMALL_SPREAD * sync_period_ns else None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Pass:
+    """A block as one bus sees it; `sent` (n,) bits on the bus up to the end of each row."""
+
+    block: Block
+    bus: int
+    sent: NDArray[np.int64]
+    bit_ns: float | None
+    syncs: dict[int, SyncIndex | None]
+
+
+class PdoFold:
+    """Follows every PDO identifier by `seq`; durations only in captures with times."""
+
+    def __init__(self, context: Context, bindings: PdoBindings, sync: SyncFold) -> None:
+        self._context = context
+        self._bindings = bindings
+        self._sync = sync
+        self._sent: dict[int, int] = {}
+        self.states: dict[tuple[int, int], PdoState] = {}
+
+    def update(self, block: Block, bus: int) -> None:
+        """Take in the frames of one bus of a block, SYNCs included."""
+        self._bindings.refresh(bus)
+        for can_id in self._pdo_ids(block, bus):
+            self.states.setdefault((bus, can_id), PdoState())
+        last_seq = block.batch.seq0 + len(block.batch) - 1
+        for can_id, state in self._states_of(bus):
+            self._rebind(state, bus, can_id, last_seq)
+        bitrate = self._context.bitrates.get(self._context.bus_name(bus))
+        sent = self._sent_bits(block, bus)
+        syncs = {cob: self._sync.update(block, bus, cob, sent) for cob in self._sync_ids(bus)}
+        passing = _Pass(block, bus, sent, 1e9 / bitrate if bitrate else None, syncs)
+        for can_id, state in self._states_of(bus):
+            rows = block.batch.rows(bus, can_id)
+            if len(rows):
+                self._follow(block, state, rows)
+            self._answer(passing, state, rows)
+
+    def gap(self, bus: int | None) -> None:
+        """Nothing is due and no period counts over a gap."""
+        for (state_bus, _), state in self.states.items():
+            if bus in (None, state_bus):
+                state.last_ns = None
+                state.rhythm.restart()
+
+    def _states_of(self, bus: int) -> list[tuple[int, PdoState]]:
+        return [(can_id, state) for (b, can_id), state in self.states.items() if b == bus]
+
+    def _sent_bits(self, block: Block, bus: int) -> NDArray[np.int64]:
+        bits = block.wire_bits + block.error * np.int64(UNKNOWN_BITS)
+        if not isinstance(block.by_bus[bus], slice):
+            bits = np.where(block.frames.bus == bus, bits, 0)
+        sent: NDArray[np.int64] = np.cumsum(bits) + self._sent.get(bus, 0)
+        self._sent[bus] = int(sent[-1])
+        return sent
+
+    def _pdo_ids(self, block: Block, bus: int) -> list[int]:
+        bound = set(self._bindings.identifiers(bus))
+        taken = set(self._sync_ids(bus))
+        return [
+            can_id
+            for id_bus, can_id in block.batch.ids()
+            if id_bus == bus
+            and can_id not in taken
+            and (can_id in bound or SERVICE_OF_ID[can_id] == Service.PDO)
+        ]
+
+    def _sync_ids(self, bus: int) -> list[int]:
+        """080h and every identifier that a node of the bus takes for SYNC."""
+        nodes = {node for node_bus, node in self._context.shadow.nodes() if node_bus == bus}
+        nodes |= {state.owner.node for _, state in self._states_of(bus) if state.owner}
+        return sorted({0x80} | {self._bindings.sync_cob_id(bus, node) for node in nodes})
+
+    def _rebind(self, state: PdoState, bus: int, can_id: int, seq: int) -> None:
+        """Look up whose PDO it is by now; a new transmission type starts a new rhythm."""
+        owner = self._bindings.owner(bus, can_id, seq)
+        if owner is None:
+            return
+        state.owner = owner
+        state.sync_cob_id = self._bindings.sync_cob_id(bus, owner.node, seq)
+        before, state.transmission = state.transmission, self._bindings.transmission(owner, seq)
+        type_now = state.transmission.type
+        if before is not None and _value(before.type) != _value(type_now):
+            state.rhythm.relearn()
+            state.changed_seq = (type_now.seq if type_now else None) or 0
+
+    def _follow(self, block: Block, state: PdoState, rows: NDArray[np.intp]) -> None:
+        """Periods of the identifier, SYNC or not."""
+        t_ns, seq = block.frames.t_ns[rows], block.batch.seq0 + rows
+        state.frames += len(rows)
+        if self._context.timed:
+            if state.last_ns is not None:
+                t_ns = np.concatenate(([state.last_ns], t_ns))
+                seq = np.concatenate(([state.last_seq], seq))
+            periods = np.diff(t_ns)
+            state.period.add(periods[periods >= 0])
+            self._find_overdue(state, periods, t_ns[:-1], seq[:-1])
+        state.last_ns, state.last_seq = int(t_ns[-1]), int(seq[-1])
+
+    @staticmethod
+    def _find_overdue(
+        state: PdoState,
+        periods: NDArray[np.int64],
+        before_ns: NDArray[np.int64],
+        before_seq: NDArray[np.int64],
+    ) -> None:
+        """Missing periods of a cyclic PDO whose event timer was told."""
+        timer_ns = state.told_timer_ns()
+        if timer_ns is None:
+            return
+        late = (periods > OVERDUE * timer_ns) & (before_seq >= state.changed_seq)
+        for at in np.flatnonzero(late).tolist():
+            count = round(float(periods[at]) / timer_ns) - 1
+            state.overdue.add_evenly(int(before_ns[at]), timer_ns, count, int(before_seq[at]))
+
+    def _answer(self, passing: _Pass, state: PdoState, rows: NDArray[np.intp]) -> None:
+        """Pair the PDOs of a block with the SYNCs before them."""
+        sync = passing.syncs.get(state.sync_cob_id)
+        if sync is None:
+            return
+        rows = rows[sync.before[rows] >= (0 if sync.known else 1)]
+        ordinal = sync.first_ordinal + sync.before[rows]
+        first = state.rhythm.first_of_period(ordinal)
+        state.extra += len(first) - int(first.sum())
+        rows, ordinal = rows[first], ordinal[first]
+        if self._context.timed and len(rows):
+            self._respond(passing, state, rows, sync)
+        fresh = passing.block.batch.seq0 + rows >= state.changed_seq
+        state.rhythm.answered(ordinal[fresh])
+        state.rhythm.evaluate(self._due_every(passing.bus, state), sync)
+
+    def _due_every(self, bus: int, state: PdoState) -> int | None:
+        told = state.told_type()
+        if told is not None:
+            return told if 1 <= told <= 0xF0 else None
+        if not self._context.timed:
+            return None
+        return state.answers_sync(self._sync.median_ns(bus, state.sync_cob_id))
+
+    def _respond(
+        self, passing: _Pass, state: PdoState, rows: NDArray[np.intp], sync: SyncIndex
+    ) -> None:
+        """Response and both bounds of the device time (analysis.md section 5)."""
+        block, position = passing.block, sync.before[rows]
+        response = block.frames.t_ns[rows] - sync.t_ns[position]
+        forward = response >= 0
+        rows, position, response = rows[forward], position[forward], response[forward]
+        if not len(rows):
+            return
+        state.response.add(response)
+        state.late += self._late(passing.bus, state, rows, response, block)
+        low, high = self._device_bounds(passing, rows, position, response, sync)
+        if passing.bit_ns is not None:
+            state.device_low.add(low)
+            state.device_high.add(high)
+        state.responses.add(
+            {
+                "seq": block.batch.seq0 + rows,
+                "t_ns": block.frames.t_ns[rows],
+                "response_us": response / 1000,
+                "device_low_us": low / 1000,
+                "device_high_us": high / 1000,
+            }
+        )
+
+    def _device_bounds(
+        self,
+        passing: _Pass,
+        rows: NDArray[np.intp],
+        position: NDArray[np.int64],
+        response: NDArray[np.int64],
+        sync: SyncIndex,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(low, high) [ns] of the time from the end of the SYNC to the request to send.
+
+        At least: everything since the SYNC, intermissions included, kept the device waiting. At
+        most: the bus was idle, and only the frame itself (which has no intermission before its
+        end) passed. Both are widened by the step of the stamps; NaN without a bit rate.
+        """
+        if passing.bit_ns is None:
+            nothing = np.full(len(rows), np.nan)
+            return nothing, nothing
+        block = passing.block
+        busy = passing.sent[rows] - sync.bits[position]
+        own = np.where(block.fd[rows], 0, block.wire_bits[rows] - INTERMISSION_BITS)
+        step_ns = self._context.resolution_ns - 1
+        low = np.floor(response - busy * passing.bit_ns) - step_ns
+        high = np.ceil(response - own * passing.bit_ns) + step_ns
+        return np.maximum(low, 0.0), np.maximum(high, 0.0)
+
+    def _late(
+        self,
+        bus: int,
+        state: PdoState,
+        rows: NDArray[np.intp],
+        response: NDArray[np.int64],
+        block: Block,
+    ) -> int:
+        """Answers after the synchronous window (1007h), where the node has one."""
+        if state.owner is None or state.owner.kind == "rpdo":
+            return 0
+        seq = block.batch.seq0 + int(rows[-1])
+        window_us = self._context.shadow.number(bus, state.owner.node, 0x1007, 0, seq)
+        return int((response > window_us * 1000).sum()) if window_us else 0
+
+
+def _value(known: object) -> object:
+    return getattr(known, "value", None)

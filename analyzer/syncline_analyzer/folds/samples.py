@@ -1,0 +1,199 @@
+"""Where the samples of angle traces come from: TPDOs by their mapping, and SDO reads."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from syncline_analyzer.folds.block import Block
+from syncline_analyzer.pdo_binding import Pdo, PdoBindings
+from syncline_analyzer.shadow import Shadow
+from syncline_schemas.decoder import MappedObject, PdoColumn, PdoMapping, decode_pdo
+from syncline_schemas.devices import Device, quirks
+from syncline_schemas.measurement import position_objects
+
+Key = tuple[int, int, int]
+"""(bus number, node, index << 8 | sub) of a trace."""
+SDO_SOURCE = -1
+VIBRATION_UNITS = ("mm/s", "g")
+"""Units of objects that are traced besides angles."""
+GENERIC_POSITION = (0x6004, 0)
+_CIA_406 = 0x196
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Samples:
+    """Samples of one object, in order of `seq`; all (n,).
+
+    `source` is the COB-ID that carried a sample, `SDO_SOURCE` for SDO reads. `valid` is False
+    where the frame is too short.
+    """
+
+    entry: MappedObject
+    seq: NDArray[np.int64]
+    t_ns: NDArray[np.int64]
+    raw: NDArray[np.int64]
+    valid: NDArray[np.bool_]
+    source: NDArray[np.int64]
+
+
+class SampleReader:
+    """Finds the position-like objects in the frames of a block."""
+
+    def __init__(self, shadow: Shadow, bindings: PdoBindings) -> None:
+        self._shadow = shadow
+        self._bindings = bindings
+        self._reads_seen: dict[int, int] = {}
+
+    def read(self, block: Block, bus: int) -> dict[Key, Samples]:
+        """Samples of every trace of a bus in a block."""
+        self._bindings.refresh(bus)
+        found: dict[Key, list[Samples]] = {}
+        for id_bus, can_id in block.batch.ids():
+            if id_bus == bus:
+                for key, samples in self._from_pdo(block, bus, can_id):
+                    found.setdefault(key, []).append(samples)
+        last_seq = block.batch.seq0 + len(block.batch) - 1
+        for key, samples in self._from_sdo(bus, self._reads_seen.get(bus, -1), last_seq):
+            found.setdefault(key, []).append(samples)
+        self._reads_seen[bus] = last_seq
+        return {key: _joined(parts) for key, parts in found.items()}
+
+    def _from_pdo(self, block: Block, bus: int, can_id: int) -> Iterator[tuple[Key, Samples]]:
+        rows = block.batch.rows(bus, can_id)
+        first, last = block.batch.seq0 + int(rows[0]), block.batch.seq0 + int(rows[-1])
+        edges = [first, *self._bindings.cuts(bus, can_id, first, last), last + 1]
+        for begin, stop in pairwise(edges):
+            owner = self._bindings.owner(bus, can_id, begin)
+            if owner is None or owner.guess or owner.kind != "tpdo":
+                continue
+            mapping = self._bindings.mapping(owner, begin)
+            low, high = np.searchsorted(rows + block.batch.seq0, [begin, stop])
+            if mapping is not None and high > low:
+                yield from self._decode(block, owner, mapping, rows[low:high], can_id)
+
+    def _decode(
+        self, block: Block, owner: Pdo, mapping: PdoMapping, rows: NDArray[np.intp], can_id: int
+    ) -> Iterator[tuple[Key, Samples]]:
+        device = self._shadow.device(owner.bus, owner.node)
+        wanted = [e for e in mapping.entries if self._is_traced(owner.bus, owner.node, device, e)]
+        if not wanted or not self._is_measured(owner, device, block.batch.seq0 + int(rows[0])):
+            return
+        frames = block.frames
+        for column in decode_pdo(mapping, frames.data[rows], frames.dlc[rows]):
+            if column.entry in wanted:
+                key = (owner.bus, owner.node, column.entry.index << 8 | column.entry.sub)
+                yield key, _samples(block, rows, column, can_id)
+
+    def _is_traced(self, bus: int, node: int, device: Device | None, entry: MappedObject) -> bool:
+        if entry.kind in ("float", "dummy"):
+            return False
+        if device is None:
+            return (entry.index, entry.sub) == GENERIC_POSITION and self._is_encoder(bus, node)
+        return (entry.index, entry.sub) in position_objects(device) or entry.unit in VIBRATION_UNITS
+
+    def _is_encoder(self, bus: int, node: int) -> bool:
+        """Whether a node of which no device is known says that it follows CiA 406."""
+        return (self._shadow.number(bus, node, 0x1000) or 0) & 0xFFFF == _CIA_406
+
+    def _is_measured(self, owner: Pdo, device: Device | None, seq: int) -> bool:
+        """False while the device's output mode leaves the PDO's content undefined."""
+        facts = quirks(device)
+        if facts.output_mode is None:
+            return True
+        mode = self._shadow.number(owner.bus, owner.node, *facts.output_mode, seq)
+        return mode is None or mode not in facts.mode_pdos or owner.number in facts.mode_pdos[mode]
+
+    def _from_sdo(self, bus: int, first: int, last: int) -> Iterator[tuple[Key, Samples]]:
+        """Values that were read by SDO at `first < seq <= last`."""
+        for node_bus, node in self._shadow.nodes():
+            if node_bus != bus:
+                continue
+            device = self._shadow.device(bus, node)
+            objects = position_objects(device)
+            if device is None and self._is_encoder(bus, node):
+                objects = (GENERIC_POSITION,)
+            for index, sub in objects:
+                entry = _entry(device, index, sub)
+                reads = self._reads(bus, node, entry, first, last)
+                if reads:
+                    seq, t_ns, raw = (
+                        np.array(column, np.int64) for column in zip(*reads, strict=True)
+                    )
+                    yes = np.ones(len(seq), np.bool_)
+                    source = np.full(len(seq), SDO_SOURCE, np.int64)
+                    yield (bus, node, index << 8 | sub), Samples(entry, seq, t_ns, raw, yes, source)
+
+    def _reads(
+        self, bus: int, node: int, entry: MappedObject, first: int, last: int
+    ) -> list[tuple[int, int, int]]:
+        reads = []
+        for seq in self._shadow.changes(bus, node, entry.index, entry.sub):
+            known = self._shadow.get(bus, node, entry.index, entry.sub, seq)
+            if first < seq <= last and known is not None and known.source == "sdo-read":
+                value = known.value
+                raw = value if isinstance(value, int) else int.from_bytes(value[:4], "little")
+                reads.append((seq, known.t_ns or 0, _resigned(raw, entry)))
+        return reads
+
+
+def _samples(block: Block, rows: NDArray[np.intp], column: PdoColumn, can_id: int) -> Samples:
+    return Samples(
+        column.entry,
+        block.batch.seq0 + rows,
+        block.frames.t_ns[rows],
+        column.raw.astype(np.int64),
+        column.valid,
+        np.full(len(rows), can_id, np.int64),
+    )
+
+
+def _entry(device: Device | None, index: int, sub: int) -> MappedObject:
+    """How an object reads when it comes by SDO."""
+    facts = device.object(index, sub) if device else None
+    bits, signed = _WIDTHS.get(facts.data_type if facts else None, (32, False))
+    return MappedObject(
+        index,
+        sub,
+        bits,
+        0,
+        facts.name if facts else f"{index:04X}h:{sub:02X}",
+        "signed" if signed else "unsigned",
+        facts.unit if facts else "",
+        facts.scale if facts else 1.0,
+    )
+
+
+_WIDTHS: dict[int | None, tuple[int, bool]] = {
+    0x02: (8, True),
+    0x03: (16, True),
+    0x04: (32, True),
+    0x05: (8, False),
+    0x06: (16, False),
+    0x07: (32, False),
+}
+"""(bits, signed) by data type (CiA 301 table 44)."""
+
+
+def _resigned(raw: int, entry: MappedObject) -> int:
+    raw &= (1 << entry.bits) - 1
+    return raw - (1 << entry.bits) if entry.kind == "signed" and raw >> entry.bits - 1 else raw
+
+
+def _joined(parts: list[Samples]) -> Samples:
+    """Samples of several sources as one trace, in order of `seq`."""
+    if len(parts) == 1:
+        return parts[0]
+    seq = np.concatenate([part.seq for part in parts])
+    order = np.argsort(seq, kind="stable")
+    widest = max((part.entry for part in parts), key=lambda entry: bool(entry.name))
+    return Samples(
+        widest,
+        seq[order],
+        np.concatenate([part.t_ns for part in parts])[order],
+        np.concatenate([part.raw for part in parts])[order],
+        np.concatenate([part.valid for part in parts])[order],
+        np.concatenate([part.source for part in parts])[order],
+    )

@@ -1,0 +1,286 @@
+"""SYNC, PDO timing and bus load in one pass over the frames."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import groupby, pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from syncline_analyzer.context import Context
+from syncline_analyzer.fold import IndexedBatch
+from syncline_analyzer.folds.block import Block, Blocks
+from syncline_analyzer.folds.load import LoadFold
+from syncline_analyzer.folds.pdo import PdoFold, PdoState
+from syncline_analyzer.folds.rhythm import LEARN, MissedList, Operational
+from syncline_analyzer.folds.sync import SyncFold, SyncTable
+from syncline_analyzer.pdo_binding import PdoBindings
+from syncline_analyzer.results import (
+    BusLoadRow,
+    HoleRow,
+    NmtStateRow,
+    PdoRow,
+    Responses,
+    Series,
+    SyncJitterRow,
+    SyncRow,
+)
+from syncline_analyzer.shadow import Known
+from syncline_schemas.batch import Gap
+
+MAX_HOLES = 1000
+MAX_EVIDENCE = 100
+START_NS = 10_000_000
+"""Time that a node has to act on a start command."""
+_CYCLIC = 0.1
+"""Interquartile range of the period of a cyclic PDO, as a share of the median."""
+
+
+@dataclass(frozen=True, slots=True)
+class TimingTables:
+    """Everything about SYNC, PDOs and bus load."""
+
+    sync: list[SyncRow] = field(default_factory=list)
+    pdos: list[PdoRow] = field(default_factory=list)
+    bus_load: list[BusLoadRow] = field(default_factory=list)
+    holes: list[HoleRow] = field(default_factory=list)
+    sync_jitter: list[SyncJitterRow] = field(default_factory=list)
+    responses: list[Responses] = field(default_factory=list)
+    series: list[Series] = field(default_factory=list)
+
+
+class TimingFold:
+    """SYNC periods, PDO responses, missed PDOs and bus load.
+
+    Comes after the fold that fills the shadow. Batches are joined to blocks first, so the state of
+    the shadow counts by `seq`, not by when it is asked.
+    """
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        self._blocks = Blocks()
+        self._bindings = PdoBindings(context.shadow)
+        self._sync = SyncFold(context)
+        self._pdo = PdoFold(context, self._bindings, self._sync)
+        self._load = LoadFold(context)
+
+    def update(self, batch: IndexedBatch) -> None:
+        """Take in the next frames."""
+        for block in self._blocks.add(batch):
+            self._take(block)
+
+    def gap(self, gap: Gap) -> None:
+        """Periods, counts and windows start again after a gap."""
+        self._flush()
+        self._sync.gap(gap.bus)
+        self._pdo.gap(gap.bus)
+        self._load.gap(gap.bus)
+
+    def finish(self, end_ns: int, nmt_states: Sequence[NmtStateRow] | None = None) -> TimingTables:
+        """All tables; a PDO is missed only while `nmt_states` say OPERATIONAL (None: always)."""
+        self._flush()
+        load, load_series = self._load.finish()
+        syncs = self._sync.finish()
+        tables = TimingTables(
+            sync=[table.row for table in syncs],
+            bus_load=load,
+            sync_jitter=[row for table in syncs for row in table.jitter],
+            series=[t.series for t in syncs if t.series is not None] + load_series,
+        )
+        for table in syncs:
+            tables.holes.extend(_sync_holes(table))
+        for (bus, can_id), state in sorted(self._pdo.states.items()):
+            if state.frames:
+                self._add_pdo(tables, bus, can_id, state, nmt_states)
+        return tables
+
+    def _flush(self) -> None:
+        for block in self._blocks.flush():
+            self._take(block)
+
+    def _take(self, block: Block) -> None:
+        for bus in block.by_bus:
+            self._pdo.update(block, bus)
+            self._load.update(block, bus)
+
+    def _add_pdo(
+        self,
+        tables: TimingTables,
+        bus: int,
+        can_id: int,
+        state: PdoState,
+        nmt_states: Sequence[NmtStateRow] | None,
+    ) -> None:
+        sync_ns = self._sync.median_ns(bus, state.sync_cob_id)
+        sending = _sending(state, sync_ns, timed=self._context.timed)
+        missed = self._missed(bus, state, sending, sync_ns, nmt_states)
+        name = self._context.bus_name(bus)
+        row = _pdo_row(name, can_id, state, sending, missed)
+        tables.pdos.append(row)
+        tables.holes.extend(_pdo_holes(row, missed, _due_step_ns(state, sending, sync_ns)))
+        if sending.synchronous and state.response.count:
+            tables.responses.append(_responses(row, state))
+
+    def _missed(
+        self,
+        bus: int,
+        state: PdoState,
+        sending: "_Sending",
+        sync_ns: float,
+        nmt_states: Sequence[NmtStateRow] | None,
+    ) -> MissedList:
+        nothing = MissedList(np.zeros(0, np.int64), np.zeros(0, np.int64))
+        counter = self._bindings.repeat_counter(state.owner) if state.owner else None
+        if counter is not None and counter.value:
+            return nothing
+        intervals = None
+        if nmt_states is not None and state.owner is not None and self._context.timed:
+            name = self._context.bus_name(bus)
+            intervals = _operational(nmt_states, name, state.owner.node)
+        if sending.synchronous:
+            again_ns = START_NS + (sending.every * sync_ns if sending.every > 1 else 0.0)
+            return state.rhythm.missed.within(intervals, sync_ns, again_ns)
+        timer_ns = state.told_timer_ns()
+        return state.overdue.within(intervals, timer_ns, timer_ns) if timer_ns else nothing
+
+
+@dataclass(frozen=True, slots=True)
+class _Sending:
+    """Transmission type of a row, where it comes from, and n of a synchronous PDO."""
+
+    type: int | None
+    source: str
+    synchronous: bool = False
+    every: int = 1
+
+
+def _sending(state: PdoState, sync_ns: float, *, timed: bool) -> _Sending:
+    """The transmission type as told; a mere default only where the frames do not contradict it."""
+    inferred = _inferred(state, sync_ns) if timed else _Sending(None, "unknown")
+    known = state.transmission.type if state.transmission else None
+    if known is None or not isinstance(known.value, int):
+        return inferred
+    told = _told(known)
+    if known.source == "eds-default" and inferred.source != "unknown":
+        agree = told.synchronous == inferred.synchronous and (
+            told.every == inferred.every or told.type == 0
+        )
+        event_on_sync = told.type == 0 and not inferred.synchronous
+        return told if agree or event_on_sync else inferred
+    return told
+
+
+def _told(known: Known) -> _Sending:
+    number = known.value if isinstance(known.value, int) else 0
+    return _Sending(number, known.source, number <= 0xF0, max(1, number) if number <= 0xF0 else 1)
+
+
+def _inferred(state: PdoState, sync_ns: float) -> _Sending:
+    """What the frames say (analysis.md section 5)."""
+    every = state.answers_sync(sync_ns)
+    if every is not None:
+        which = "every SYNC" if every == 1 else f"every {_ordinal(every)} SYNC"
+        return _Sending(every, f"inferred: synchronous, {which}", True, every)
+    if state.period.count < LEARN - 1:
+        return _Sending(None, "unknown")
+    median = state.period.quantile(0.5)
+    spread = state.period.quantile(0.75) - state.period.quantile(0.25)
+    if median > 0 and spread < _CYCLIC * median:
+        return _Sending(None, f"inferred: cyclic, {median / 1e6:.4g} ms")
+    return _Sending(None, "inferred: event-driven")
+
+
+def _ordinal(number: int) -> str:
+    """
+    >>> [_ordinal(n) for n in (2, 3, 4, 11, 21)]
+    ['2nd', '3rd', '4th', '11th', '21st']
+    """
+    ending = "th" if number % 100 in (11, 12, 13) else {1: "st", 2: "nd", 3: "rd"}.get(number % 10)
+    return f"{number}{ending or 'th'}"
+
+
+def _operational(rows: Sequence[NmtStateRow], bus: str, node: int) -> list[Operational] | None:
+    """When a node was OPERATIONAL; None when nothing at all is known of its state."""
+    of_node = [row for row in rows if row.bus == bus and row.node == node]
+    if all(row.state == "UNKNOWN" for row in of_node):
+        return None
+    stretches = [list(group) for _, group in groupby(of_node, key=lambda row: row.state)]
+    follows = [stretch[0].state for stretch in stretches[1:]] + ["UNKNOWN"]
+    return [
+        Operational(stretch[0].start_ns, stretch[-1].end_ns, left=after != "UNKNOWN")
+        for stretch, after in zip(stretches, follows, strict=True)
+        if stretch[0].state == "OPERATIONAL"
+    ]
+
+
+def _due_step_ns(state: PdoState, sending: _Sending, sync_ns: float) -> float:
+    """Time between two moments at which the PDO is due."""
+    if sending.synchronous:
+        return sync_ns * sending.every
+    return float(state.told_timer_ns() or 0)
+
+
+def _pdo_row(
+    bus: str, can_id: int, state: PdoState, sending: _Sending, missed: MissedList
+) -> PdoRow:
+    owner, answers = state.owner, sending.synchronous
+    return PdoRow(
+        bus=bus,
+        cob_id=can_id,
+        node=owner.node if owner else None,
+        pdo=owner.name if owner else None,
+        frames=state.frames,
+        transmission_type=sending.type,
+        type_source=sending.source,
+        period_us=state.period.quantiles(1000),
+        response_us=state.response.quantiles(1000, std=True) if answers else None,
+        device_us_low=state.device_low.quantiles(1000) if answers else None,
+        device_us_high=state.device_high.quantiles(1000) if answers else None,
+        missed=missed.count,
+        extra=state.extra if answers else 0,
+        late=state.late if answers else 0,
+        missed_seq=missed.seq[:MAX_EVIDENCE].tolist(),
+    )
+
+
+def _responses(row: PdoRow, state: PdoState) -> Responses:
+    columns = state.responses.columns()
+    counts, edges = state.response.histogram()
+    return Responses(
+        row.bus,
+        row.cob_id,
+        row.node,
+        row.pdo,
+        columns["seq"],
+        columns["t_ns"],
+        columns["response_us"],
+        columns["device_low_us"],
+        columns["device_high_us"],
+        counts,
+        edges / 1000,
+    )
+
+
+def _sync_holes(table: SyncTable) -> list[HoleRow]:
+    row = table.row
+    return [
+        HoleRow(row.bus, row.cob_id, "sync", h.start_ns, h.end_ns, h.missing, list(h.seq))
+        for h in table.holes[:MAX_HOLES]
+    ]
+
+
+def _pdo_holes(row: PdoRow, missed: MissedList, step_ns: float) -> list[HoleRow]:
+    """Missed moments that follow one another, joined."""
+    if not len(missed.t_ns):
+        return []
+    apart = np.diff(missed.t_ns)
+    cuts = np.flatnonzero((apart > 1.5 * step_ns) | (apart < 0)) + 1
+    edges = [0, *cuts[: MAX_HOLES - 1].tolist(), len(missed.t_ns)]
+    return [_hole(row, missed, step_ns, a, b) for a, b in pairwise(edges)]
+
+
+def _hole(row: PdoRow, missed: MissedList, step_ns: float, first: int, stop: int) -> HoleRow:
+    t_ns: NDArray[np.int64] = missed.t_ns
+    end_ns = int(t_ns[stop - 1]) + round(step_ns)
+    evidence = sorted(set(missed.seq[first : min(stop, first + MAX_EVIDENCE)].tolist()))
+    return HoleRow(row.bus, row.cob_id, "pdo", int(t_ns[first]), end_ns, stop - first, evidence)

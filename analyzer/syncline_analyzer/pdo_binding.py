@@ -1,0 +1,244 @@
+"""Whose PDO an identifier is at a moment, how it is mapped, and when it is sent."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+from syncline_analyzer.shadow import Known, Shadow
+from syncline_schemas.canopen.services import predefined_pdo
+from syncline_schemas.decoder import PdoMapping
+from syncline_schemas.devices import Device, quirks
+
+Kind = Literal["tpdo", "rpdo"]
+
+COMMUNICATION: dict[Kind, int] = {"tpdo": 0x1800, "rpdo": 0x1400}
+"""First communication parameter record; PDO n has the (n - 1)th after it."""
+MAPPING: dict[Kind, int] = {"tpdo": 0x1A00, "rpdo": 0x1600}
+PDO_COUNT = 512
+_OFF = 1 << 31
+_FRAME_29_BIT = 1 << 29
+_RANK = {"sdo-read": 0, "sdo-write": 0, "bus-description": 1, "eds-default": 2, "predefined": 3}
+
+
+@dataclass(frozen=True, slots=True)
+class Pdo:
+    """A PDO of a node and what binds it to its identifier ("predefined" is only a guess)."""
+
+    bus: int
+    node: int
+    kind: Kind
+    number: int
+    source: str
+
+    @property
+    def guess(self) -> bool:
+        """Whether only the predefined connection set says so."""
+        return self.source == "predefined"
+
+    @property
+    def name(self) -> str:
+        """ "TPDO1", or "TPDO1 (guess)"."""
+        return f"{self.kind.upper()}{self.number}{' (guess)' if self.guess else ''}"
+
+    @property
+    def communication(self) -> int:
+        """Index of its communication parameters (180xh or 140xh)."""
+        return COMMUNICATION[self.kind] + self.number - 1
+
+    @property
+    def mapping(self) -> int:
+        """Index of its mapping parameters (1A0xh or 160xh)."""
+        return MAPPING[self.kind] + self.number - 1
+
+
+@dataclass(frozen=True, slots=True)
+class Transmission:
+    """When a PDO is sent, as far as somebody said so; each value with its source."""
+
+    type: Known | None
+    inhibit_100us: Known | None
+    event_timer_ms: Known | None
+
+    @property
+    def every(self) -> int | None:
+        """n of a synchronous PDO that is due on every n-th SYNC."""
+        number = _number(self.type)
+        return number if number is not None and 1 <= number <= 0xF0 else None
+
+
+class PdoBindings:
+    """Identifiers of the PDOs of all nodes over the capture, by what the shadow knows.
+
+    The claims are collected by `refresh`, which costs little and is due whenever the shadow may
+    have learned something; `owner` and the like then answer for any `seq`.
+    """
+
+    def __init__(self, shadow: Shadow) -> None:
+        self._shadow = shadow
+        self._claims: dict[tuple[int, int], list[tuple[Kind, int, int]]] = {}
+        self._assumed: dict[int, dict[int, list[tuple[Kind, int, int]]]] = {}
+        self._devices: dict[int, list[Device | None]] = {}
+
+    def refresh(self, bus: int) -> None:
+        """Collect the identifiers that any node of a bus claims or ever claimed."""
+        claims: dict[tuple[int, int], list[tuple[Kind, int, int]]] = {}
+        for can_id, found in self._assumed_claims(bus).items():
+            claims[bus, can_id] = list(found)
+        for learned_bus, node in self._shadow.nodes():
+            if learned_bus != bus:
+                continue
+            for kind, number, value in self._learned_claims(bus, node):
+                entry = claims.setdefault((bus, value & 0x7FF), [])
+                if (kind, number, node) not in entry:
+                    entry.append((kind, number, node))
+        for key in [key for key in self._claims if key[0] == bus]:
+            del self._claims[key]
+        self._claims.update(claims)
+
+    def identifiers(self, bus: int) -> list[int]:
+        """Every 11-bit identifier that a PDO of the bus is or was bound to."""
+        return [can_id for claimed_bus, can_id in self._claims if claimed_bus == bus]
+
+    def owner(self, bus: int, can_id: int, seq: int | None = None) -> Pdo | None:
+        """The PDO that an identifier carries at `seq` (at the end when None).
+
+        What was seen on the bus wins over the bus description, that over the device's EDS, that
+        over the predefined connection set. A TPDO wins over an RPDO: it is the one that is sent.
+        """
+        bound: list[Pdo] = []
+        for kind, number, node in self._claims.get((bus, can_id), ()):
+            known = self._cob_id(bus, node, kind, number, seq)
+            if known is not None and known.value == can_id:
+                bound.append(Pdo(bus, node, kind, number, known.source))
+        if bound:
+            return min(bound, key=lambda pdo: (pdo.kind == "rpdo", _RANK[pdo.source]))
+        return self._guess(bus, can_id, seq)
+
+    def cuts(self, bus: int, can_id: int, first: int, last: int) -> list[int]:
+        """Moments `first < seq <= last` at which owner or mapping of an identifier may change."""
+        found: set[int] = set()
+        claims = self._claims.get((bus, can_id), [])
+        guess = predefined_pdo(can_id)
+        if guess is not None:
+            kind, number, node = guess
+            claims = [*claims, ("tpdo" if kind == "tpdo" else "rpdo", number, node)]
+        for kind, number, node in claims:
+            subs = [(COMMUNICATION[kind] + number - 1, 1)]
+            subs += [(MAPPING[kind] + number - 1, sub) for sub in range(9)]
+            for index, sub in subs:
+                found.update(self._shadow.changes(bus, node, index, sub))
+        return sorted(seq for seq in found if first < seq <= last)
+
+    def mapping(self, pdo: Pdo, seq: int | None = None) -> PdoMapping | None:
+        """Mapping of a PDO at `seq`; None when nobody said what it carries."""
+        shadow, bus, node = self._shadow, pdo.bus, pdo.node
+        count = self._mapping_value(pdo, 0, seq)
+        if not count or count > 64:
+            return None
+        values = [self._mapping_value(pdo, sub, seq) for sub in range(1, count + 1)]
+        if any(value is None for value in values):
+            return None
+        return PdoMapping.from_objects(
+            [value for value in values if value is not None],
+            shadow.device(bus, node),
+            lambda index, sub: shadow.number(bus, node, index, sub, seq),
+        )
+
+    def transmission(self, pdo: Pdo, seq: int | None = None) -> Transmission:
+        """Transmission type, inhibit time and event timer of a PDO at `seq`, with their sources."""
+        get = self._shadow.get
+        index = pdo.communication
+        return Transmission(
+            *(get(pdo.bus, pdo.node, index, sub, seq) for sub in (2, 3, 5)),
+        )
+
+    def repeat_counter(self, pdo: Pdo, seq: int | None = None) -> Known | None:
+        """The object that limits how many equal frames follow a change, where a device has one."""
+        device = self._shadow.device(pdo.bus, pdo.node)
+        key = quirks(device).repeat_counters.get(pdo.number) if pdo.kind == "tpdo" else None
+        return self._shadow.get(pdo.bus, pdo.node, *key, seq) if key else None
+
+    def sync_cob_id(self, bus: int, node: int, seq: int | None = None) -> int:
+        """Identifier of the SYNC that a node listens to (1005h), 080h unless it is told otherwise."""
+        value = self._shadow.number(bus, node, 0x1005, 0, seq)
+        return 0x80 if value is None or value & _FRAME_29_BIT else value & 0x7FF
+
+    def _mapping_value(self, pdo: Pdo, sub: int, seq: int | None) -> int | None:
+        device = self._shadow.device(pdo.bus, pdo.node)
+        if device is not None and quirks(device).fixed_mapping:
+            value = device.default(pdo.mapping, sub, pdo.node)
+            if isinstance(value, int):
+                return value
+        return self._shadow.number(pdo.bus, pdo.node, pdo.mapping, sub, seq)
+
+    def _cob_id(
+        self, bus: int, node: int, kind: Kind, number: int, seq: int | None
+    ) -> Known | None:
+        """Value of 180xh:1 as it acts; None when it is off, 29-bit or not known at all."""
+        index = COMMUNICATION[kind] + number - 1
+        known = self._shadow.get(bus, node, index, 1, seq)
+        if known is None or not isinstance(known.value, int):
+            return None
+        value = known.value
+        device = self._shadow.device(bus, node)
+        mask = quirks(device).pdo_cob_id_mask
+        if device is not None and known.source == "sdo-write" and mask != 0xFFFFFFFF:
+            default = device.default(index, 1, node)
+            fixed = default if isinstance(default, int) else value
+            value = fixed & ~mask | value & mask
+        if value & (_OFF | _FRAME_29_BIT):
+            return None
+        return Known(value & 0x7FF, known.source, known.seq, known.t_ns)
+
+    def _guess(self, bus: int, can_id: int, seq: int | None) -> Pdo | None:
+        predefined = predefined_pdo(can_id)
+        if predefined is None:
+            return None
+        kind: Kind = "tpdo" if predefined[0] == "tpdo" else "rpdo"
+        _, number, node = predefined
+        if self._shadow.get(bus, node, COMMUNICATION[kind] + number - 1, 1, seq) is not None:
+            return None
+        return Pdo(bus, node, kind, number, "predefined")
+
+    def _learned_claims(self, bus: int, node: int) -> Iterator[tuple[Kind, int, int]]:
+        shadow = self._shadow
+        for index, sub in shadow.learned(bus, node):
+            place = _pdo_of(index)
+            if sub != 1 or place is None:
+                continue
+            kind, number = place
+            for seq in shadow.changes(bus, node, index, sub):
+                known = self._cob_id(bus, node, kind, number, seq)
+                if known is not None and isinstance(known.value, int):
+                    yield kind, number, known.value
+
+    def _assumed_claims(self, bus: int) -> dict[int, list[tuple[Kind, int, int]]]:
+        """What description and devices say before anything was seen; devices may come later."""
+        devices = [self._shadow.device(bus, node) for node in range(128)]
+        if self._devices.get(bus) == devices:
+            return self._assumed[bus]
+        found: dict[int, list[tuple[Kind, int, int]]] = {}
+        for node, device in enumerate(devices):
+            indexes = {index for index, _ in device.facts} if device else set()
+            indexes |= {base + k for base in COMMUNICATION.values() for k in range(4)}
+            for index in sorted(indexes):
+                place = _pdo_of(index)
+                known = self._cob_id(bus, node, *place, 0) if place else None
+                if place and known is not None and isinstance(known.value, int):
+                    found.setdefault(known.value, []).append((*place, node))
+        self._assumed[bus] = found
+        self._devices[bus] = devices
+        return found
+
+
+def _pdo_of(index: int) -> tuple[Kind, int] | None:
+    """Kind and number of a PDO by the index of its communication parameters."""
+    if 0x1800 <= index < 0x1800 + PDO_COUNT:
+        return "tpdo", index - 0x17FF
+    if 0x1400 <= index < 0x1400 + PDO_COUNT:
+        return "rpdo", index - 0x13FF
+    return None
+
+
+def _number(known: Known | None) -> int | None:
+    return known.value if known is not None and isinstance(known.value, int) else None

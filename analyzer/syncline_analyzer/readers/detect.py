@@ -1,0 +1,172 @@
+"""Which format a file has, found from its content, and the reader for it."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from syncline_analyzer.capture import CaptureReader
+from syncline_analyzer.readers.source import (
+    BLOCK_BYTES,
+    GZIP_MAGIC,
+    ZSTD_MAGIC,
+    CaptureSource,
+    LineSource,
+)
+from syncline_schemas.batch import FrameBatch, Gap
+from syncline_schemas.errors import CaptureError
+
+KNOWN_FORMATS = (
+    "Syncline and ROS 2 captures (.mcap), candump logs and screen dumps, Vector .asc and .blf, "
+    "PEAK .trc, IXXAT MiniMon .trc, CSV logs; each also as .gz or .zst"
+)
+_MCAP_MAGIC = b"\x89MCAP"
+_FOREIGN_MAGIC = {
+    b"MDF     ": "an ASAM MDF file",
+    b"UnFinMF ": "an unfinished ASAM MDF file",
+    b"\x0a\x0d\x0d\x0a": "a pcapng file",
+    b"\xd4\xc3\xb2\xa1": "a pcap file",
+    b"\xa1\xb2\xc3\xd4": "a pcap file",
+    b"\x4d\x3c\xb2\xa1": "a pcap file",
+    b"PK\x03\x04": "a ZIP archive",
+    b"SQLite format 3": "an SQLite database",
+    b"7z\xbc\xaf": "a 7-Zip archive",
+    b"BZh": "a bzip2 file",
+    b"\xfd7zXZ": "an xz file",
+}
+_LINES_LOOKED_AT = 2000
+
+
+def open_capture(
+    path: str | Path,
+    *,
+    start_ns: int | None = None,
+    end_ns: int | None = None,
+    block_bytes: int = BLOCK_BYTES,
+) -> CaptureReader:
+    """Reader for a capture or log of any known format, whatever the name of the file.
+
+    Args:
+        path: the file; gzip and zstd are unpacked on the way.
+        start_ns, end_ns: only frames with `start_ns <= t_ns < end_ns`, in the log's own time.
+        block_bytes: how much text is read at once.
+
+    Raises:
+        CaptureError: the file cannot be read, is empty, or is of no known format.
+    """
+    path = Path(path)
+    if path.is_dir():
+        raise CaptureError(f"{path}: is a directory; name the capture files in it")
+    head = _head(path)
+    if head.startswith(_MCAP_MAGIC):
+        from syncline_analyzer.readers.mcap import McapReader
+
+        return McapReader(_unpacked_mcap(path), start_ns, end_ns)
+    reader = _reader(path, head, block_bytes)
+    if start_ns is None and end_ns is None:
+        return reader
+    return WindowReader(reader, start_ns, end_ns)
+
+
+class WindowReader:
+    """The frames of a capture with `start_ns <= t_ns < end_ns`; None is open."""
+
+    def __init__(self, reader: CaptureReader, start_ns: int | None, end_ns: int | None) -> None:
+        self.facts = reader.facts
+        self._reader = reader
+        info = np.iinfo(np.int64)
+        self._start_ns = info.min if start_ns is None else start_ns
+        self._end_ns = info.max if end_ns is None else end_ns
+
+    def batches(self) -> Iterator[FrameBatch | Gap]:
+        """Batches with at least one frame in the window, and gaps that touch it, cut to it."""
+        for item in self._reader.batches():
+            if isinstance(item, Gap):
+                start, end = max(item.start_ns, self._start_ns), min(item.end_ns, self._end_ns)
+                if start <= end:
+                    yield Gap(start, end, item.reason, item.lost_frames, item.bus)
+                continue
+            inside = (item.t_ns >= self._start_ns) & (item.t_ns < self._end_ns)
+            if inside.all():
+                yield item
+            elif inside.any():
+                yield item[inside]
+
+
+def _head(path: Path) -> bytes:
+    try:
+        if path.stat().st_size == 0:
+            raise CaptureError(f"{path}: is empty; known are {KNOWN_FORMATS}")
+    except OSError as error:
+        if isinstance(error, CaptureError):
+            raise
+        raise CaptureError(f"{path}: cannot be opened: {error.strerror or error}") from error
+    source = CaptureSource(path)
+    try:
+        head = LineSource(source).head if not _is_binary(path) else source.read(4096)
+    finally:
+        source.close()
+    if not head:
+        what = source.damage or "there is nothing in it"
+        raise CaptureError(f"{path}: nothing can be read: {what}; known are {KNOWN_FORMATS}")
+    return head
+
+
+def _is_binary(path: Path) -> bool:
+    source = CaptureSource(path)
+    try:
+        magic = source.read(16)
+    finally:
+        source.close()
+    return magic.startswith((_MCAP_MAGIC, b"LOGG", *_FOREIGN_MAGIC))
+
+
+def _unpacked_mcap(path: Path) -> Path:
+    with path.open("rb") as file:
+        magic = file.read(4)
+    if magic.startswith(GZIP_MAGIC) or magic == ZSTD_MAGIC:
+        raise CaptureError(f"{path}: a packed .mcap cannot be searched; unpack it first")
+    return path
+
+
+def _reader(path: Path, head: bytes, block_bytes: int) -> CaptureReader:
+    if head.startswith(b"LOGG"):
+        from syncline_analyzer.readers.blf import BlfReader
+
+        return BlfReader(CaptureSource(path))
+    for magic, what in _FOREIGN_MAGIC.items():
+        if head.startswith(magic):
+            raise CaptureError(
+                f"{path}: is {what}, which cannot be read; known are {KNOWN_FORMATS}"
+            )
+    return _text_reader(path, head, block_bytes)
+
+
+def _text_reader(path: Path, head: bytes, block_bytes: int) -> CaptureReader:
+    from syncline_analyzer.readers.asc import AscFormat, is_asc
+    from syncline_analyzer.readers.candump import CandumpFormat, is_candump
+    from syncline_analyzer.readers.csv_log import CsvFormat, csv_columns
+    from syncline_analyzer.readers.ixxat import IxxatFormat, is_ixxat
+    from syncline_analyzer.readers.lines import LineFormat, TextReader
+    from syncline_analyzer.readers.trc import TrcFormat, is_trc
+
+    lines = [line.rstrip(b"\r") for line in re.split(rb"\n", head, maxsplit=_LINES_LOOKED_AT)]
+    lines = lines[:_LINES_LOOKED_AT]
+    form: LineFormat
+    if is_ixxat(lines):
+        form = IxxatFormat(path)
+    elif is_trc(lines):
+        form = TrcFormat(path)
+    elif is_asc(lines):
+        form = AscFormat(path)
+    elif is_candump(lines):
+        form = CandumpFormat(path)
+    elif (columns := csv_columns(lines)) is not None:
+        form = CsvFormat(path, columns)
+    else:
+        shown = next((line for line in lines if line.strip()), b"")[:60]
+        raise CaptureError(
+            f"{path}: no known format (it starts with {shown!r}); known are {KNOWN_FORMATS}"
+        )
+    return TextReader(CaptureSource(path), form, block_bytes=block_bytes)

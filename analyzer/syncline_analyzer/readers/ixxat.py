@@ -1,0 +1,91 @@
+"""IXXAT MiniMon ASCII traces (`.trc`, but not PEAK's)."""
+
+import re
+from pathlib import Path
+
+from syncline_analyzer.capture import CaptureFacts
+from syncline_analyzer.readers.layout import FrameLayout
+from syncline_analyzer.readers.lines import LineFormat, NoFrame, Parsed, bit_flags
+from syncline_analyzer.readers.times import SECOND_NS, date_ns, decimal_times
+from syncline_schemas.batch import FrameFlag
+
+_HEX = rb"[0-9A-Fa-f]"
+_LINE = re.compile(
+    rb'"(?P<hour>\d{1,4}):(?P<minute>\d\d):(?P<s>\d\d)(?:[.,](?P<f>\d+))?"[;,]"(?P<id>'
+    + _HEX
+    + rb"+)"
+    rb'"[;,]"(?P<form>Std|Ext)"[;,]"(?P<flags>[^"]*)"[;,]"'
+    rb"(?:Remote request\s+DLC = (?P<rn>\d+)|(?P<data>"
+    + _HEX
+    + rb"{2}(?: "
+    + _HEX
+    + rb'{2})*))?\s*"\s*$'
+)
+_TITLE = re.compile(rb"ASCII Trace IXXAT")
+_FIELD = re.compile(rb"^(?P<key>[A-Z][\w ]*):[ \t]*(?P<value>[^\r\n]*)", re.MULTILINE)
+
+
+class IxxatFormat(LineFormat):
+    """IXXAT MiniMon; one bus, times from the start of the trace."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(CaptureFacts(path, "ixxat", time_base="relative"))
+
+    def prepare(self, head: bytes) -> None:
+        """Date, bit rate and lost frames from the header."""
+        title = head[: head.find(b'"')]
+        fields = {
+            found["key"].decode(): found["value"].decode("latin-1").strip()
+            for found in _FIELD.finditer(title)
+        }
+        start_ns = date_ns(f"{fields.get('Date', '')} {fields.get('Start time', '')}")
+        if start_ns is None:
+            self.facts.notes.append("the trace has no date that can be read")
+        else:
+            self.facts.time_base, self.origin_ns = "utc", start_ns
+            self.facts.notes.append("the trace's date names no time zone; it is taken as UTC")
+        self.facts.metadata.update(fields)
+        bitrate = re.match(r"(\d+)\s*([kM]?)bit", fields.get("Baudrate", ""))
+        if bitrate:
+            bus = self.facts.buses[self.bus(b"1") or 0]
+            self.facts.bitrates[bus] = int(bitrate[1]) * {"": 1, "k": 1000, "M": 10**6}[bitrate[2]]
+        if fields.get("Overruns", "0") not in ("", "0"):
+            self.facts.notes.append(f"the recorder lost frames: {fields['Overruns']} overruns")
+
+    def parse(self, line: bytes) -> Parsed:
+        """One line: a frame, or the header."""
+        found = _LINE.match(line)
+        if found is None:
+            header = _TITLE.match(line) or _FIELD.match(line) or line.startswith(b'"Time"')
+            return NoFrame() if header else None
+        flags = bit_flags(extended=found["form"] == b"Ext")
+        start, end = found.span("data")
+        count = (end - start + 1) // 3 if start >= 0 else 0
+        if found["rn"] is not None or b"rtr" in found["flags"].lower():
+            flags |= FrameFlag.REMOTE
+            count = 0
+        bus = self.bus(b"1")
+        if bus is None or count > 8 or len(found["id"]) > 8:
+            return None
+        times, digits = decimal_times(found.span("s"), found.span("f"), SECOND_NS)
+        return FrameLayout(
+            bus=bus,
+            flags=int(flags),
+            dlc=min(int(found["rn"] or b"0"), 8) if flags & FrameFlag.REMOTE else count,
+            id_span=found.span("id"),
+            id_limit=0x1FFFFFFF if flags & FrameFlag.EXTENDED else 0x7FF,
+            times=(
+                (found.span("hour"), 3600 * SECOND_NS),
+                (found.span("minute"), 60 * SECOND_NS),
+                *times,
+            ),
+            data_start=max(start, 0),
+            data_step=3,
+            data_count=count,
+            digits=digits,
+        )
+
+
+def is_ixxat(lines: list[bytes]) -> bool:
+    """Whether these lines begin an IXXAT trace."""
+    return any(_TITLE.match(line) for line in lines[:5])

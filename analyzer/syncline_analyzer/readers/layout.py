@@ -1,0 +1,291 @@
+"""The layout of a log line: where its fields stand, learned from one line, applied to thousands.
+
+A format understands one line by a regular expression and gives the places of its fields as a
+`FrameLayout`. Every other line of the same length whose remaining characters are the same, and
+whose fields hold digits in the same places, is then read without looking at it singly.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from syncline_analyzer.readers.columns import (
+    TRANSLATION,
+    Words,
+    compact_bytes,
+    decimal_number,
+    hex_number,
+    spaced_bytes,
+)
+
+Row = tuple[int, int, int, int, int, bytes]
+"""(t_ns, bus, can_id, flags, dlc, data) of one frame, as `FrameBatch.from_rows` takes it."""
+
+Span = tuple[int, int]
+"""[start, end) of a field in its line."""
+
+MAX_LINE = 512
+"""Longer lines are read one by one."""
+_WORD = 8
+_EFFECTIVE_DIGITS = 8
+
+
+@dataclass(frozen=True, slots=True)
+class FrameLayout:
+    """Where the fields of one frame's line stand.
+
+    Attributes:
+        bus, flags, dlc: the same for every line of this layout.
+        id_span: the identifier's digits, at most eight, in base `id_base`, each line's value
+            being at most `id_limit`.
+        data_start, data_step: first character of the first data byte, and characters from one
+            byte to the next (2 or 3).
+        data_count: data bytes in the line.
+        times: decimal digits and what one is worth in ns.
+        t_base_ns: added to the time.
+        digits: further decimal digits that mean nothing.
+        anything: further characters that mean nothing.
+    """
+
+    bus: int
+    flags: int
+    dlc: int
+    id_span: Span
+    times: tuple[tuple[Span, int], ...] = ()
+    data_start: int = 0
+    data_step: int = 2
+    data_count: int = 0
+    t_base_ns: int = 0
+    id_base: int = 16
+    id_limit: int = 0x7FF
+    id_constant: int = 0
+    digits: tuple[Span, ...] = ()
+    anything: tuple[Span, ...] = ()
+
+    def row(self, line: bytes) -> Row | None:
+        """The frame in one line, or None when its identifier is out of range."""
+        start, end = self.id_span
+        can_id = self.id_constant + int(line[start:end], self.id_base)
+        if can_id > self.id_limit:
+            return None
+        t_ns = self.t_base_ns + sum(int(line[a:b]) * worth for (a, b), worth in self.times)
+        places = range(
+            self.data_start, self.data_start + self.data_step * self.data_count, self.data_step
+        )
+        data = bytes(int(line[place : place + 2], 16) for place in places)
+        return (t_ns, self.bus, can_id, self.flags, self.dlc, data)
+
+
+@dataclass(slots=True)
+class LineBatch:
+    """Translated lines of one block, and the columns read so far.
+
+    Attributes:
+        text: the block, eight spare bytes before and enough behind each line.
+        starts: (n,) where each line starts in `text`.
+        read: (n,) whether the line was read as a frame.
+        timed: (n,) whether the line has a time of its own.
+        words: (n, 1) or (n, 8) data bytes.
+    """
+
+    text: bytes
+    starts: NDArray[np.intp]
+    t_ns: NDArray[np.int64]
+    bus: NDArray[np.uint8]
+    can_id: NDArray[np.uint32]
+    flags: NDArray[np.uint16]
+    dlc: NDArray[np.uint8]
+    words: Words
+    read: NDArray[np.bool_]
+    timed: NDArray[np.bool_]
+
+    def put_row(self, line: int, row: Row, *, timed: bool) -> None:
+        """Put in one frame that was read by itself."""
+        t_ns, bus, can_id, flags, dlc, data = row
+        self.t_ns[line], self.bus[line], self.can_id[line] = t_ns, bus, can_id
+        self.flags[line], self.dlc[line] = flags, dlc
+        self.read[line], self.timed[line] = True, timed
+        self.widen(len(data))
+        self.words[line] = np.frombuffer(data.ljust(8 * self.words.shape[1], b"\0"), "<u8")
+
+    def widen(self, data_count: int) -> None:
+        """Make room for frames of more than eight bytes."""
+        if data_count > 8 and self.words.shape[1] == 1:
+            wide = np.zeros((len(self.words), 8), np.uint64)
+            wide[:, :1] = self.words
+            self.words = wide
+
+
+@dataclass(slots=True)
+class LineMatcher:
+    """A layout compiled for whole blocks of lines."""
+
+    layout: FrameLayout
+    length: int
+    hits: int = 0
+    idle: int = 0
+    _tests: list[tuple[int, int, int]] = field(default_factory=list)
+    _digit_tests: list[tuple[int, int]] = field(default_factory=list)
+    _times: list[tuple[Span, int]] = field(default_factory=list)
+    _t_constant: int = 0
+
+    @classmethod
+    def learn(cls, layout: FrameLayout, line: bytes) -> "LineMatcher | None":
+        """Compile a layout found in `line`; None when such lines have to be read one by one."""
+        if len(line) > MAX_LINE:
+            return None
+        matcher = cls(layout, len(line))
+        matcher._t_constant = layout.t_base_ns
+        for span, worth in layout.times:
+            matcher._split_time(line, span, worth)
+        matcher._compile(line)
+        return matcher
+
+    def _split_time(self, line: bytes, span: Span, worth: int) -> None:
+        # The leading digits of an epoch change once in years: they stay part of the layout.
+        start, end = span
+        low = max(start, end - _EFFECTIVE_DIGITS)
+        self._times.append(((low, end), worth))
+        if low > start:
+            self._t_constant += int(line[start:low]) * 10 ** (end - low) * worth
+
+    def _compile(self, line: bytes) -> None:
+        layout = self.layout
+        codes = np.zeros(_padded(self.length), np.uint8)
+        codes[: self.length] = np.frombuffer(line.translate(TRANSLATION), np.uint8)
+        mask = np.zeros_like(codes)
+        mask[: self.length] = 0xFF
+        decimal = np.zeros_like(codes)
+        spans = [span for span, _ in self._times] + list(layout.digits)
+        if layout.id_base == 10:
+            spans.append(layout.id_span)
+        for start, end in spans:
+            decimal[start:end], codes[start:end], mask[start:end] = 1, 0, 0xF0
+        for start, end in self._hex_spans():
+            codes[start:end], mask[start:end] = 0, 0xE0
+        for start, end in layout.anything:
+            codes[start:end], mask[start:end] = 0, 0
+        self._tests = [
+            (k, int(code), int(bits))
+            for k, (code, bits) in enumerate(
+                zip(codes.view(np.uint64), mask.view(np.uint64), strict=True)
+            )
+            if bits
+        ]
+        self._digit_tests = [
+            (k, int(word) * 0x0F) for k, word in enumerate(decimal.view(np.uint64)) if word
+        ]
+
+    def _hex_spans(self) -> list[Span]:
+        layout = self.layout
+        spans = [layout.id_span] if layout.id_base == 16 else []
+        for i in range(layout.data_count):
+            start = layout.data_start + i * layout.data_step
+            spans.append((start, start + 2))
+        return spans
+
+    def read(self, batch: LineBatch, lines: NDArray[np.intp]) -> NDArray[np.bool_]:
+        """Read those of the lines that have this layout; (n,) which."""
+        if len(lines) == 0:
+            return np.zeros(0, np.bool_)
+        # One copy of each line with eight bytes before it, so that every field ends a whole word.
+        width = _WORD + _padded(self.length) + _WORD
+        rows = np.ndarray((len(batch.text) - width + 1,), f"V{width}", batch.text, 0, (1,))[
+            batch.starts[lines] - _WORD
+        ]
+        words = rows.view(np.uint64).reshape(len(lines), width // _WORD)
+        bad = np.zeros(len(lines), np.uint64)
+        for k, code, bits in self._tests:
+            bad |= (words[:, k + 1] ^ code) & bits
+        for k, bits in self._digit_tests:
+            # 10..15 plus 6 carries into the next four bits.
+            bad |= ((words[:, k + 1] & bits) + bits // 0x0F * 6) & (bits // 0x0F * 0x10)
+        good: NDArray[np.bool_] = bad == 0
+        can_id = self._can_id(rows, width)
+        good &= can_id <= self.layout.id_limit
+        if not good.all():
+            rows, lines, can_id = rows[good], lines[good], can_id[good]
+        if len(lines):
+            self._put(batch, lines, rows, width, can_id)
+        return good
+
+    def _can_id(self, rows: NDArray[np.void], width: int) -> Words:
+        start, end = self.layout.id_span
+        words = _window(rows, width, end)
+        number = hex_number if self.layout.id_base == 16 else decimal_number
+        return number(words, end - start) + self.layout.id_constant
+
+    def _put(
+        self,
+        batch: LineBatch,
+        lines: NDArray[np.intp],
+        rows: NDArray[np.void],
+        width: int,
+        can_id: Words,
+    ) -> None:
+        layout = self.layout
+        if self._times:
+            t_ns = np.full(len(lines), self._t_constant, np.int64)
+            for (start, end), worth in self._times:
+                value = decimal_number(_window(rows, width, end), end - start)
+                t_ns += value.view(np.int64) * worth
+            batch.t_ns[lines] = t_ns
+            batch.timed[lines] = True
+        batch.bus[lines] = layout.bus
+        batch.can_id[lines] = can_id
+        batch.flags[lines] = layout.flags
+        batch.dlc[lines] = layout.dlc
+        batch.read[lines] = True
+        batch.widen(layout.data_count)
+        for k in range((layout.data_count + 7) // 8):
+            batch.words[lines, k] = self._data_word(rows, width, k)
+
+    def _data_word(self, rows: NDArray[np.void], width: int, k: int) -> Words:
+        layout = self.layout
+        count = min(8, layout.data_count - 8 * k)
+        first = layout.data_start + 8 * k * layout.data_step
+        per_window, take = (4, compact_bytes) if layout.data_step == 2 else (3, spaced_bytes)
+        word = np.zeros(len(rows), np.uint64)
+        for done in range(0, count, per_window):
+            window = _window(rows, width, first + done * layout.data_step + _WORD)
+            word |= take(window, min(per_window, count - done)) << 8 * done
+        return word
+
+
+def _padded(length: int) -> int:
+    return -(-length // _WORD) * _WORD
+
+
+def _window(rows: NDArray[np.void], width: int, end: int) -> Words:
+    """(n,) the eight characters of each line before position `end`."""
+    return np.ndarray((len(rows),), "<u8", rows.data, end, (width,))
+
+
+def lines_of(text: bytes) -> tuple[bytes, NDArray[np.intp], NDArray[np.intp]]:
+    """Translated text with room around it, and (n,) start and length of each line in it."""
+    raw = np.frombuffer(text, np.uint8)
+    ends = np.flatnonzero(raw == 10)
+    if text and text[-1] != 10:
+        ends = np.append(ends, len(text))
+    starts = np.concatenate((np.zeros(1, np.intp), ends[:-1] + 1)) if len(ends) else ends
+    room = bytes(MAX_LINE + 4 * _WORD)
+    padded = b"".join((room[:_WORD], text.translate(TRANSLATION), room))
+    return padded, starts + _WORD, ends - starts
+
+
+def empty_batch(text: bytes, starts: NDArray[np.intp]) -> LineBatch:
+    """Columns for every line of a block, none of which is read yet."""
+    n = len(starts)
+    return LineBatch(
+        text,
+        starts,
+        np.zeros(n, np.int64),
+        np.zeros(n, np.uint8),
+        np.zeros(n, np.uint32),
+        np.zeros(n, np.uint16),
+        np.zeros(n, np.uint8),
+        np.zeros((n, 1), np.uint64),
+        np.zeros(n, np.bool_),
+        np.zeros(n, np.bool_),
+    )

@@ -1,0 +1,356 @@
+"""Logs of text lines: blocks of lines to batches, by layout where possible, else line by line."""
+
+import math
+from abc import ABC, abstractmethod
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from syncline_analyzer.capture import CaptureFacts
+from syncline_analyzer.readers.layout import (
+    FrameLayout,
+    LineBatch,
+    LineMatcher,
+    Row,
+    empty_batch,
+    lines_of,
+)
+from syncline_analyzer.readers.source import BLOCK_BYTES, CaptureSource, LineBlock, LineSource
+from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
+
+MAX_MATCHERS = 48
+"""Layouts kept for one line length."""
+MAX_IDLE_BLOCKS = 4
+MAX_POOR_LAYOUTS = 64
+"""Layouts that may fit next to nothing in one block; then its other lines are read singly."""
+MAX_BUSES = 256
+MAX_PARSED_LINE = 1024
+"""No format has longer lines with a frame."""
+MAX_T_NS = 1 << 62
+"""Later times, which are none, would not fit into the columns."""
+_SAMPLE = 512
+
+
+@dataclass(frozen=True, slots=True)
+class OddFrame:
+    """A frame whose line cannot serve as a layout for others."""
+
+    row: Row
+    timed: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class LostFrames:
+    """A line that says that frames were lost between its neighbours."""
+
+    reason: str
+    lost_frames: int | None = None
+    bus: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class NoFrame:
+    """A line of the format that is no frame; its time counts where times are differences."""
+
+    t_ns: int | None = None
+
+
+Parsed = FrameLayout | OddFrame | LostFrames | NoFrame | None
+
+
+class LineFormat(ABC):
+    """What one text format is: the wire knowledge that `TextReader` drives.
+
+    Attributes:
+        origin_ns: added to every time, unless the log has none.
+        differences: whether each time is the time since the line before.
+        markers: words on lines after which other lines mean something else.
+    """
+
+    markers: tuple[bytes, ...] = ()
+
+    def __init__(self, facts: CaptureFacts) -> None:
+        self.facts = facts
+        self.origin_ns = 0
+        self.differences = False
+
+    def bus(self, name: bytes) -> int | None:
+        """Number of a bus, in the order of appearance; None when a log names more than 256."""
+        text = name.decode("utf-8", "replace")
+        if len(self.facts.buses) >= MAX_BUSES and text not in self.facts.buses:
+            return None
+        return self.facts.bus_number(text)
+
+    def prepare(self, head: bytes) -> None:  # noqa: B027  most formats need one of these only
+        """Take facts from the first part of the file, before any line is parsed."""
+
+    def control(self, part: bytes) -> bool:
+        """Look at a part that may start at a marker; True when layouts so far do not hold in it."""
+        return False
+
+    @abstractmethod
+    def parse(self, line: bytes) -> Parsed:
+        """Understand one line without its line end; None when it is none of this format."""
+
+    def finish(self) -> None:  # noqa: B027
+        """Complete the facts after the last line."""
+
+
+class TextReader:
+    """Reads a log of text lines as batches of about `block_bytes` of text each."""
+
+    def __init__(
+        self, source: CaptureSource, form: LineFormat, *, block_bytes: int = BLOCK_BYTES
+    ) -> None:
+        self.facts = form.facts
+        self._form = form
+        self._source = source
+        self._lines = LineSource(source, block_bytes)
+        self._matchers: dict[int, list[LineMatcher]] = defaultdict(list)
+        self._carry_ns = 0
+        self._last_ns: int | None = None
+        self._pending: list[LostFrames] = []
+        self._resolution = Resolution()
+
+    def batches(self) -> Iterator[FrameBatch | Gap]:
+        """Batches in file order, with a Gap between them where frames were lost."""
+        self._form.prepare(self._lines.head)
+        for block in self._lines.blocks():
+            for part in _split(block, self._form.markers):
+                self._control(part.text)
+                yield from self._part(part)
+        for lost in self._pending:
+            yield self._gap(lost, self._last_ns or 0)
+        self._pending.clear()
+        self._source.close()
+        self.facts.damage = self.facts.damage or self._lines.damage
+        if self.facts.time_base != "none":
+            self.facts.resolution_ns = self._resolution.step_ns
+        self._form.finish()
+
+    def _control(self, part: bytes) -> None:
+        origin_ns = self._form.origin_ns
+        if self._form.control(part):
+            self._matchers.clear()
+        if self._form.differences and self._form.origin_ns != origin_ns:
+            self._carry_ns = 0
+
+    def _part(self, part: LineBlock) -> Iterator[FrameBatch | Gap]:
+        text, starts, lengths = lines_of(part.text)
+        batch = empty_batch(text, starts)
+        left = self._read_known(batch, lengths)
+        lost = self._read_singly(part, batch, lengths, left)
+        self._finish_times(batch)
+        yield from self._deliver(batch, lost)
+
+    def _read_known(self, batch: LineBatch, lengths: NDArray[np.intp]) -> NDArray[np.intp]:
+        order = np.argsort(lengths, kind="stable") if len(lengths) else lengths
+        if len(order) and lengths.max() < 1 << 16:
+            order = np.argsort(lengths.astype(np.uint16), kind="stable")
+        ordered = lengths[order]
+        cuts = np.flatnonzero(np.diff(ordered)) + 1
+        left = []
+        for lines in np.split(order, cuts):
+            if len(lines):
+                left.append(self._read_length(batch, int(lengths[lines[0]]), lines))
+        return np.sort(np.concatenate(left)) if left else order
+
+    def _read_length(
+        self, batch: LineBatch, length: int, lines: NDArray[np.intp]
+    ) -> NDArray[np.intp]:
+        matchers = self._matchers.get(length, [])
+        for matcher in matchers:
+            matcher.hits = 0
+            if len(lines):
+                good = matcher.read(batch, lines)
+                matcher.hits = int(np.count_nonzero(good))
+                lines = lines[~good] if matcher.hits else lines
+            matcher.idle = 0 if matcher.hits else matcher.idle + 1
+        if matchers:
+            kept = [matcher for matcher in matchers if matcher.idle <= MAX_IDLE_BLOCKS]
+            kept.sort(key=lambda matcher: -matcher.hits)
+            self._matchers[length] = kept[:MAX_MATCHERS]
+        return lines
+
+    def _read_singly(
+        self,
+        part: LineBlock,
+        batch: LineBatch,
+        lengths: NDArray[np.intp],
+        left: NDArray[np.intp],
+    ) -> list[tuple[int, LostFrames]]:
+        lost: list[tuple[int, LostFrames]] = []
+        poor = 0
+        for line in left.tolist():
+            if batch.read[line]:
+                continue
+            text = _line_text(part.text, batch, line, int(lengths[line]))
+            parsed = self._parsed(text)
+            if isinstance(parsed, LostFrames):
+                lost.append((line, parsed))
+            elif isinstance(parsed, NoFrame):
+                if parsed.t_ns is not None:
+                    batch.t_ns[line], batch.timed[line] = parsed.t_ns, True
+            elif isinstance(parsed, OddFrame):
+                batch.put_row(line, parsed.row, timed=parsed.timed)
+            elif isinstance(parsed, FrameLayout):
+                if not self._put_layout(parsed, text, batch, line):
+                    self.facts.add_unparsed(part.first_line + line, _shown(text))
+                elif poor < MAX_POOR_LAYOUTS:
+                    same = left[(lengths[left] == len(text)) & ~batch.read[left]]
+                    poor += self._learn(parsed, text, batch, same)
+            elif text.strip():
+                self.facts.add_unparsed(part.first_line + line, _shown(text))
+        return lost
+
+    def _parsed(self, text: bytes) -> Parsed:
+        parsed = self._form.parse(text) if len(text) <= MAX_PARSED_LINE else None
+        t_ns = parsed.row[0] if isinstance(parsed, OddFrame) else 0
+        if isinstance(parsed, NoFrame):
+            t_ns = parsed.t_ns or 0
+        return parsed if t_ns < MAX_T_NS else None
+
+    def _put_layout(self, layout: FrameLayout, text: bytes, batch: LineBatch, line: int) -> bool:
+        row = layout.row(text)
+        if row is None or row[0] >= MAX_T_NS:
+            return False
+        batch.put_row(line, row, timed=bool(layout.times))
+        return True
+
+    def _learn(
+        self, layout: FrameLayout, text: bytes, batch: LineBatch, lines: NDArray[np.intp]
+    ) -> bool:
+        matcher = LineMatcher.learn(layout, text)
+        if matcher is None:
+            return True
+        good = matcher.read(batch, lines)
+        self._matchers[len(text)].insert(0, matcher)
+        return int(np.count_nonzero(good)) < 4
+
+    def _finish_times(self, batch: LineBatch) -> None:
+        if self._form.differences:
+            steps = np.where(batch.timed, batch.t_ns, 0)
+            batch.t_ns[:] = np.cumsum(steps) + self._carry_ns
+            self._carry_ns = int(batch.t_ns[-1]) if len(steps) else self._carry_ns
+            self._resolution.sample(steps[batch.timed])
+        else:
+            self._resolution.sample(batch.t_ns[batch.timed])
+            self._fill_times(batch)
+        if self.facts.time_base != "none":
+            batch.t_ns += self._form.origin_ns
+
+    def _fill_times(self, batch: LineBatch) -> None:
+        # A line without a time in a log with times takes that of the line before it.
+        if not np.any(batch.read & ~batch.timed):
+            if batch.timed.any():
+                self._carry_ns = int(batch.t_ns[np.flatnonzero(batch.timed)[-1]])
+            return
+        places = np.where(batch.timed, np.arange(len(batch.timed)), -1)
+        last = np.maximum.accumulate(places)
+        batch.t_ns[:] = np.where(last < 0, self._carry_ns, batch.t_ns[last])
+        self._carry_ns = int(batch.t_ns[-1])
+
+    def _deliver(
+        self, batch: LineBatch, lost: list[tuple[int, LostFrames]]
+    ) -> Iterator[FrameBatch | Gap]:
+        frames = FrameBatch(
+            batch.t_ns,
+            batch.bus,
+            batch.can_id,
+            batch.flags,
+            batch.dlc,
+            batch.words.view(np.uint8).reshape(len(batch.words), -1),
+        )
+        everything = bool(batch.read.all())
+        place = 0
+        for line, note in [*lost, (len(batch.read), None)]:
+            rows = frames[place:line]
+            part = rows if everything else rows[batch.read[place:line]]
+            if len(part):
+                for pending in self._pending:
+                    yield self._gap(pending, int(part.t_ns[0]))
+                self._pending.clear()
+                self._last_ns = int(part.t_ns[-1])
+                yield part
+            if note is not None:
+                self._pending.append(note)
+            place = line
+
+    def _gap(self, lost: LostFrames, end_ns: int) -> Gap:
+        start_ns = self._last_ns if self._last_ns is not None else end_ns
+        return Gap(start_ns, max(start_ns, end_ns), lost.reason, lost.lost_frames, lost.bus)
+
+
+class Resolution:
+    """The step of a log's times: the largest power of ten ns that divides those looked at."""
+
+    def __init__(self) -> None:
+        self._divisor = 0
+        self._count = 0
+
+    def sample(self, t_ns: NDArray[np.int64]) -> None:
+        """Look at up to 512 of the times."""
+        step = max(1, len(t_ns) // _SAMPLE)
+        some = t_ns[::step]
+        self._count += len(some)
+        self._divisor = math.gcd(self._divisor, int(np.gcd.reduce(some)) if len(some) else 0)
+
+    @property
+    def step_ns(self) -> int:
+        """The step [ns]; 1 when there were too few times to tell."""
+        if self._count < 4 or self._divisor == 0:
+            return 1
+        step = 1
+        while step < 10**9 and self._divisor % (10 * step) == 0:
+            step *= 10
+        return step
+
+
+def _split(block: LineBlock, markers: tuple[bytes, ...]) -> Iterator[LineBlock]:
+    cuts = {0}
+    for marker in markers:
+        at = block.text.find(marker)
+        while at >= 0:
+            cuts.add(block.text.rfind(b"\n", 0, at) + 1)
+            at = block.text.find(marker, at + len(marker))
+    ordered = [*sorted(cuts), len(block.text)]
+    line = block.first_line
+    for start, end in pairwise(ordered):
+        yield LineBlock(block.text[start:end] if len(cuts) > 1 else block.text, line)
+        line += block.text.count(b"\n", start, end)
+
+
+def _line_text(text: bytes, batch: LineBatch, line: int, length: int) -> bytes:
+    start = int(batch.starts[line]) - 8
+    return text[start : start + length]
+
+
+def _shown(line: bytes) -> str:
+    return line.rstrip(b"\r").decode("utf-8", "replace")
+
+
+def bit_flags(
+    *,
+    extended: bool = False,
+    tx: bool = False,
+    fd: bool = False,
+    brs: bool = False,
+    esi: bool = False,
+) -> int:
+    """`FrameFlag` bits as a number, from what most formats tell.
+
+    >>> bit_flags(extended=True, fd=True, brs=True)
+    25
+    """
+    chosen = (
+        (extended, FrameFlag.EXTENDED),
+        (tx, FrameFlag.TX),
+        (fd, FrameFlag.FD),
+        (brs, FrameFlag.BRS),
+        (esi, FrameFlag.ESI),
+    )
+    return sum(flag for wanted, flag in chosen if wanted)

@@ -1,0 +1,78 @@
+"""Columns over time in bounded memory: when there are too many, the extremes stay."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Columns = dict[str, NDArray[Any]]
+
+
+class Thinner:
+    """Equally long columns, of which at most `limit` rows are kept.
+
+    While there are fewer, all rows stay. Beyond that, neighbouring rows are cut into runs of equal
+    length, and of each run the rows with the smallest and the largest `key` stay (NaN never does
+    while there is a number), so that no peak is ever lost.
+    """
+
+    def __init__(self, key: str, limit: int) -> None:
+        self.stride = 1
+        self._key = key
+        self._limit = limit
+        self._blocks: list[Columns] = []
+        self._held = 0
+
+    @property
+    def thinned(self) -> bool:
+        """Whether rows were left out."""
+        return self.stride > 1
+
+    def add(self, columns: Columns) -> None:
+        """Append rows; the arrays are not copied unless they are thinned."""
+        rows = len(columns[self._key])
+        if not rows:
+            return
+        block = columns if self.stride == 1 else _thin(columns, self._key, 2 * self.stride)
+        self._blocks.append(block)
+        self._held += len(block[self._key])
+        while self._held > self._limit:
+            self._halve()
+
+    def columns(self) -> Columns:
+        """All rows that are kept, in order; no columns at all when nothing was added."""
+        if not self._blocks:
+            return {}
+        if len(self._blocks) > 1:
+            self._blocks = [_joined(self._blocks)]
+        return self._blocks[0]
+
+    def _halve(self) -> None:
+        self._blocks = [_thin(self.columns(), self._key, 4)]
+        held = len(self._blocks[0][self._key])
+        self.stride *= 2
+        self._held = held
+
+
+def _joined(blocks: list[Columns]) -> Columns:
+    return {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
+
+
+def _thin(columns: Columns, key: str, run: int) -> Columns:
+    rows = extreme_rows(columns[key].astype(np.float64), run)
+    return {name: column[rows] for name, column in columns.items()}
+
+
+def extreme_rows(value: NDArray[np.float64], run: int) -> NDArray[np.intp]:
+    """Rows of the smallest and the largest value of each run of `run` rows, ascending.
+
+    >>> extreme_rows(np.array([0.0, 9.0, 1.0, 2.0, -5.0, 3.0]), 3).tolist()
+    [0, 1, 4, 5]
+    """
+    padded = np.concatenate([value, np.full(-len(value) % run, np.nan)]).reshape(-1, run)
+    hole = np.isnan(padded)
+    base = np.arange(len(padded)) * run
+    low = np.where(hole, np.inf, padded).argmin(axis=1) + base
+    high = np.where(hole, -np.inf, padded).argmax(axis=1) + base
+    pairs = np.sort(np.stack([low, high], axis=1), axis=1).reshape(-1)
+    return pairs[np.diff(pairs, prepend=-1) > 0]

@@ -1,0 +1,260 @@
+"""A session: captures opened as one, analyzed once, every table a DataFrame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from syncline_analyzer.capture import CaptureReader
+from syncline_analyzer.engine import Progress, analyze
+from syncline_analyzer.merge import Merge
+from syncline_analyzer.moments import Moment, parse_moment
+from syncline_analyzer.readers import open_capture
+from syncline_analyzer.results import Analysis, Finding
+from syncline_schemas.batch import FrameBatch, Gap
+from syncline_schemas.description import BusDescription
+from syncline_schemas.devices import Device, load_device
+from syncline_schemas.errors import UsageError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+AnyPath = str | PathLike[str]
+
+
+def open_session(
+    captures: AnyPath | Sequence[AnyPath],
+    *,
+    description: AnyPath | BusDescription | None = None,
+    devices: Mapping[int, str] | None = None,
+    bitrate: int | None = None,
+    start: str | int | None = None,
+    end: str | int | None = None,
+) -> Session:
+    """Open captures as one session; nothing is analyzed before the first question.
+
+    Args:
+        captures: one file or several of one machine, in any order.
+        description: bus description (TOML); by default the one attached to the capture.
+        devices: device name or EDS path by node id, for nodes the description leaves open.
+        bitrate: bit/s of every bus whose bit rate is not told otherwise.
+        start, end: half-open range: "90s" into the capture, UTC as ISO text, or `t_ns`.
+
+    Raises:
+        CaptureError: a file is no capture that can be read.
+        DescriptionError: the description or a device is unusable.
+        UsageError: the captures cannot be put in order, or a time makes no sense.
+    """
+    paths = [captures] if isinstance(captures, (str, PathLike)) else list(captures)
+    if not paths:
+        raise UsageError("no capture given: name at least one file")
+    if description is not None and not isinstance(description, BusDescription):
+        description = BusDescription.load(Path(description))
+    return Session(
+        [Path(path) for path in paths],
+        description,
+        {node: load_device(name) for node, name in (devices or {}).items()},
+        bitrate,
+        _moment(start),
+        _moment(end),
+    )
+
+
+class Session:
+    """Captures of one machine as one stretch of time, and everything they tell."""
+
+    def __init__(
+        self,
+        paths: Sequence[Path],
+        description: BusDescription | None,
+        devices: Mapping[int, Device],
+        bitrate: int | None,
+        start: Moment | None,
+        end: Moment | None,
+    ) -> None:
+        self.paths = list(paths)
+        self._description = description
+        self._devices = dict(devices)
+        self._bitrate = bitrate
+        self._start = start
+        self._end = end
+        self._analysis: Analysis | None = None
+
+    def __repr__(self) -> str:
+        files = ", ".join(path.name for path in self.paths)
+        return f"<syncline session of {files}{'' if self._analysis else ', not analyzed yet'}>"
+
+    def analyze(self, progress: Progress | None = None) -> Analysis:
+        """Everything one pass over the captures tells; `progress` is called after each batch."""
+        if self._analysis is None:
+            readers = self._readers()
+            merge = Merge(readers)
+            self._analysis = analyze(
+                self._stream(merge),
+                [reader.facts for reader in readers],
+                merge.buses,
+                description=self._description_of(readers),
+                devices=self._devices,
+                bitrate=self._bitrate,
+                progress=progress,
+            )
+        return self._analysis
+
+    @cached_property
+    def analysis(self) -> Analysis:
+        """Everything one pass over the captures tells."""
+        return self.analyze()
+
+    def frames(
+        self, start: str | int | None = None, end: str | int | None = None
+    ) -> Iterator[FrameBatch]:
+        """Batches of the session, or of the half-open range given within it."""
+        stream = _cut(self._stream(Merge(self._readers())), _moment(start), _moment(end))
+        for _, item in stream:
+            if isinstance(item, FrameBatch):
+                yield item
+
+    def findings(self) -> list[Finding]:
+        """What went wrong, the cause first."""
+        return self.analysis.findings
+
+    def nodes(self) -> pd.DataFrame:
+        """One row per node."""
+        return self._frame("nodes")
+
+    def nmt_states(self) -> pd.DataFrame:
+        """One row per interval of a node's NMT state."""
+        return self._frame("nmt_states")
+
+    def nmt_commands(self) -> pd.DataFrame:
+        """One row per NMT command."""
+        return self._frame("nmt_commands")
+
+    def sync(self) -> pd.DataFrame:
+        """One row per SYNC identifier."""
+        return self._frame("sync")
+
+    def pdos(self) -> pd.DataFrame:
+        """One row per PDO."""
+        return self._frame("pdos")
+
+    def pdo_responses(self, cob_id: int, bus: str | None = None) -> pd.DataFrame:
+        """One row per answer of a synchronous PDO to its SYNC."""
+        from syncline_analyzer.views.tables import responses_frame
+
+        chosen = [
+            responses
+            for responses in self.analysis.responses
+            if responses.cob_id == cob_id and bus in (None, responses.bus)
+        ]
+        return responses_frame(chosen)
+
+    def emcy(self) -> pd.DataFrame:
+        """One row per EMCY message."""
+        return self._frame("emcy")
+
+    def errors(self) -> pd.DataFrame:
+        """One row per error of a node, from raise to clear."""
+        return self._frame("errors")
+
+    def sdo(self) -> pd.DataFrame:
+        """One row per SDO transfer."""
+        return self._frame("sdo")
+
+    def objects(self, node: int, bus: str | None = None) -> pd.DataFrame:
+        """Last known value of every object of a node that was seen on the bus, with its source."""
+        from syncline_analyzer.views.tables import to_frame
+
+        rows = [row for row in self.analysis.objects if row.node == node and bus in (None, row.bus)]
+        return to_frame(rows, "objects")
+
+    def traces(self) -> pd.DataFrame:
+        """One row per sample of every trace."""
+        from syncline_analyzer.views.tables import traces_frame
+
+        return traces_frame(self.analysis.trace_data)
+
+    def bus_load(self) -> pd.DataFrame:
+        """One row per bus."""
+        return self._frame("bus_load")
+
+    def gaps(self) -> pd.DataFrame:
+        """One row per stretch in which the recorder was blind."""
+        from syncline_analyzer.views.tables import to_frame
+
+        return to_frame(self.analysis.capture.gaps, "gaps")
+
+    def _frame(self, table: str) -> pd.DataFrame:
+        from syncline_analyzer.views.tables import to_frame
+
+        return to_frame(getattr(self.analysis, table), table)
+
+    def _readers(self) -> list[CaptureReader]:
+        return [open_capture(path) for path in self.paths]
+
+    def _description_of(self, readers: Sequence[CaptureReader]) -> BusDescription:
+        """The user's description, else the one that the recorder attached to the capture."""
+        if self._description is not None:
+            return self._description
+        for reader in readers:
+            if reader.facts.description_toml:
+                return BusDescription.loads(
+                    reader.facts.description_toml, files=reader.facts.eds_files
+                )
+        return BusDescription()
+
+    def _stream(self, merge: Merge) -> Iterator[Numbered]:
+        return _cut(_numbered(merge.stream()), self._start, self._end)
+
+
+Numbered = tuple[int, FrameBatch | Gap]
+
+
+def _moment(value: str | int | None) -> Moment | None:
+    if value is None:
+        return None
+    return parse_moment(value) if isinstance(value, str) else Moment(value, relative=False)
+
+
+def _numbered(stream: Iterator[FrameBatch | Gap]) -> Iterator[Numbered]:
+    seq = 0
+    for item in stream:
+        yield seq, item
+        seq += len(item) if isinstance(item, FrameBatch) else 0
+
+
+def _cut(
+    stream: Iterator[Numbered], start: Moment | None, end: Moment | None
+) -> Iterator[Numbered]:
+    """The rows of a half-open time range; `seq` stays the place in the whole capture."""
+    if start is None and end is None:
+        yield from stream
+        return
+    first_ns: int | None = None
+    for seq, item in stream:
+        begin_ns = item.start_ns if isinstance(item, Gap) else int(item.t_ns[0])
+        first_ns = begin_ns if first_ns is None else first_ns
+        low = start.resolved(first_ns) if start else None
+        high = end.resolved(first_ns) if end else None
+        if isinstance(item, Gap):
+            if (high is None or begin_ns < high) and (low is None or item.end_ns > low):
+                yield seq, item
+            continue
+        inside = np.ones(len(item), np.bool_)
+        if low is not None:
+            inside &= item.t_ns >= low
+        if high is not None:
+            inside &= item.t_ns < high
+        yield from _runs(seq, item, inside)
+
+
+def _runs(seq: int, batch: FrameBatch, inside: np.ndarray) -> Iterator[Numbered]:
+    """Unbroken runs of the chosen rows, so that each piece keeps its `seq`."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], inside, [False])).astype(np.int8)))
+    for begin, stop in edges.reshape(-1, 2).tolist():
+        yield seq + begin, batch[begin:stop]

@@ -1,0 +1,1 @@
+"""What people look at: text, JSON, tables on disk, Rerun, HTML."""

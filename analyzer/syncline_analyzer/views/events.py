@@ -1,0 +1,151 @@
+"""Moments of an analysis that a plot marks and a log tells, the same in HTML and Rerun."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+from syncline_analyzer.results import Analysis, EmcyRow, Severity
+from syncline_analyzer.views.palette import (
+    EMCY_CLEAR_COLOUR,
+    EMCY_COLOUR,
+    GAP_COLOUR,
+    SEVERITY_COLOURS,
+    STATE_COLOURS,
+    Rgb,
+)
+from syncline_analyzer.views.words import (
+    duration,
+    hex_code,
+    names_of,
+    node_label,
+    object_name,
+    printable,
+)
+from syncline_schemas.canopen.nmt import NmtState
+
+LOUD_STATES: dict[str, Severity] = {
+    NmtState.LOST: "error",
+    NmtState.STOPPED: "warning",
+    NmtState.INITIALISING: "warning",
+}
+"""States that deserve a second look, with how loud the log says so."""
+
+CLEARING = ("partly cleared", "all cleared")
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """One line of a log; `seq` is None where no single frame proves it."""
+
+    t_ns: int
+    seq: int | None
+    severity: Severity
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Marks:
+    """Markers of one kind: their colour, shape and row in the strip of events."""
+
+    name: str
+    colour: Rgb
+    shape: Literal["down", "up", "diamond", "square"]
+    row: int
+    moments: list[tuple[int, int]]
+    """(t_ns, seq)"""
+
+
+def marks(analysis: Analysis) -> list[Marks]:
+    """Markers of everything that is over in a moment, or may be too short to see."""
+    severities: tuple[Severity, ...] = ("error", "warning", "info")
+    emcy, gaps = analysis.emcy, analysis.capture.gaps
+    raised = [(row.t_ns, row.seq) for row in emcy if row.transition not in CLEARING]
+    cleared = [(row.t_ns, row.seq) for row in emcy if row.transition in CLEARING]
+    found = [
+        Marks("node lost", STATE_COLOURS[NmtState.LOST], "square", 3, _starts(analysis, NmtState.LOST)),
+        Marks("node starting", STATE_COLOURS[NmtState.INITIALISING], "up", 3,
+              _starts(analysis, NmtState.INITIALISING)),
+        Marks("EMCY", EMCY_COLOUR, "down", 2, raised),
+        Marks("EMCY cleared", EMCY_CLEAR_COLOUR, "up", 2, cleared),
+        Marks("recorder blind", GAP_COLOUR, "square", 1, [(gap.start_ns, 0) for gap in gaps]),
+        *(Marks(f"finding: {severity}", SEVERITY_COLOURS[severity], "diamond", 1,
+                _found(analysis, severity)) for severity in severities),
+    ]  # fmt: skip
+    return [mark for mark in found if mark.moments]
+
+
+def _starts(analysis: Analysis, state: str) -> list[tuple[int, int]]:
+    rows = [row for row in analysis.nmt_states if row.state == state]
+    return [(row.start_ns, row.evidence or 0) for row in rows]
+
+
+def _found(analysis: Analysis, severity: Severity) -> list[tuple[int, int]]:
+    rows = [row for row in analysis.findings if row.severity == severity]
+    return [(row.start_ns, row.evidence[0] if row.evidence else 0) for row in rows]
+
+
+def emcy_events(analysis: Analysis) -> Iterator[Event]:
+    """EMCY messages."""
+    labels = names_of(analysis.nodes)
+    for row in analysis.emcy:
+        label = labels.get((row.bus, row.node), node_label(row.node))
+        severity: Severity = "error"
+        if row.transition in CLEARING:
+            severity = "info"
+        elif row.transition == "malformed":
+            severity = "warning"
+        yield Event(row.t_ns, row.seq, severity, f"{row.bus} node {label}: {emcy_text(row)}")
+
+
+def emcy_text(row: EmcyRow) -> str:
+    """An EMCY in one line: code, meaning, what it does, register and manufacturer bytes."""
+    parts = [f"{hex_code(row.code)} {printable(row.meaning)}", row.transition]
+    if row.error_register is not None:
+        names = " ".join(row.registers)
+        parts.append(f"register {hex_code(row.error_register, 2)}{' ' + names if names else ''}")
+    if row.manufacturer_hex.strip("0 "):
+        parts.append(row.manufacturer_hex)
+    return ", ".join(parts)
+
+
+def nmt_events(analysis: Analysis) -> Iterator[Event]:
+    """Where the capture starts and ends, capture gaps, changes of NMT states, NMT commands."""
+    capture = analysis.capture
+    yield Event(capture.first_ns, 0, "info", "capture starts")
+    last = max(capture.frames - 1, 0)
+    yield Event(capture.first_ns + capture.duration_ns, last, "info", "capture ends")
+    for gap in capture.gaps:
+        blind = duration(gap.end_ns - gap.start_ns)
+        text = f"{gap.bus or 'all buses'}: recorder blind for {blind}: {printable(gap.reason)}"
+        yield Event(gap.start_ns, None, "warning", text)
+    labels = names_of(analysis.nodes)
+    for state in analysis.nmt_states:
+        label = labels.get((state.bus, state.node), node_label(state.node))
+        text = (
+            f"{state.bus} node {label}: {state.state} ({printable(state.cause)}, {state.certainty})"
+        )
+        severity = LOUD_STATES.get(state.state, "info")
+        yield Event(state.start_ns, state.evidence, severity, text)
+    for command in analysis.nmt_commands:
+        label = labels.get((command.bus, command.node), node_label(command.node))
+        text = f"{command.bus} command: {printable(command.command)} to node {label}"
+        yield Event(command.t_ns, command.seq, "info", text)
+
+
+def sdo_events(analysis: Analysis) -> Iterator[Event]:
+    """SDO transfers that failed."""
+    labels = names_of(analysis.nodes)
+    for row in analysis.sdo:
+        if row.result != "ok":
+            label = labels.get((row.bus, row.node), node_label(row.node))
+            what = f"{row.direction} {object_name(row.index, row.sub)} {printable(row.name or '')}"
+            code = f" {hex_code(row.abort_code, 8)}" if row.abort_code is not None else ""
+            text = f"{row.bus} node {label}: {what.strip()}: {row.result}{code}"
+            yield Event(row.start_ns, row.seq, "warning", text)
+
+
+def finding_events(analysis: Analysis) -> Iterator[Event]:
+    """Findings, at their start."""
+    for row in analysis.findings:
+        seq = row.evidence[0] if row.evidence else None
+        yield Event(row.start_ns, seq, row.severity, f"{printable(row.text)} [{row.id}]")

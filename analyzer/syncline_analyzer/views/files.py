@@ -1,0 +1,23 @@
+"""What `--out` writes: report, Rerun recording, tables and findings of one analysis."""
+
+from pathlib import Path
+
+from syncline_analyzer.results import Analysis
+from syncline_analyzer.views.json_view import findings_json
+
+
+def write_all(analysis: Analysis, folder: Path) -> list[Path]:
+    """Write `report.html`, `session.rrd`, `findings.json` and `tables/*.parquet`; return the files."""
+    from syncline_analyzer.views.report_html import write_report
+    from syncline_analyzer.views.rerun_view import write_rrd
+    from syncline_analyzer.views.tables import write_tables
+
+    folder.mkdir(parents=True, exist_ok=True)
+    findings = folder / "findings.json"
+    findings.write_text(findings_json(analysis), encoding="utf-8")
+    return [
+        write_report(analysis, folder / "report.html"),
+        write_rrd(analysis, folder / "session.rrd"),
+        findings,
+        *write_tables(analysis, folder / "tables"),
+    ]

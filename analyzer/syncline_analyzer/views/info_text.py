@@ -1,0 +1,70 @@
+"""What `syncline info` prints of one capture."""
+
+from collections.abc import Iterator
+
+from syncline_analyzer.info import CaptureInfo
+from syncline_analyzer.views.words import Clock, duration, printable
+
+MAX_ROWS = 5
+
+
+def info_text(info: CaptureInfo) -> str:
+    """One capture in a few lines: its name, then one fact a line."""
+    facts = [(name, printable(told)) for name, told in _facts(info)]
+    width = max(len(name) for name, _ in facts)
+    lines = [f"  {name:<{width}}  {told}" for name, told in facts]
+    return "\n".join([printable(str(info.path)), *lines])
+
+
+def _facts(info: CaptureInfo) -> Iterator[tuple[str, str]]:
+    yield "format", f"{info.format}, {info.size_bytes:,} bytes"
+    yield "whole", "yes" if info.whole else f"NO: {info.damage}"
+    yield "frames", _frames(info)
+    yield from _times(info)
+    for bus, frames in info.frames_by_bus.items():
+        rate = info.bitrates.get(bus)
+        yield f"bus {bus}", f"{frames:,} frames" + (f", {rate / 1000:g} kbit/s" if rate else "")
+    for gap in info.gaps[:MAX_ROWS]:
+        yield "blind", f"for {duration(gap.end_ns - gap.start_ns)}: {gap.reason}"
+    if info.gap_count > MAX_ROWS:
+        yield "blind", f"{info.gap_count} stretches in all"
+    yield from _contents(info)
+
+
+def _frames(info: CaptureInfo) -> str:
+    kinds = {
+        "data": info.data_frames,
+        "remote": info.remote_frames,
+        "error": info.error_frames,
+        "29-bit": info.extended_frames,
+        "FD": info.fd_frames,
+    }
+    told = ", ".join(f"{count:,} {kind}" for kind, count in kinds.items() if count)
+    return f"{info.frames:,}" + (f": {told}" if told else "")
+
+
+def _times(info: CaptureInfo) -> Iterator[tuple[str, str]]:
+    if info.first_ns is None or info.last_ns is None:
+        yield "times", "none"
+        return
+    clock = Clock(
+        0 if info.time_base == "relative" else info.first_ns, info.time_base == "utc", True
+    )
+    yield "from", clock.full(info.first_ns)
+    yield "to", f"{clock.full(info.last_ns)} ({duration(info.duration_ns)})"
+    yield "stamps", f"{info.clock} clock, resolution {duration(info.resolution_ns)}"
+    if info.steps_back:
+        yield "steps back", f"{info.steps_back:,} stamps are earlier than the one before"
+
+
+def _contents(info: CaptureInfo) -> Iterator[tuple[str, str]]:
+    if info.has_description:
+        yield "attached", "bus description"
+    for name in info.eds_files:
+        yield "attached", name
+    if info.unparsed_count:
+        yield "unread lines", f"{info.unparsed_count:,}"
+    for number, line in info.unparsed_lines[:MAX_ROWS]:
+        yield f"line {number}", line
+    for note in info.notes:
+        yield "note", note

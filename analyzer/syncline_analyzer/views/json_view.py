@@ -1,0 +1,88 @@
+"""The JSON object of `--format json`: the rows of every table under names that do not change.
+
+Beyond the keys of the interface every row also carries what its dataclass in `results.py` holds
+(`proof`, `evidence`, `details`, `missed_seq`, `name` ...). Figures that are not known are null.
+"""
+
+import json
+import math
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+import numpy as np
+
+from syncline_analyzer.results import Analysis, PdoRow, Quantiles
+
+SCHEMA = "syncline.analysis/1"
+
+TABLES = (
+    "nodes",
+    "nmt_commands",
+    "nmt_states",
+    "sync",
+    "pdos",
+    "emcy",
+    "errors",
+    "sdo",
+    "traces",
+    "bus_load",
+    "findings",
+)
+"""Lists of the object, in the order of the interface."""
+
+
+def to_object(analysis: Analysis) -> dict[str, Any]:
+    """The analysis as one object of plain Python values, ready for any JSON writer."""
+    rows = {table: [_plain(row) for row in getattr(analysis, table)] for table in TABLES}
+    return {"schema": SCHEMA, "capture": _plain(analysis.capture), **rows}
+
+
+def to_json(analysis: Analysis) -> str:
+    """The analysis as one line of strict JSON: no NaN, and ASCII, whatever the terminal takes."""
+    return json.dumps(to_object(analysis), allow_nan=False)
+
+
+def findings_json(analysis: Analysis) -> str:
+    """What `findings.json` holds: schema, capture and findings, for programs that only alarm."""
+    whole = to_object(analysis)
+    chosen = {key: whole[key] for key in ("schema", "capture", "findings")}
+    return json.dumps(chosen, allow_nan=False, indent=2) + "\n"
+
+
+def _plain(value: Any) -> Any:
+    match value:
+        case Quantiles():
+            return _quantiles(value)
+        case PdoRow():
+            return _pdo(value)
+        case bytes():
+            return value.hex(" ").upper()
+        case dict():
+            return {str(key): _plain(item) for key, item in value.items()}
+        case list() | tuple():
+            return [_plain(item) for item in value]
+        case np.generic():
+            return _plain(value.item())
+        case float():
+            return value if math.isfinite(value) else None
+    if is_dataclass(value):
+        return {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
+    return value
+
+
+def _quantiles(quantiles: Quantiles) -> dict[str, float | None]:
+    named = {f.name: _plain(getattr(quantiles, f.name)) for f in fields(quantiles)}
+    if quantiles.std is None:
+        del named["std"]
+    return named
+
+
+def _pdo(row: PdoRow) -> dict[str, Any]:
+    plain: dict[str, Any] = {}
+    for f in fields(row):
+        if f.name == "device_us_low":
+            bounds = {"low": _plain(row.device_us_low), "high": _plain(row.device_us_high)}
+            plain["device_us"] = bounds if any(bounds.values()) else None
+        elif f.name != "device_us_high":
+            plain[f.name] = _plain(getattr(row, f.name))
+    return plain

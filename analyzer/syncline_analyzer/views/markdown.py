@@ -1,0 +1,76 @@
+"""Findings as Markdown, for the text panel of the Rerun viewer."""
+
+from pathlib import Path
+
+from syncline_analyzer.results import Analysis, Finding
+from syncline_analyzer.views.words import Clock, duration, names_of, node_label, printable
+
+_MARKS = {"error": "ERROR", "warning": "WARNING", "info": "NOTE"}
+
+
+def findings_markdown(analysis: Analysis) -> str:
+    """The capture in a few lines, then every finding as a story."""
+    capture, clock = analysis.capture, Clock.of(analysis.capture)
+    lines = [f"# {verdict(analysis)}", "", _escaped(extent(analysis))]
+    if capture.start_utc_ns is not None:
+        lines += ["", f"Starts {clock.full(capture.start_utc_ns)}."]
+    for finding in analysis.findings:
+        lines += _story(finding, clock, names_of(analysis.nodes))
+    return "\n".join(lines) + "\n"
+
+
+def verdict(analysis: Analysis) -> str:
+    """One sentence: what the findings add up to, or that there are none."""
+    counts = {
+        name: sum(f.severity == severity for f in analysis.findings)
+        for severity, name in (("error", "error"), ("warning", "warning"), ("info", "note"))
+    }
+    told = [f"{n} {name}{'s' if n > 1 else ''}" for name, n in counts.items() if n]
+    if told:
+        return ", ".join(told)
+    if not analysis.capture.frames:
+        return "No frames in this capture"
+    if not analysis.nodes:
+        return "No CANopen node in this capture"
+    return "Nothing found"
+
+
+def extent(analysis: Analysis) -> str:
+    """What the capture holds, in one sentence."""
+    capture = analysis.capture
+    files = ", ".join(Path(file).name for file in capture.files)
+    time = (
+        f" in {duration(capture.duration_ns)}" if capture.time_base != "none" else " without times"
+    )
+    buses = f" on {', '.join(capture.buses)}" if capture.buses else ""
+    nodes = len(analysis.nodes)
+    return printable(
+        f"{files}: {capture.frames:,} frames{time}{buses}, {nodes} node{'s'[: nodes != 1]}."
+    )
+
+
+def where(finding: Finding, labels: dict[tuple[str, int], str]) -> str:
+    """Node and bus that a finding is about."""
+    if finding.node is None:
+        return finding.bus or "all buses"
+    label = labels.get((finding.bus or "", finding.node), node_label(finding.node))
+    return f"node {label}" + (f" on {finding.bus}" if finding.bus else "")
+
+
+def _story(finding: Finding, clock: Clock, labels: dict[tuple[str, int], str]) -> list[str]:
+    return [
+        "",
+        f"## {_MARKS[finding.severity]}: {_escaped(finding.text)}",
+        "",
+        f"**When** {clock.stretch(finding.start_ns, finding.end_ns)}, {_escaped(where(finding, labels))}",
+        "",
+        f"**Likely cause** {_escaped(finding.cause)}",
+        "",
+        f"**Check next** {_escaped(finding.check_next)}",
+        "",
+        f"`{finding.id}`, evidence: frames {', '.join(map(str, finding.evidence[:10])) or '-'}",
+    ]
+
+
+def _escaped(text: str) -> str:
+    return "".join(f"\\{c}" if c in "\\`*_{}[]<>#|" else c for c in printable(text))

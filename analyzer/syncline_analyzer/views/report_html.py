@@ -1,0 +1,306 @@
+"""`report.html`: one file that opens anywhere, without a network, and says first what went wrong."""
+
+from collections.abc import Iterator
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from plotly.offline import get_plotlyjs
+
+from syncline_analyzer.results import Analysis, Finding, NodeRow
+from syncline_analyzer.views import report_tables as tables
+from syncline_analyzer.views.html import Html, data_script, element, joined, table
+from syncline_analyzer.views.markdown import extent, verdict, where
+from syncline_analyzer.views.palette import (
+    EMCY_CLEAR_COLOUR,
+    EMCY_COLOUR,
+    GAP_COLOUR,
+    SEVERITY_COLOURS,
+    STATE_COLOURS,
+    css,
+)
+from syncline_analyzer.views.report_plots import bands_of, plots_of
+from syncline_analyzer.views.text import recording_lines
+from syncline_analyzer.views.timeline_svg import node_id, timeline
+from syncline_analyzer.views.words import (
+    Clock,
+    names_of,
+    node_label,
+    number,
+)
+
+_BADGES = {"error": "ERROR", "warning": "WARNING", "info": "NOTE"}
+_POLICY = (
+    "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; img-src data: blob:"
+)
+
+
+def write_report(analysis: Analysis, path: Path) -> Path:
+    """Write the report of an analysis, and return the file."""
+    path.write_text(report(analysis), encoding="utf-8")
+    return path
+
+
+def report(analysis: Analysis) -> str:
+    """The page."""
+    clock, plots = Clock.of(analysis.capture), plots_of(analysis)
+    title = ", ".join(Path(file).name for file in analysis.capture.files)
+    body = element(
+        "body",
+        element("a", "Skip to the findings", href="#findings", class_="skip"),
+        _header(analysis, clock, title),
+        element("main", *_sections(analysis, clock, plots)),
+        element("footer", element("p", "Made by Syncline from the recorded frames alone.")),
+        *_scripts(analysis, clock, plots),
+    )
+    head = element(
+        "head",
+        element("meta", charset="utf-8"),
+        element("meta", name="viewport", content="width=device-width, initial-scale=1"),
+        element("meta", http_equiv="Content-Security-Policy", content=_POLICY),
+        element("title", f"{title}: {verdict(analysis)}"),
+        element("style", Html(_asset("report.css") + _colours())),
+    )
+    return "<!DOCTYPE html>\n" + element("html", head, body, lang="en")
+
+
+def _asset(name: str) -> str:
+    return (files("syncline_analyzer.views") / name).read_text(encoding="utf-8")
+
+
+def _colours() -> str:
+    named = {f"s-{state.lower()}": colour for state, colour in STATE_COLOURS.items()}
+    named |= {f"s-{severity}": colour for severity, colour in SEVERITY_COLOURS.items()}
+    named |= {"s-blind": GAP_COLOUR}
+    bars = "".join(
+        f".{name} rect{{fill:{css(c)};stroke:{css(c)}}}i.{name},.share .{name}{{background:{css(c)}}}"
+        for name, c in named.items()
+    )
+    marks = {"m-emcy": EMCY_COLOUR, "m-clear": EMCY_CLEAR_COLOUR}
+    return bars + "".join(
+        f".{name}{{stroke:{css(c)}}}i.{name}{{background:{css(c)}}}" for name, c in marks.items()
+    )
+
+
+def _scripts(analysis: Analysis, clock: Clock, plots: list[dict[str, Any]]) -> Iterator[Html]:
+    capture = analysis.capture
+    dated = clock.dated and clock.timed
+    yield data_script(
+        "report-data",
+        {
+            "seconds": max(capture.duration_ns, 1) / 1e9,
+            "start_ms": clock.first_ns / 1e6 if dated else None,
+            "bands": bands_of(analysis),
+            "plots": plots,
+        },
+    )
+    yield element("script", Html(get_plotlyjs()))
+    yield element("script", Html(_asset("report.js")))
+
+
+def _header(analysis: Analysis, clock: Clock, title: str) -> Html:
+    links = [("findings", "Findings"), ("timeline", "Timeline"), ("plots", "Plots")]
+    links += [("nodes", "Nodes"), ("pdos", "SYNC and PDOs"), ("recording", "Recording")]
+    items = (element("li", element("a", text, href=f"#{name}")) for name, text in links)
+    worst = next((f.severity for s in _BADGES for f in analysis.findings if f.severity == s), "ok")
+    times = None
+    if clock.dated and clock.timed:
+        end_ns = analysis.capture.first_ns + analysis.capture.duration_ns
+        times = element(
+            "p", f"{clock.full(analysis.capture.first_ns)} to {clock.full(end_ns)}", class_="dim"
+        )
+    elif not clock.timed:
+        times = element("p", "The log has no times.", class_="dim")
+    return element(
+        "header",
+        element("p", f"CANopen capture {title}", class_="dim"),
+        element("h1", verdict(analysis), class_=f"badge-{worst}"),
+        element("p", extent(analysis)),
+        times,
+        element("nav", element("ul", *items), aria_label="Sections"),
+    )
+
+
+def _sections(analysis: Analysis, clock: Clock, plots: list[dict[str, Any]]) -> Iterator[Html]:
+    yield _section("findings", "Findings", *_stories(analysis, clock))
+    if clock.timed and analysis.nmt_states:
+        labels = names_of(analysis.nodes)
+        commands = tables.command_table(analysis.nmt_commands, labels, clock)
+        yield _section("timeline", "Timeline", _controls(), timeline(analysis), *commands)
+    else:
+        yield _section("timeline", "Timeline", element("p", "There is nothing to draw over time."))
+    yield _section("plots", "Plots", *_figures(plots))
+    yield _section("nodes", "Nodes", *_nodes(analysis, clock))
+    yield _section("pdos", "SYNC and PDOs", *_pdos(analysis))
+    yield _section("recording", "Recording", *_recording(analysis, clock))
+
+
+def _section(identity: str, title: str, *children: object) -> Html:
+    heading = element("h2", title, id=f"{identity}-title")
+    return element("section", heading, *children, id=identity, aria_labelledby=f"{identity}-title")
+
+
+def _controls() -> Html:
+    moves = {
+        "all": "Whole capture",
+        "in": "Zoom in",
+        "out": "Zoom out",
+        "back": "Earlier",
+        "on": "Later",
+    }
+    buttons = (
+        element("button", text, type="button", data_zoom=name) for name, text in moves.items()
+    )
+    return element("div", *buttons, class_="controls", role="group", aria_label="Time range")
+
+
+def _stories(analysis: Analysis, clock: Clock) -> Iterator[Html]:
+    if not analysis.findings:
+        yield element("p", "No rule found anything wrong in what was recorded.")
+        return
+    labels = names_of(analysis.nodes)
+    stories = (element("li", _story(finding, labels, clock)) for finding in analysis.findings)
+    yield element("ol", *stories, class_="stories")
+
+
+def _story(finding: Finding, labels: dict[tuple[str, int], str], clock: Clock) -> Html:
+    badge = element("span", _BADGES[finding.severity], class_=f"badge {finding.severity}")
+    stretch = clock.stretch(finding.start_ns, finding.end_ns)
+    if clock.timed:
+        when: Html | str = element(
+            "a",
+            stretch,
+            href="#timeline",
+            title=f"{clock.full(finding.start_ns)}: show in the timeline",
+            data_from=f"{(finding.start_ns - clock.first_ns) / 1e9:.9g}",
+            data_to=f"{(finding.end_ns - clock.first_ns) / 1e9:.9g}",
+        )
+    else:
+        when = stretch
+    evidence = ", ".join(map(str, finding.evidence[:8])) or "-"
+    return element(
+        "article",
+        element("p", badge, " ", _place(finding, labels), ", ", when),
+        element("h3", finding.text),
+        element(
+            "dl",
+            *_terms(("Likely cause", finding.cause), ("Check next", finding.check_next)),
+            *_terms(("Evidence", joined(["frames ", evidence, " ", element("code", finding.id)]))),
+        ),
+        class_=f"story {finding.severity}",
+    )
+
+
+def _place(finding: Finding, labels: dict[tuple[str, int], str]) -> Html | str:
+    text = where(finding, labels)
+    if (finding.bus or "", finding.node or 0) not in labels:
+        return text
+    return element("a", text, href=f"#{node_id(finding.bus or '', finding.node or 0)}")
+
+
+def _terms(*pairs: tuple[str, object]) -> Iterator[Html]:
+    for term, told in pairs:
+        yield element("dt", term)
+        yield element("dd", told)
+
+
+def _nodes(analysis: Analysis, clock: Clock) -> Iterator[Html]:
+    if not analysis.nodes:
+        yield element("p", "No frame proves a CANopen node; this may be a bus of another protocol.")
+        return
+    heads = ["Bus", "Node", "Device", ">Boot-ups", ">Heartbeats", ">Period", ">Guarded", ">EMCY", ">SDO", ">PDO frames", "Last state"]  # fmt: skip
+    rows = (
+        (
+            row.bus,
+            element("a", node_label(row.node, row.name), href=f"#{node_id(row.bus, row.node)}"),
+            row.device or "-",
+            row.boot_ups,
+            row.heartbeats,
+            number(row.heartbeat_period_ms, "ms"),
+            row.guard_answers,
+            row.emcy,
+            row.sdo_transfers,
+            row.pdo_frames,
+            row.final_state,
+        )
+        for row in analysis.nodes
+    )
+    yield table("Nodes on the bus", heads, rows)
+    for row in analysis.nodes:
+        yield _node(row, analysis, clock)
+
+
+def _node(node: NodeRow, analysis: Analysis, clock: Clock) -> Html:
+    def own(row: object) -> bool:
+        return (getattr(row, "bus", None), getattr(row, "node", None)) == (node.bus, node.node)
+
+    troubled = any(own(row) for row in (*analysis.findings, *analysis.emcy, *analysis.errors))
+    label = f"Node {node_label(node.node, node.name)} on {node.bus}"
+    return element(
+        "details",
+        element(
+            "summary", f"{label}: {node.device or 'device not known'}, last {node.final_state}"
+        ),
+        _identity(node),
+        *tables.error_table([row for row in analysis.errors if own(row)], clock),
+        *tables.emcy_table([row for row in analysis.emcy if own(row)], clock),
+        *tables.pdo_table("PDOs", [row for row in analysis.pdos if own(row)]),
+        *tables.sdo_table([row for row in analysis.sdo if own(row) and row.result != "ok"], clock),
+        *tables.trace_table([row for row in analysis.traces if own(row)]),
+        *tables.state_table([row for row in analysis.nmt_states if own(row)], clock),
+        id=node_id(node.bus, node.node),
+        open=troubled,
+    )
+
+
+def _identity(node: NodeRow) -> Html:
+    shares = [(state, share) for state, share in node.state_share.items() if share > 0]
+    bar = (
+        element("div", class_=f"s-{state.lower()}", style=f"width:{share * 100:.4g}%", title=state)
+        for state, share in shares
+    )
+    told = ", ".join(f"{state} {share:.2%}" for state, share in shares) or "no state known"
+    return joined(
+        [
+            element("p", f"Known by {', '.join(node.proof) or 'nothing'}. {told}."),
+            element("div", *bar, class_="share", role="img", aria_label=told),
+        ]
+    )
+
+
+def _pdos(analysis: Analysis) -> Iterator[Html]:
+    if not (analysis.sync or analysis.pdos):
+        yield element("p", "No SYNC and no PDO was recorded.")
+    yield from tables.sync_table(analysis.sync)
+    yield from tables.pdo_table("PDOs of all nodes", analysis.pdos)
+
+
+def _figures(plots: list[dict[str, Any]]) -> Iterator[Html]:
+    if not plots:
+        yield element("p", "There is nothing to plot.")
+    for plot in plots:
+        caption = f"{plot['title']} [{plot['y_title']}]"
+        lines = ", ".join(plot["lines"])
+        drawing = element(
+            "div", id=plot["id"], class_="plot", role="img", aria_label=f"{caption}: {lines}"
+        )
+        yield element("figure", element("figcaption", caption), drawing)
+
+
+def _recording(analysis: Analysis, clock: Clock) -> Iterator[Html]:
+    capture = analysis.capture
+    yield element("ul", *(element("li", line) for line in recording_lines(analysis, clock)))
+    loads = (
+        (
+            row.bus,
+            f"{row.bitrate / 1000:g} kbit/s" if row.bitrate else "not known",
+            number(row.mean_percent, "%", 3),
+            number(row.peak_percent, "%", 3),
+            number(row.frames_per_s),
+        )
+        for row in analysis.bus_load
+    )
+    if analysis.bus_load:
+        heads = ["Bus", ">Bit rate", ">Mean load", ">Peak load", ">Frames/s"]
+        yield table("Bus load", heads, loads)
+    yield element("p", "Files: ", ", ".join(capture.files))

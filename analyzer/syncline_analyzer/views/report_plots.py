@@ -1,0 +1,125 @@
+"""Plots of the report as data for plotly: thinned so that a page stays small, peaks kept."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from syncline_analyzer.results import Analysis, Responses
+from syncline_analyzer.views.events import marks
+from syncline_analyzer.views.palette import SEVERITY_COLOURS, css, line_colour
+from syncline_analyzer.views.plots import Line, Panel, panels
+from syncline_analyzer.views.thin import extremes
+from syncline_analyzer.views.words import Clock, hex_code
+
+POINTS_OF_A_PAGE = 120_000
+MAX_POINTS, MIN_POINTS = 4_000, 500
+MAX_MARKS, MAX_BANDS, MAX_HISTOGRAMS = 1_000, 200, 12
+
+_ON_PLOTS = ("EMCY", "EMCY cleared", "node lost")
+_SYMBOLS = {"down": "triangle-down", "up": "triangle-up", "diamond": "diamond", "square": "square"}
+
+
+def plots_of(analysis: Analysis) -> list[dict[str, Any]]:
+    """Plots in the order of the page: id, kind ("time" or "bars"), titles, traces for plotly.
+
+    `x` of a plot over time are seconds of capture time. A capture without times has none.
+    """
+    clock = Clock.of(analysis.capture)
+    drawn = panels(analysis) if clock.timed else []
+    lines = sum(len(panel.lines) for panel in drawn)
+    points = max(MIN_POINTS, min(MAX_POINTS, POINTS_OF_A_PAGE // max(lines, 1)))
+    plots = [_over_time(panel, analysis, clock, points) for panel in drawn]
+    histograms = [r for r in analysis.responses if r.histogram.any()][:MAX_HISTOGRAMS]
+    if histograms:
+        plots.append(_bars(histograms))
+    return [{"id": f"plot-{i}", **plot} for i, plot in enumerate(plots)]
+
+
+def bands_of(analysis: Analysis) -> list[tuple[float, float, str]]:
+    """Stretches of the findings that are marked in every plot: start and end [s], colour."""
+    clock = Clock.of(analysis.capture)
+    return [
+        (
+            _second(row.start_ns, clock),
+            _second(row.end_ns, clock),
+            css(SEVERITY_COLOURS[row.severity]),
+        )
+        for row in analysis.findings[:MAX_BANDS]
+        if clock.timed
+    ]
+
+
+def _second(t_ns: int, clock: Clock) -> float:
+    return (t_ns - clock.first_ns) / 1e9
+
+
+def _over_time(panel: Panel, analysis: Analysis, clock: Clock, points: int) -> dict[str, Any]:
+    traces = [_trace(line, clock, points) for line in panel.lines]
+    return {
+        "kind": "time",
+        "title": panel.title,
+        "y_title": panel.unit,
+        "lines": [line.name for line in panel.lines],
+        "traces": [*traces, *_marks(panel, analysis, clock)],
+    }
+
+
+def _trace(line: Line, clock: Clock, points: int) -> dict[str, Any]:
+    rows = extremes(line.value, points)
+    return {
+        "name": line.name,
+        "mode": "lines",
+        "x": np.round((line.t_ns[rows] - clock.first_ns) / 1e9, 6).tolist(),
+        "y": _plain(line.value[rows]),
+        "line": {"color": css(line.colour), "width": 1.3},
+    }
+
+
+def _marks(panel: Panel, analysis: Analysis, clock: Clock) -> Iterator[dict[str, Any]]:
+    low, high = panel.limits()
+    top = high + 0.06 * ((high - low) or max(abs(high), 1.0))
+    for mark in marks(analysis):
+        if mark.name in _ON_PLOTS:
+            moments = mark.moments[:: len(mark.moments) // MAX_MARKS + 1]
+            yield {
+                "name": mark.name,
+                "mode": "markers",
+                "x": [_second(t_ns, clock) for t_ns, _ in moments],
+                "y": [top] * len(moments),
+                "marker": {"color": css(mark.colour), "symbol": _SYMBOLS[mark.shape], "size": 9},
+            }
+
+
+def _bars(histograms: list[Responses]) -> dict[str, Any]:
+    names = [f"{r.bus} {hex_code(r.cob_id, 3)} {r.pdo or 'PDO'}" for r in histograms]
+    return {
+        "kind": "bars",
+        "title": "PDO response times",
+        "y_title": "responses",
+        "x_title": "us after the SYNC",
+        "lines": names,
+        "traces": [_bar(r, name, css(line_colour(i))) for i, (r, name) in enumerate(zip(histograms, names, strict=True))],
+    }  # fmt: skip
+
+
+def _bar(responses: Responses, name: str, colour: str) -> dict[str, Any]:
+    filled = np.flatnonzero(responses.histogram)
+    shown = slice(int(filled[0]), int(filled[-1]) + 1)
+    widths = np.diff(responses.edges_us)
+    middles = responses.edges_us[:-1] + widths / 2
+    return {
+        "type": "bar",
+        "name": name,
+        "x": _plain(middles[shown]),
+        "y": responses.histogram[shown].tolist(),
+        "width": _plain(widths[shown]),
+        "opacity": 0.65,
+        "marker": {"color": colour},
+    }
+
+
+def _plain(values: NDArray[np.float64]) -> list[float | None]:
+    """Six significant digits, None for NaN."""
+    return [float(f"{v:.6g}") if np.isfinite(v) else None for v in values.tolist()]

@@ -1,0 +1,181 @@
+"""Tables of the report; each yields nothing where it would have no rows."""
+
+from collections.abc import Iterator, Sequence
+
+from syncline_analyzer.results import (
+    EmcyRow,
+    ErrorRow,
+    NmtCommandRow,
+    NmtStateRow,
+    PdoRow,
+    SdoRow,
+    SyncRow,
+    TraceRow,
+)
+from syncline_analyzer.views.html import Html, element, table
+from syncline_analyzer.views.text import pdo_type
+from syncline_analyzer.views.words import (
+    Clock,
+    duration,
+    hex_code,
+    number,
+    object_name,
+    spread,
+    trace_object,
+)
+
+MAX_ROWS = 200
+"""Rows of a table of events; the parquet files hold all."""
+
+
+def _limited(caption: str, heads: Sequence[str], rows: list[Sequence[object]]) -> Iterator[Html]:
+    if rows:
+        rest = len(rows) - MAX_ROWS
+        told = f"{caption} (the first {MAX_ROWS} of {len(rows)})" if rest > 0 else caption
+        yield table(told, heads, rows[:MAX_ROWS])
+
+
+def state_table(rows: list[NmtStateRow], clock: Clock) -> Iterator[Html]:
+    """Intervals of one node."""
+    listed: list[Sequence[object]] = [
+        (
+            row.state,
+            clock.stretch(row.start_ns, row.end_ns),
+            duration(row.end_ns - row.start_ns) if clock.timed else "-",
+            row.certainty,
+            "-" if row.evidence is None else row.evidence,
+            row.cause,
+        )
+        for row in rows
+    ]
+    heads = ["State", "When", ">Duration", "Certainty", ">Frame", "Cause"]
+    yield from _limited("NMT states", heads, listed)
+
+
+def command_table(
+    rows: list[NmtCommandRow], labels: dict[tuple[str, int], str], clock: Clock
+) -> Iterator[Html]:
+    """NMT commands of all buses."""
+    listed: list[Sequence[object]] = [
+        (
+            clock.short(row.t_ns),
+            row.bus,
+            row.command,
+            labels.get((row.bus, row.node), "all" if row.node == 0 else row.node),
+            number(row.confirmed_ms, "ms"),
+            row.seq,
+        )
+        for row in rows
+    ]
+    heads = ["When", "Bus", "Command", "To node", ">Confirmed after", ">Frame"]
+    yield from _limited("NMT commands", heads, listed)
+
+
+def emcy_table(rows: list[EmcyRow], clock: Clock) -> Iterator[Html]:
+    """EMCY messages of one node."""
+    listed: list[Sequence[object]] = [
+        (
+            clock.short(row.t_ns),
+            element("code", hex_code(row.code)),
+            row.transition,
+            hex_code(row.error_register, 2),
+            ", ".join(row.registers) or "-",
+            element("code", row.manufacturer_hex or "-"),
+            row.seq,
+            row.meaning + "".join(f"; {key} {value}" for key, value in row.details.items()),
+        )
+        for row in rows
+    ]
+    heads = ["When", "Code", "Transition", "Register", "Bits", "Manufacturer bytes", ">Frame", "Meaning"]  # fmt: skip
+    yield from _limited("EMCY history", heads, listed)
+
+
+def error_table(rows: list[ErrorRow], clock: Clock) -> Iterator[Html]:
+    """Errors of one node from raise to clear."""
+    listed: list[Sequence[object]] = [
+        (
+            element("code", hex_code(row.code)),
+            row.status,
+            clock.short(row.raised_ns),
+            "-" if row.cleared_ns is None else clock.short(row.cleared_ns),
+            row.count,
+            row.meaning,
+        )
+        for row in rows
+    ]
+    heads = ["Code", "Status", "Raised", "Cleared", ">Messages", "Meaning"]
+    yield from _limited("Errors", heads, listed)
+
+
+def sync_table(rows: list[SyncRow]) -> Iterator[Html]:
+    """SYNC producers."""
+    listed: list[Sequence[object]] = [
+        (row.bus, hex_code(row.cob_id, 3), row.count, spread(row.period_us),
+         number(row.period_us.p99 if row.period_us else None), row.missing, row.counter_jumps)
+        for row in rows
+    ]  # fmt: skip
+    heads = ["Bus", "COB-ID", ">SYNCs", ">Period min/median/max [us]", ">p99 [us]", ">Missing", ">Counter jumps"]  # fmt: skip
+    yield from _limited("SYNC", heads, listed)
+
+
+def pdo_table(caption: str, rows: list[PdoRow]) -> Iterator[Html]:
+    """PDOs with their timing."""
+    listed: list[Sequence[object]] = [
+        (
+            element("code", hex_code(row.cob_id, 3)),
+            "-" if row.node is None else row.node,
+            row.pdo or "-",
+            row.frames,
+            spread(row.period_us),
+            spread(row.response_us),
+            number(row.response_us.std if row.response_us else None),
+            f"{spread(row.device_us_low)} to {spread(row.device_us_high)}"
+            if row.device_us_low
+            else "-",
+            row.missed,
+            row.extra,
+            row.late,
+            pdo_type(row),
+        )
+        for row in rows
+    ]
+    heads = ["COB-ID", ">Node", "PDO", ">Frames", ">Period min/median/max [us]", ">Response min/median/max [us]", ">Std [us]", ">Device time, bounds [us]", ">Missed", ">Extra", ">Late", "Transmission type"]  # fmt: skip
+    yield from _limited(caption, heads, listed)
+
+
+def sdo_table(rows: list[SdoRow], clock: Clock) -> Iterator[Html]:
+    """SDO transfers of one node."""
+    listed: list[Sequence[object]] = [
+        (
+            clock.short(row.start_ns),
+            element("code", object_name(row.index, row.sub)),
+            row.direction,
+            row.kind,
+            row.result if row.abort_code is None else f"abort {hex_code(row.abort_code, 8)}",
+            number(row.answer_us, "us"),
+            row.seq,
+            row.name or "-",
+        )
+        for row in rows
+    ]
+    heads = ["When", "Object", "Direction", "Kind", "Result", ">Answer after", ">Frame", "Name"]
+    yield from _limited("SDO transfers that failed", heads, listed)
+
+
+def trace_table(rows: list[TraceRow]) -> Iterator[Html]:
+    """Traces of one node."""
+    listed: list[Sequence[object]] = [
+        (
+            element("code", trace_object(row.object)),
+            row.name,
+            row.samples,
+            number(row.min),
+            number(row.max),
+            row.unit,
+            row.cuts,
+            ", ".join(f"{n} {flag.replace('_', ' ')}" for flag, n in row.flags.items() if n) or "-",
+        )
+        for row in rows
+    ]
+    heads = ["Object", "Name", ">Samples", ">Min", ">Max", "Unit", ">Cuts", "Flags"]
+    yield from _limited("Traces", heads, listed)

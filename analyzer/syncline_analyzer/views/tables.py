@@ -1,0 +1,306 @@
+"""The tables as pandas frames and as parquet files.
+
+One column per field of the row's dataclass in `results.py`, except:
+
+- a stamp `x_ns` (int64) has a twin `x` (datetime64[ns, UTC]; `t` for `t_ns`), NaT where the capture
+  has no date;
+- quantiles become `period_us_min`, `_median`, `_p99`, `_max` and `_std` (Float64);
+- `state_share` and `flags` become one column per state or flag, `details` JSON text;
+- an SDO `value` is text, with its number in `value_number` (Float64) where it is one; `data` is
+  hexadecimal text.
+
+Text is `string`, whole numbers that may be missing are `Int64`, lists stay lists.
+"""
+
+import json
+import types
+import typing
+from collections.abc import Iterator, Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from syncline_analyzer.results import (
+    TRACE_FLAGS,
+    Analysis,
+    BusLoadRow,
+    EmcyRow,
+    ErrorRow,
+    Finding,
+    GapRow,
+    NmtCommandRow,
+    NmtStateRow,
+    NodeRow,
+    ObjectRow,
+    PdoRow,
+    Quantiles,
+    Responses,
+    SdoRow,
+    Series,
+    SyncRow,
+    Trace,
+    TraceRow,
+)
+from syncline_schemas.canopen.nmt import NmtState
+
+ROW_TYPES: dict[str, type] = {
+    "nodes": NodeRow,
+    "nmt_commands": NmtCommandRow,
+    "nmt_states": NmtStateRow,
+    "sync": SyncRow,
+    "pdos": PdoRow,
+    "emcy": EmcyRow,
+    "errors": ErrorRow,
+    "sdo": SdoRow,
+    "traces": TraceRow,
+    "bus_load": BusLoadRow,
+    "findings": Finding,
+    "gaps": GapRow,
+    "objects": ObjectRow,
+}
+"""Row class by table."""
+
+_QUANTILES = tuple(f.name for f in fields(Quantiles))
+_ROWS_PER_GROUP = 1 << 18
+_TRACE_COLUMNS = ("position", "turn", "angle_deg", "unwrapped_deg", "speed_rpm")
+
+
+def rows_of(analysis: Analysis, table: str) -> list[Any]:
+    """The rows of one table by its name in `ROW_TYPES`."""
+    rows = analysis.capture.gaps if table == "gaps" else getattr(analysis, table)
+    return list(rows)
+
+
+def is_dated(analysis: Analysis) -> bool:
+    """Whether the stamps of this analysis are UTC."""
+    return analysis.capture.start_utc_ns is not None
+
+
+def table(analysis: Analysis, name: str) -> pd.DataFrame:
+    """One table of an analysis as a frame, with all its columns also when it has no rows."""
+    return to_frame(rows_of(analysis, name), name, dated=is_dated(analysis))
+
+
+def to_frame(rows: Sequence[Any], name: str | None = None, *, dated: bool = True) -> pd.DataFrame:
+    """Rows of one class as a frame; see the module for the columns.
+
+    Args:
+        rows: instances of one row class of `results.py`.
+        name: the table's name in `ROW_TYPES`, needed where `rows` may be empty.
+        dated: False when stamps are not UTC: the datetime twins are then NaT.
+    """
+    if name is None and not rows:
+        return pd.DataFrame()
+    kind = ROW_TYPES[name] if name is not None else type(rows[0])
+    hints = typing.get_type_hints(kind)
+    columns: dict[str, Any] = {}
+    for f in fields(kind):
+        values = [getattr(row, f.name) for row in rows]
+        for column, data in _columns(f.name, hints[f.name], values):
+            columns[column] = data
+            if column.endswith("_ns"):
+                columns[column.removesuffix("_ns")] = datetimes(data, dated=dated)
+    return pd.DataFrame(columns, index=pd.RangeIndex(len(rows)))
+
+
+def datetimes(t_ns: Any, *, dated: bool = True) -> "pd.Series[Any]":
+    """Stamps in ns since 1970 as datetime64[ns, UTC]; missing ones, and all without a date, NaT."""
+    stamps = pd.Series(pd.array(t_ns, dtype="Int64"))
+    whole = stamps.fillna(0).to_numpy(np.int64).astype("datetime64[ns]")
+    known = stamps.notna().to_numpy() & dated
+    moments = pd.DatetimeIndex(np.where(known, whole, np.datetime64("NaT", "ns")))
+    return pd.Series(moments.tz_localize("UTC"))
+
+
+def _columns(name: str, hint: Any, values: list[Any]) -> Iterator[tuple[str, Any]]:
+    plain, optional = _without_none(hint)
+    if name == "value" and plain is None:
+        yield name, pd.array([None if v is None else str(v) for v in values], dtype="string")
+        yield "value_number", _floats([v if isinstance(v, int | float) else None for v in values])
+    elif plain is Quantiles:
+        for part in _QUANTILES:
+            yield f"{name}_{part}", _floats([v and getattr(v, part) for v in values])
+    elif name == "state_share":
+        for state in NmtState:
+            column = "share_" + state.lower().replace("-", "_")
+            yield column, np.array([v.get(state, 0.0) for v in values], np.float64)
+    elif name == "flags":
+        for flag in TRACE_FLAGS:
+            yield f"flag_{flag}", np.array([v.get(flag, 0) for v in values], np.int64)
+    else:
+        yield name, _column(plain, optional, values)
+
+
+def _column(plain: Any, optional: bool, values: list[Any]) -> Any:
+    origin = typing.get_origin(plain)
+    if origin is list:
+        return pd.Series(values, dtype=object)
+    if origin is dict:
+        texts = [json.dumps(v, default=_hex, sort_keys=True) for v in values]
+        return pd.array(texts, dtype="string")
+    if plain is bytes:
+        return pd.array([v.hex(" ").upper() for v in values], dtype="string")
+    if plain is int:
+        return pd.array(values, dtype="Int64") if optional else np.array(values, np.int64)
+    if plain is float:
+        return _floats(values) if optional else np.array(values, np.float64)
+    return pd.array(values, dtype="string")
+
+
+def _hex(value: Any) -> str:
+    return value.hex(" ").upper() if isinstance(value, bytes) else str(value)
+
+
+def _floats(values: list[Any]) -> Any:
+    return pd.array([np.nan if v is None else float(v) for v in values], dtype="Float64")
+
+
+def _without_none(hint: Any) -> tuple[Any, bool]:
+    """The type without None, None itself when several types remain, and whether None was in it."""
+    if typing.get_origin(hint) not in (types.UnionType, typing.Union):
+        return hint, False
+    members = typing.get_args(hint)
+    left = [member for member in members if member is not type(None)]
+    return (left[0] if len(left) == 1 else None), len(left) < len(members)
+
+
+def trace_frame(trace: Trace, extra: Sequence[str] = (), *, dated: bool = True) -> pd.DataFrame:
+    """Samples of one trace: its columns, the twin `t`, and one boolean column per flag.
+
+    Columns that the trace does not have, but an encoder would or `extra` names, are NaN.
+    """
+    frame = pd.DataFrame({"t_ns": trace.t_ns, "t": datetimes(trace.t_ns, dated=dated)})
+    for name in ("seq", "raw", "value", "segment"):
+        frame[name] = getattr(trace, name)
+    for name in dict.fromkeys((*_TRACE_COLUMNS, *extra, *trace.columns)):
+        frame[name] = trace.columns.get(name, np.nan)
+    for bit, flag in enumerate(TRACE_FLAGS):
+        frame[flag] = (trace.flags >> bit & 1).astype(np.bool_)
+    for name in ("name", "object", "node", "bus", "unit"):
+        frame.insert(0, name, getattr(trace, name))
+    return frame
+
+
+def response_frame(responses: Responses, *, dated: bool = True) -> pd.DataFrame:
+    """Answers of one PDO to its SYNCs, one row each."""
+    frame = pd.DataFrame(
+        {
+            "bus": responses.bus,
+            "cob_id": responses.cob_id,
+            "node": pd.array([responses.node] * len(responses.t_ns), dtype="Int64"),
+            "pdo": pd.array([responses.pdo] * len(responses.t_ns), dtype="string"),
+            "seq": responses.seq,
+            "t_ns": responses.t_ns,
+        }
+    )
+    frame["t"] = datetimes(responses.t_ns, dated=dated)
+    for name in ("response_us", "device_low_us", "device_high_us"):
+        frame[name] = getattr(responses, name)
+    return frame
+
+
+def traces_frame(traces: Sequence[Trace], *, dated: bool = True) -> pd.DataFrame:
+    """Samples of several traces, one below the other."""
+    extra = [name for trace in traces for name in trace.columns]
+    frames = [trace_frame(trace, extra, dated=dated) for trace in traces or [_NO_TRACE]]
+    return pd.concat(frames, ignore_index=True)
+
+
+def responses_frame(responses: Sequence[Responses], *, dated: bool = True) -> pd.DataFrame:
+    """Answers of several PDOs, one below the other."""
+    frames = [response_frame(each, dated=dated) for each in responses or [_NO_RESPONSES]]
+    return pd.concat(frames, ignore_index=True)
+
+
+def histogram_frame(responses: Responses) -> pd.DataFrame:
+    """Response histogram of one PDO: one row per bin with its edges in us."""
+    return pd.DataFrame(
+        {
+            "bus": responses.bus,
+            "cob_id": responses.cob_id,
+            "low_us": responses.edges_us[:-1],
+            "high_us": responses.edges_us[1:],
+            "count": responses.histogram,
+        }
+    )
+
+
+def series_frame(series: Series, *, dated: bool = True) -> pd.DataFrame:
+    """One quantity over time."""
+    frame = pd.DataFrame(
+        {"bus": series.bus, "name": series.name, "unit": series.unit, "t_ns": series.t_ns}
+    )
+    frame["t"] = datetimes(series.t_ns, dated=dated)
+    frame["value"] = series.value
+    return frame
+
+
+def write_tables(analysis: Analysis, folder: Path) -> list[Path]:
+    """Write every table as `<name>.parquet` into a folder, and return the files.
+
+    Besides the tables of `ROW_TYPES`: `trace_samples`, `pdo_responses`, `response_histograms` and
+    `series`. All of them are always there, with all columns, also when they have no rows.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    return [
+        _write(folder / f"{name}.parquet", frames) for name, frames in _all_frames(analysis).items()
+    ]
+
+
+def _all_frames(analysis: Analysis) -> dict[str, Iterator[pd.DataFrame]]:
+    dated = is_dated(analysis)
+    traces = analysis.trace_data or [_NO_TRACE]
+    responses = analysis.responses or [_NO_RESPONSES]
+    extra = [name for trace in traces for name in trace.columns]
+    return {
+        **{name: iter([table(analysis, name)]) for name in ROW_TYPES},
+        "trace_samples": (trace_frame(x, extra, dated=dated) for x in traces),
+        "pdo_responses": (response_frame(x, dated=dated) for x in responses),
+        "response_histograms": (histogram_frame(x) for x in responses),
+        "series": (series_frame(x, dated=dated) for x in analysis.series or [_NO_SERIES]),
+    }
+
+
+def _write(path: Path, frames: Iterator[pd.DataFrame]) -> Path:
+    """One file from frames of equal columns, each at least one row group of its own."""
+    first = _arrow(next(frames))
+    with pq.ParquetWriter(path, first.schema, compression="zstd") as writer:
+        writer.write_table(first, row_group_size=_ROWS_PER_GROUP)
+        for frame in frames:
+            writer.write_table(_arrow(frame).cast(first.schema), row_group_size=_ROWS_PER_GROUP)
+    return path
+
+
+def _arrow(frame: pd.DataFrame) -> pa.Table:
+    schema = pa.Schema.from_pandas(frame, preserve_index=False)
+    for name, kind in _LIST_TYPES.items():
+        at = schema.get_field_index(name)
+        if at >= 0 and not pa.types.is_primitive(schema.field(at).type):
+            schema = schema.set(at, pa.field(name, kind))
+    return pa.Table.from_pandas(frame, schema=schema, preserve_index=False)
+
+
+_LIST_TYPES = {
+    "evidence": pa.list_(pa.int64()),
+    "missed_seq": pa.list_(pa.int64()),
+    "registers": pa.list_(pa.string()),
+    "proof": pa.list_(pa.string()),
+}
+"""Arrow type by list column, which an empty table does not tell."""
+
+_NO_INTEGERS = np.zeros(0, np.int64)
+_NO_FLOATS = np.zeros(0, np.float64)
+_NO_TRACE = Trace(
+    "", 0, 0, "", "", _NO_INTEGERS, _NO_INTEGERS, _NO_INTEGERS, _NO_FLOATS,
+    np.zeros(0, np.uint16), np.zeros(0, np.int32),
+)  # fmt: skip
+_NO_RESPONSES = Responses(
+    "", 0, None, None, _NO_INTEGERS, _NO_INTEGERS, _NO_FLOATS, _NO_FLOATS, _NO_FLOATS,
+    _NO_INTEGERS, np.zeros(1, np.float64),
+)  # fmt: skip
+_NO_SERIES = Series("", "", "", _NO_INTEGERS, _NO_FLOATS)

@@ -1,0 +1,317 @@
+"""The analysis as text for a terminal: findings first, then what they rest on."""
+
+import os
+from collections.abc import Iterable, Iterator
+from io import StringIO
+from itertools import groupby
+from typing import IO
+
+from rich import box
+from rich.console import Console, Group, RenderableType
+from rich.padding import Padding
+from rich.table import Table
+from rich.text import Text
+
+from syncline_analyzer.results import Analysis, Finding, PdoRow
+from syncline_analyzer.views.events import CLEARING, emcy_text
+from syncline_analyzer.views.lanes import cells, lanes_of
+from syncline_analyzer.views.markdown import extent, verdict, where
+from syncline_analyzer.views.palette import SEVERITY_COLOURS, STATE_COLOURS, STATE_LETTERS, css
+from syncline_analyzer.views.words import (
+    Clock,
+    duration,
+    hex_code,
+    names_of,
+    node_label,
+    number,
+    object_name,
+    printable,
+    spread,
+    trace_object,
+)
+
+PIPE_WIDTH = 120
+"""Columns where the output is no terminal and COLUMNS does not say otherwise."""
+
+MAX_ROWS = 20
+"""Rows of EMCY and failed SDO transfers; a note says how many there are in all."""
+
+_SEVERITY_WORDS = {"error": "ERROR", "warning": "WARNING", "info": "NOTE"}
+
+
+def summary(analysis: Analysis, *, width: int = PIPE_WIDTH) -> str:
+    """The summary as plain text without colours."""
+    out = StringIO()
+    print_summary(analysis, Console(file=out, width=width, color_system=None))
+    return out.getvalue()
+
+
+def console_for(stream: IO[str]) -> Console:
+    """A console on a stream: its colours and width on a terminal, plain text of 120 columns else."""
+    piped = not stream.isatty() and "COLUMNS" not in os.environ
+    return Console(file=stream, width=PIPE_WIDTH if piped else None, highlight=False, markup=False)
+
+
+def print_summary(analysis: Analysis, console: Console) -> None:
+    """Print the summary."""
+    for part in _parts(analysis, console.width):
+        console.print(part, highlight=False)
+
+
+def _parts(analysis: Analysis, width: int) -> Iterator[RenderableType]:
+    clock = Clock.of(analysis.capture)
+    yield Text(extent(analysis), style="dim")
+    yield from _start(analysis, clock)
+    yield Text(verdict(analysis), style="bold")
+    for finding in analysis.findings:
+        yield from _story(finding, analysis, clock)
+    for title, table in _tables(analysis, clock, width):
+        yield Text()
+        yield Text(title, style="bold underline")
+        yield table
+
+
+def _start(analysis: Analysis, clock: Clock) -> Iterator[Text]:
+    capture = analysis.capture
+    if not clock.timed:
+        yield Text(
+            "The log has no times: nothing here is about how long or how late.", style="yellow"
+        )
+    elif not clock.dated:
+        yield Text("The log has no date: times count from its first frame.", style="dim")
+    else:
+        end_ns = capture.first_ns + capture.duration_ns
+        yield Text(f"{clock.full(capture.first_ns)} to {clock.full(end_ns)}", style="dim")
+    if capture.frames and not analysis.nodes:
+        yield Text(
+            "No frame proves a CANopen node; this may be a bus of another protocol.", style="yellow"
+        )
+
+
+def _story(finding: Finding, analysis: Analysis, clock: Clock) -> Iterator[RenderableType]:
+    head = Text("\n")
+    colour = css(SEVERITY_COLOURS[finding.severity])
+    head.append(f"{_SEVERITY_WORDS[finding.severity]} ", style=f"bold {colour}")
+    head.append(printable(where(finding, names_of(analysis.nodes))), style="bold")
+    head.append(f"  {clock.stretch(finding.start_ns, finding.end_ns)}")
+    if clock.timed and finding.end_ns > finding.start_ns:
+        head.append(f" ({duration(finding.end_ns - finding.start_ns)})", style="dim")
+    yield head
+    evidence = ", ".join(map(str, finding.evidence[:8]))
+    more = f" and {len(finding.evidence) - 8} more" if len(finding.evidence) > 8 else ""
+    body = Table.grid(padding=(0, 1))
+    body.add_row("", Text(printable(finding.text)))
+    body.add_row(Text("likely cause", style="dim"), Text(printable(finding.cause)))
+    body.add_row(Text("check next", style="dim"), Text(printable(finding.check_next)))
+    frames = f"frames {evidence}{more}" if evidence else "no single frame"
+    body.add_row(Text("evidence", style="dim"), Text(f"{frames}  [{finding.id}]", style="dim"))
+    yield Padding(body, (0, 0, 0, 2))
+
+
+def _tables(analysis: Analysis, clock: Clock, width: int) -> Iterator[tuple[str, RenderableType]]:
+    if analysis.nodes:
+        yield "Nodes", _nodes(analysis, width)
+    if analysis.nmt_states and clock.timed:
+        yield "NMT states", _states(analysis, width)
+    if analysis.sync or analysis.pdos:
+        yield "SYNC and PDOs (us: min / median / max)", _pdos(analysis)
+    if analysis.emcy:
+        yield f"EMCY ({len(analysis.emcy)})", _emcy(analysis, clock)
+    if any(row.result != "ok" for row in analysis.sdo):
+        yield "SDO transfers that failed", _sdo(analysis, clock)
+    if analysis.traces:
+        yield "Traces", _traces(analysis)
+    if analysis.bus_load:
+        yield "Bus load", _bus_load(analysis)
+    yield "Recording", _recording(analysis, clock)
+
+
+def _grid(*heads: str) -> Table:
+    """A table without a frame; a head that starts with ">" is of a column of figures."""
+    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, collapse_padding=True)
+    for head in heads:
+        table.add_column(
+            head.removeprefix(">"), justify="right" if head[0] == ">" else "left", overflow="fold"
+        )
+    return table
+
+
+def _row(table: Table, *columns: object, style: str | None = None) -> None:
+    table.add_row(*(c if isinstance(c, Text) else Text(str(c)) for c in columns), style=style)
+
+
+def _nodes(analysis: Analysis, width: int) -> Table:
+    heads = [
+        "bus",
+        "node",
+        "state",
+        ">boot-ups",
+        ">EMCY",
+        ">heartbeat",
+        "SDO",
+        "device",
+        "known by",
+    ]
+    table = _grid(*heads[: 9 if width >= 110 else 8 if width >= 90 else 6])
+    for row in analysis.nodes:
+        alive = number(row.heartbeat_period_ms, "ms")
+        if row.guard_answers or row.guard_requests:
+            alive = f"guarded {row.guard_answers}/{row.guard_requests}"
+        sdo = str(row.sdo_transfers)
+        for count, word in ((row.sdo_aborts, "aborted"), (row.sdo_unanswered, "unanswered")):
+            sdo += f", {count} {word}" if count else ""
+        state = Text(
+            row.final_state, style=css(STATE_COLOURS.get(row.final_state, (158, 158, 158)))
+        )
+        label, device = node_label(row.node, row.name), printable(row.device or "-")
+        shown = (
+            row.bus,
+            label,
+            state,
+            row.boot_ups,
+            row.emcy,
+            alive,
+            sdo,
+            device,
+            ", ".join(row.proof),
+        )
+        _row(table, *shown[: len(table.columns)])
+    return table
+
+
+def _states(analysis: Analysis, width: int) -> Group:
+    capture = analysis.capture
+    labels = names_of(analysis.nodes)
+    several = len(capture.buses) > 1
+    lanes = lanes_of(analysis)
+    heads = {
+        key: f"{key[0]} {labels.get(key, node_label(key[1]))}" if several
+        else labels.get(key, node_label(key[1]))
+        for key in lanes
+    }  # fmt: skip
+    room = max(10, width - min(max(map(len, heads.values())), width // 3) - 1)
+    table = Table.grid(padding=(0, 1))
+    table.add_column(
+        min_width=width - room - 1, max_width=width // 3, overflow="ellipsis", no_wrap=True
+    )
+    table.add_column(no_wrap=True)
+    end_ns = capture.first_ns + capture.duration_ns
+    for key, rows in lanes.items():
+        table.add_row(Text(heads[key]), _bar(cells(rows, capture.first_ns, end_ns, room)))
+    legend = "  ".join(f"{letter} {state}" for state, letter in STATE_LETTERS.items())
+    return Group(table, Text(legend, style="dim"))
+
+
+def _bar(states: list[str]) -> Text:
+    bar = Text()
+    for state, run in groupby(states):
+        count = len(list(run))
+        if state:
+            bar.append(STATE_LETTERS[state] * count, style=f"black on {css(STATE_COLOURS[state])}")
+        else:
+            bar.append(" " * count)
+    return bar
+
+
+def _pdos(analysis: Analysis) -> Table:
+    table = _grid("bus", "COB-ID", "what", "type", ">frames", "period", "response", "faults")
+    for sync in analysis.sync:
+        faults = _faults(missing=sync.missing, jumps=sync.counter_jumps)
+        cob_id = hex_code(sync.cob_id, 3)
+        _row(table, sync.bus, cob_id, "SYNC", "", sync.count, spread(sync.period_us), "", faults)
+    for pdo in analysis.pdos:
+        what = (
+            f"node {pdo.node} {pdo.pdo or 'PDO'}" if pdo.node is not None else "PDO of nobody known"
+        )
+        faults = _faults(missed=pdo.missed, extra=pdo.extra, late=pdo.late)
+        cob_id, spans = hex_code(pdo.cob_id, 3), (spread(pdo.period_us), spread(pdo.response_us))
+        _row(table, pdo.bus, cob_id, what, pdo_type(pdo), pdo.frames, *spans, faults)
+    return table
+
+
+def pdo_type(pdo: PdoRow) -> str:
+    """Transmission type of a PDO with where it is known from."""
+    kind = "" if pdo.transmission_type is None else f"{pdo.transmission_type} "
+    return f"{kind}({printable(pdo.type_source)})"
+
+
+def _faults(**counts: int) -> Text:
+    told = ", ".join(f"{count} {name}" for name, count in counts.items() if count)
+    return Text(told or "-", style="bold red" if told else "")
+
+
+def _emcy(analysis: Analysis, clock: Clock) -> Table:
+    table = _grid("when", "bus", "node", "EMCY")
+    labels = names_of(analysis.nodes)
+    for row in analysis.emcy[:MAX_ROWS]:
+        label = labels.get((row.bus, row.node), node_label(row.node))
+        style = "green" if row.transition in CLEARING else None
+        _row(table, clock.short(row.t_ns), row.bus, label, emcy_text(row), style=style)
+    return _with_rest(table, len(analysis.emcy))
+
+
+def _sdo(analysis: Analysis, clock: Clock) -> Table:
+    table = _grid("when", "bus", "node", "object", "direction", "result")
+    failed = [row for row in analysis.sdo if row.result != "ok"]
+    for row in failed[:MAX_ROWS]:
+        code = row.abort_code
+        result = row.result if code is None else f"abort {hex_code(code, 8)}"
+        what = f"{object_name(row.index, row.sub)} {printable(row.name or '')}"
+        _row(table, clock.short(row.start_ns), row.bus, row.node, what, row.direction, result)
+    return _with_rest(table, len(failed))
+
+
+def _with_rest(table: Table, count: int) -> Table:
+    if count > MAX_ROWS:
+        table.add_row(Text(f"and {count - MAX_ROWS} more", style="dim"))
+    return table
+
+
+def _traces(analysis: Analysis) -> Table:
+    table = _grid("bus", ">node", "object", ">samples", ">min", ">max", "unit", ">cuts", "flags")
+    for row in analysis.traces:
+        flags = ", ".join(
+            f"{count} {name.replace('_', ' ')}" for name, count in row.flags.items() if count
+        )
+        what = f"{trace_object(row.object)} {printable(row.name)}"
+        spans = (number(row.min), number(row.max), row.unit, row.cuts)
+        _row(table, row.bus, row.node, what, row.samples, *spans, flags or "-")
+    return table
+
+
+def _bus_load(analysis: Analysis) -> Table:
+    table = _grid("bus", ">bit rate", ">mean", ">peak", ">frames/s")
+    for row in analysis.bus_load:
+        rate = f"{row.bitrate / 1000:g} kbit/s" if row.bitrate else "not known"
+        _row(table, row.bus, rate, number(row.mean_percent, "%", 3), number(row.peak_percent, "%", 3), number(row.frames_per_s))  # fmt: skip
+    return table
+
+
+def _recording(analysis: Analysis, clock: Clock) -> Table:
+    table = Table.grid(padding=(0, 1))
+    for line in recording_lines(analysis, clock):
+        table.add_row(Text(printable(line)))
+    return table
+
+
+def recording_lines(analysis: Analysis, clock: Clock) -> Iterable[str]:
+    """What is to be known of the capture itself: kinds of frames, holes, notes of the reader."""
+    capture = analysis.capture
+    counts = {
+        "data": capture.data_frames,
+        "remote": capture.remote_frames,
+        "error": capture.error_frames,
+        "29-bit": capture.extended_frames,
+    }
+    yield "frames: " + ", ".join(f"{count:,} {kind}" for kind, count in counts.items())
+    if capture.unparsed_lines:
+        yield f"{capture.unparsed_lines:,} lines of the log could not be read"
+    if clock.timed:
+        yield f"resolution of the stamps: {duration(capture.resolution_ns)}"
+    for gap in capture.gaps[:MAX_ROWS]:
+        lost = "" if gap.lost_frames is None else f", {gap.lost_frames} frames lost"
+        stretch = clock.stretch(gap.start_ns, gap.end_ns)
+        yield f"blind {stretch} on {gap.bus or 'all buses'}: {gap.reason}{lost}"
+    if len(capture.gaps) > MAX_ROWS:
+        yield f"and {len(capture.gaps) - MAX_ROWS} more stretches in which the recorder was blind"
+    yield from capture.notes

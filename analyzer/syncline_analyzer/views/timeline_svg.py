@@ -1,0 +1,147 @@
+"""NMT states, findings and EMCY of all nodes over time as SVG lanes, also without scripts."""
+
+from collections.abc import Iterable, Iterator
+from itertools import groupby
+
+from syncline_analyzer.results import Analysis, NmtStateRow
+from syncline_analyzer.views.events import CLEARING
+from syncline_analyzer.views.html import Html, element, joined
+from syncline_analyzer.views.lanes import cells, lanes_of
+from syncline_analyzer.views.palette import STATE_LETTERS, URGENCY
+from syncline_analyzer.views.words import Clock, duration, names_of, node_label
+
+MAX_INTERVALS = 2_000
+"""Intervals of a lane that are drawn one by one; more become this number of cells."""
+
+_HEIGHT = 20
+_SECOND = 1_000_000_000
+
+
+def timeline(analysis: Analysis) -> Html:
+    """All lanes with their axis and legend; the widths are seconds of capture time."""
+    clock = Clock.of(analysis.capture)
+    span = max(analysis.capture.duration_ns, 1)
+    labels = names_of(analysis.nodes)
+    several = len(analysis.capture.buses) > 1
+    lanes = [_findings_lane(analysis, clock, span)] if analysis.findings else []
+    if analysis.capture.gaps:
+        lanes.append(_gaps_lane(analysis, clock, span))
+    for (bus, node), rows in lanes_of(analysis).items():
+        label = labels.get((bus, node), node_label(node))
+        title = f"{bus} {label}" if several else label
+        link = element("a", title, href=f"#{node_id(bus, node)}")
+        shapes = [*_states(rows, clock, span), *_emcy(analysis, bus, node, clock)]
+        lanes.append(_lane(link, f"NMT states of node {title}: {_told(rows)}", shapes, span))
+    axis = element("div", *_ticks(clock, span), class_="axis", aria_hidden="true")
+    return element("div", *lanes, axis, _legend(), class_="timeline", id="lanes")
+
+
+def node_id(bus: str, node: int) -> str:
+    """Anchor of a node's section."""
+    return f"node-{bus}-{node}".replace(" ", "_")
+
+
+def _lane(label: Html | str, told: str, shapes: Iterable[Html], span: int) -> Html:
+    drawing = element(
+        "svg",
+        element("title", told),
+        *shapes,
+        viewBox=f"0 0 {span / _SECOND:.9g} {_HEIGHT}",
+        preserveAspectRatio="none",
+        role="img",
+        aria_label=told,
+    )
+    return element("div", element("div", label, class_="label"), drawing, class_="lane")
+
+
+def _states(rows: list[NmtStateRow], clock: Clock, span: int) -> Iterator[Html]:
+    """Urgent states last: what is narrower than a pixel is drawn one pixel wide, on top."""
+    if len(rows) > MAX_INTERVALS:
+        yield from _cells(rows, clock, span)
+        return
+    for row in sorted(rows, key=lambda row: URGENCY.index(row.state)):
+        stretch = clock.stretch(row.start_ns, row.end_ns)
+        long = duration(row.end_ns - row.start_ns)
+        title = f"{row.state} {stretch} ({long}), {row.cause}, {row.certainty}"
+        yield _bar(row.state, row.start_ns - clock.first_ns, row.end_ns - clock.first_ns, title)
+
+
+def _cells(rows: list[NmtStateRow], clock: Clock, span: int) -> Iterator[Html]:
+    shown = cells(rows, clock.first_ns, clock.first_ns + span, MAX_INTERVALS)
+    at = 0
+    for state, run in groupby(shown):
+        count = len(list(run))
+        if state:
+            step = span / MAX_INTERVALS
+            title = f"mostly {state} (too many changes to draw each)"
+            yield _bar(state, round(at * step), round((at + count) * step), title)
+        at += count
+
+
+def _bar(kind: str, start_ns: int, end_ns: int, title: str) -> Html:
+    width = max(end_ns - start_ns, 0) / _SECOND
+    return element(
+        "g",
+        element("title", title),
+        element(
+            "rect", x=f"{start_ns / _SECOND:.9g}", y=2, width=f"{width:.9g}", height=_HEIGHT - 4
+        ),
+        class_=f"s-{kind.lower()}",
+    )
+
+
+def _emcy(analysis: Analysis, bus: str, node: int, clock: Clock) -> Iterator[Html]:
+    moments = [
+        (row.t_ns, row.transition in CLEARING)
+        for row in analysis.emcy
+        if (row.bus, row.node) == (bus, node)
+    ][:MAX_INTERVALS]
+    for clears, name in ((True, "clear"), (False, "emcy")):
+        steps = [
+            f"M{(t - clock.first_ns) / _SECOND:.9g} 0V{_HEIGHT}" for t, c in moments if c == clears
+        ]
+        if steps:
+            yield element("path", d="".join(steps), class_=f"m-{name}")
+
+
+def _findings_lane(analysis: Analysis, clock: Clock, span: int) -> Html:
+    order = ("info", "warning", "error")
+    rows = sorted(analysis.findings, key=lambda row: order.index(row.severity))
+    bars = (
+        _bar(row.severity, row.start_ns - clock.first_ns, row.end_ns - clock.first_ns, row.text)
+        for row in rows
+    )
+    link = element("a", "Findings", href="#findings")
+    return _lane(link, f"{len(rows)} findings over time", bars, span)
+
+
+def _gaps_lane(analysis: Analysis, clock: Clock, span: int) -> Html:
+    bars = (
+        _bar("blind", g.start_ns - clock.first_ns, g.end_ns - clock.first_ns, f"blind: {g.reason}")
+        for g in analysis.capture.gaps[:MAX_INTERVALS]
+    )
+    link = element("a", "Recorder", href="#recording")
+    return _lane(link, f"{len(analysis.capture.gaps)} stretches without recording", bars, span)
+
+
+def _told(rows: list[NmtStateRow]) -> str:
+    counts = {state: sum(row.state == state for row in rows) for state in reversed(URGENCY)}
+    return ", ".join(f"{count} times {state}" for state, count in counts.items() if count)
+
+
+def _ticks(clock: Clock, span: int) -> Iterator[Html]:
+    for percent in (0, 25, 50, 75, 100):
+        moment = clock.short(clock.first_ns + span * percent // 100)
+        yield element("span", moment, style=f"left:{percent}%")
+
+
+def _legend() -> Html:
+    keys = [
+        joined([element("i", letter, class_=f"s-{state.lower()}"), f" {state} "])
+        for state, letter in STATE_LETTERS.items()
+    ]
+    marks = [
+        joined([element("i", "|", class_=f"m-{name}"), f" {text} "])
+        for name, text in (("emcy", "EMCY"), ("clear", "EMCY cleared"))
+    ]
+    return element("p", *keys, *marks, class_="legend")

@@ -1,0 +1,162 @@
+"""How numbers, codes and times are written for people; the same in text, HTML and Rerun."""
+
+import math
+import unicodedata
+from dataclasses import dataclass
+
+import numpy as np
+
+from syncline_analyzer.results import CaptureRow, NodeRow, Quantiles
+
+_SECOND = 1_000_000_000
+
+
+def hex_code(value: int | None, digits: int = 4) -> str:
+    """A code, index or COB-ID as CANopen people write it; "-" when there is none.
+
+    >>> hex_code(0x8130), hex_code(0x80, 3), hex_code(None)
+    ('8130h', '080h', '-')
+    """
+    return "-" if value is None else f"{value:0{digits}X}h"
+
+
+def object_name(index: int | None, sub: int | None) -> str:
+    """An object of the dictionary by index and sub-index.
+
+    >>> object_name(0x1A00, 1), object_name(None, None)
+    ('1A00h:01', '?')
+    """
+    return "?" if index is None else f"{index:04X}h:{sub or 0:02X}"
+
+
+def trace_object(number: int) -> str:
+    """The object of a trace, whose number is index << 8 | sub.
+
+    >>> trace_object(0x600400)
+    '6004h:00'
+    """
+    return object_name(number >> 8, number & 0xFF)
+
+
+def printable(text: str) -> str:
+    r"""Text from a bus or file without what a terminal would obey; such characters become \xNN.
+
+    >>> printable("tilt\x1b[31m")
+    'tilt\\x1b[31m'
+    """
+    return "".join(c if unicodedata.category(c)[0] != "C" else ascii(c)[1:-1] for c in text)
+
+
+def node_label(node: int | None, name: str | None = None) -> str:
+    """A node by number and name; 0 is all nodes.
+
+    >>> node_label(10, "boom tilt"), node_label(5), node_label(0), node_label(None)
+    ('10 boom tilt', '5', 'all', '-')
+    """
+    if node is None:
+        return "-"
+    if node == 0:
+        return "all"
+    return f"{node} {printable(name)}" if name else str(node)
+
+
+def number(value: float | None, unit: str = "", digits: int = 4) -> str:
+    """A figure with so many significant digits; "-" when it is not known.
+
+    >>> number(10000.123, "us"), number(0.04321), number(None), number(1234567)
+    ('10000 us', '0.04321', '-', '1234567')
+    """
+    if value is None or not math.isfinite(value):
+        return "-"
+    whole = value == int(value) or abs(value) >= 10**digits
+    text = f"{value:.0f}" if whole else f"{value:.{digits}g}"
+    return f"{text} {unit}" if unit else text
+
+
+def spread(quantiles: Quantiles | None) -> str:
+    """Minimum, median and maximum of a quantity in one cell.
+
+    >>> spread(Quantiles(9990.0, 10000.0, 10010.0, 10020.0))
+    '9990/10000/10020'
+    """
+    if quantiles is None:
+        return "-"
+    return "/".join(number(v) for v in (quantiles.min, quantiles.median, quantiles.max))
+
+
+def duration(ns: int) -> str:
+    """A stretch of time in the unit that people would say it in.
+
+    >>> duration(320_000_000), duration(3_210_000_000), duration(3_723 * 10**9), duration(1_500)
+    ('320 ms', '3.21 s', '1 h 2 min 3 s', '1.5 us')
+    """
+    if ns < 0:
+        return f"-{duration(-ns)}"
+    if ns < 60 * _SECOND:
+        size, unit = next(
+            (size, unit)
+            for size, unit in ((_SECOND, "s"), (10**6, "ms"), (1000, "us"), (1, "ns"))
+            if ns >= size or size == 1
+        )
+        return f"{ns / size:.3g} {unit}"
+    seconds = round(ns / _SECOND)
+    parts = (
+        (seconds // 86400, "d"),
+        (seconds // 3600 % 24, "h"),
+        (seconds // 60 % 60, "min"),
+        (seconds % 60, "s"),
+    )
+    first = next(i for i, (count, _) in enumerate(parts) if count)
+    return " ".join(f"{count} {unit}" for count, unit in parts[first : first + 3] if count)
+
+
+def capture_time(ns: int) -> str:
+    """Capture time as hours, minutes and seconds with milliseconds.
+
+    >>> capture_time(723_250_000_000), capture_time(3_723_000_000_000)
+    ('12:03.250', '1:02:03.000')
+    """
+    sign, ms = ("-", -ns // 10**6) if ns < 0 else ("", ns // 10**6)
+    minutes, ms = divmod(ms, 60_000)
+    hours, minutes = divmod(minutes, 60)
+    head = f"{hours}:{minutes:02}" if hours else f"{minutes}"
+    return f"{sign}{head}:{ms // 1000:02}.{ms % 1000:03}"
+
+
+@dataclass(frozen=True, slots=True)
+class Clock:
+    """Writes the times of one capture: `dated` when they are UTC, `timed` when there are any."""
+
+    first_ns: int
+    dated: bool
+    timed: bool
+
+    @classmethod
+    def of(cls, capture: CaptureRow) -> "Clock":
+        """The clock of a capture."""
+        return cls(capture.first_ns, capture.start_utc_ns is not None, capture.time_base != "none")
+
+    def short(self, t_ns: int) -> str:
+        """Capture time of a stamp, or "untimed"."""
+        return capture_time(t_ns - self.first_ns) if self.timed else "untimed"
+
+    def full(self, t_ns: int) -> str:
+        """UTC of a stamp to the microsecond where the capture has a date, else its capture time.
+
+        >>> Clock(0, True, True).full(1_790_000_000_123_456_789)
+        '2026-09-21 14:13:20.123456 UTC'
+        """
+        if not (self.dated and self.timed):
+            return self.short(t_ns)
+        return f"{str(np.datetime64(t_ns, 'ns').astype('datetime64[us]')).replace('T', ' ')} UTC"
+
+    def stretch(self, start_ns: int, end_ns: int) -> str:
+        """A stretch in capture time; one moment when it has no length."""
+        if end_ns <= start_ns or not self.timed:
+            return self.short(start_ns)
+        return f"{self.short(start_ns)} to {self.short(end_ns)}"
+
+
+def names_of(nodes: list[NodeRow]) -> dict[tuple[str, int], str]:
+    """Label by (bus, node) of every node."""
+    return {(row.bus, row.node): node_label(row.node, row.name) for row in nodes}

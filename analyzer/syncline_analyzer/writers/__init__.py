@@ -1,0 +1,1 @@
+"""Writers of captures and of other tools' log formats."""

@@ -1,0 +1,69 @@
+"""What every log writer has in common: frames in, and a count of what the format cannot hold."""
+
+from abc import ABC, abstractmethod
+from collections import Counter
+from dataclasses import dataclass
+from typing import BinaryIO
+
+import numpy as np
+
+from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
+
+
+@dataclass(frozen=True, slots=True)
+class Survey:
+    """What has to be known of a capture before its first frame is written.
+
+    Attributes:
+        buses: names by number.
+        bitrates: bit/s by bus name, where known.
+        first_ns: the earliest stamp, which need not be the first frame's.
+        whole_us: whether all stamps are whole microseconds.
+        time_base, clock, resolution_ns: as in `CaptureFacts`.
+        source: what was converted, in words.
+    """
+
+    buses: tuple[str, ...]
+    bitrates: dict[str, int]
+    frames: int
+    first_ns: int
+    whole_us: bool
+    time_base: str
+    clock: str
+    resolution_ns: int
+    source: str
+
+
+class LogWriter(ABC):
+    """Writes one log; `lost` counts by kind what the format could not hold."""
+
+    def __init__(self, stream: BinaryIO, survey: Survey) -> None:
+        self.lost: Counter[str] = Counter()
+        self._stream = stream
+        self._survey = survey
+
+    @abstractmethod
+    def write(self, batch: FrameBatch) -> None:
+        """Write frames."""
+
+    def gap(self, gap: Gap) -> None:
+        """Write that the recorder was blind; most formats have no word for it."""
+        self.lost["gaps in the recording"] += 1
+
+    def close(self) -> None:  # noqa: B027  most formats have nothing there
+        """Write what belongs at the end; the stream stays open."""
+
+    def _count_bus_names(self) -> None:
+        """For formats that number their buses from 1."""
+        numbers = (str(number + 1) for number in range(len(self._survey.buses)))
+        renamed = sum(a != b for a, b in zip(self._survey.buses, numbers, strict=True))
+        if renamed:
+            self.lost["bus names"] += renamed
+
+    def _count_flag(self, batch: FrameBatch, flag: FrameFlag, what: str) -> None:
+        marked = int(np.count_nonzero(batch.flags & flag))
+        if marked:
+            self.lost[what] += marked
+
+    def _count_marks(self, batch: FrameBatch) -> None:
+        self._count_flag(batch, FrameFlag.DLC_INVALID, "marks of a contradictory length")

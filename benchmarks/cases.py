@@ -1,0 +1,166 @@
+"""One measured case per call, each in a process of its own: `python -m benchmarks.cases NAME FILE OUT`.
+
+Prints one JSON line: frames, wall and CPU seconds of the work itself (imports left out), peak memory.
+"""
+
+import json
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+Case = Callable[[Path, Path], Callable[[], int]]
+"""Takes the input and a place for the output, prepares, and returns the work; that returns frames."""
+
+
+def record_syncline(source: Path, out: Path, *, decode: bool = True) -> Callable[[], int]:
+    """python-can virtual bus -> our MCAP."""
+    from benchmarks.virtual_bus import preloaded_bus
+    from syncline_logger.recorder import record_bus
+
+    bus, frames = preloaded_bus(source)
+    return lambda: record_bus(bus, out.with_suffix(".mcap"), frames=frames, decode=decode)
+
+
+def record_syncline_raw(source: Path, out: Path) -> Callable[[], int]:
+    """The same without decoded channels."""
+    return record_syncline(source, out, decode=False)
+
+
+def record_python_can(source: Path, out: Path) -> Callable[[], int]:
+    """python-can virtual bus -> python-can's BLF logger."""
+    import can
+
+    from benchmarks.virtual_bus import preloaded_bus
+
+    bus, frames = preloaded_bus(source)
+
+    def work() -> int:
+        with can.BLFWriter(out.with_suffix(".blf")) as writer:
+            for _ in range(frames):
+                message = bus.recv(0)
+                assert message is not None
+                writer.on_message_received(message)
+        return frames
+
+    return work
+
+
+def record_naive_mcap(source: Path, out: Path) -> Callable[[], int]:
+    """python-can virtual bus -> one protobuf message each -> mcap.Writer."""
+    from mcap.writer import Writer
+    from syncline_schemas.proto import syncline_pb2
+
+    from benchmarks.virtual_bus import preloaded_bus
+
+    bus, frames = preloaded_bus(source)
+
+    def work() -> int:
+        with out.with_suffix(".naive.mcap").open("wb") as stream:
+            writer = Writer(stream)
+            writer.start()
+            schema = writer.register_schema("syncline.Frame", "protobuf", b"")
+            channel = writer.register_channel("/can/can0/frames", "protobuf", schema)
+            for _ in range(frames):
+                message = bus.recv(0)
+                assert message is not None
+                frame = syncline_pb2.Frame(
+                    can_id=message.arbitration_id,
+                    flags=0,
+                    dlc=message.dlc,
+                    data=bytes(message.data),
+                )
+                t_ns = round(message.timestamp * 1e9)
+                writer.add_message(channel, t_ns, frame.SerializeToString(), t_ns)
+            writer.finish()
+        return frames
+
+    return work
+
+
+def convert_syncline(source: Path, out: Path) -> Callable[[], int]:
+    """candump log -> our MCAP."""
+    from syncline_analyzer.convert import convert
+
+    return lambda: convert([source], out.with_suffix(".mcap")).frames
+
+
+def convert_python_can(source: Path, out: Path) -> Callable[[], int]:
+    """candump log -> BLF with python-can's reader and writer."""
+    import can
+
+    def work() -> int:
+        count = 0
+        with can.LogReader(source) as reader, can.BLFWriter(out.with_suffix(".blf")) as writer:
+            for message in reader:
+                writer.on_message_received(message)
+                count += 1
+        return count
+
+    return work
+
+
+def analyze_syncline(source: Path, out: Path) -> Callable[[], int]:
+    """Every fold, table and finding, from whatever `source` is."""
+    from syncline_analyzer import open_session
+
+    return lambda: open_session(source).analysis.capture.frames
+
+
+def analyze_canopen_lens(source: Path, out: Path) -> Callable[[], int]:
+    """canopen-lens 0.5.1: open and analyze (C++ core), its incidents and overview."""
+    import canopen_lens
+
+    def work() -> int:
+        log: Any = canopen_lens.open_log(source)
+        list(log.incidents)
+        return int(len(log))
+
+    return work
+
+
+def read_python_can(source: Path, out: Path) -> Callable[[], int]:
+    """python-can's reader alone, no analysis."""
+    import can
+
+    def work() -> int:
+        with can.LogReader(source) as reader:
+            return sum(1 for _ in reader)
+
+    return work
+
+
+def read_mcap(source: Path, out: Path) -> Callable[[], int]:
+    """The official MCAP reader alone, no protobuf, no analysis."""
+    from mcap.reader import make_reader
+
+    def work() -> int:
+        with source.open("rb") as stream:
+            reader = make_reader(stream)
+            return sum(1 for _ in reader.iter_messages(topics=["/can/can0/frames"]))
+
+    return work
+
+
+def main() -> None:
+    """Run the case named on the command line."""
+    name, source, out = sys.argv[1], Path(sys.argv[2]), Path(sys.argv[3])
+    case: Case = globals()[name]
+    work = case(source, out)
+    wall, cpu = time.perf_counter(), time.process_time()
+    frames = work()
+    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+    print(json.dumps({"frames": frames, "wall_s": wall, "cpu_s": cpu, "peak_mb": _peak_mb()}))
+
+
+def _peak_mb() -> float | None:
+    try:
+        import resource
+    except ImportError:  # not on Windows
+        return None
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Getting frames onto disk: sources, clocks, batching, writing, recovery, live status."""

@@ -1,0 +1,113 @@
+"""The command group that imports a subcommand only when it is asked for."""
+
+import importlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint, entry_points
+
+import click
+
+from syncline_schemas.errors import MissingExtraError
+
+PLUGIN_GROUP = "syncline.commands"
+"""Entry points of this group become subcommands; each names a click command."""
+
+
+@dataclass(frozen=True, slots=True)
+class LazyCommand:
+    """A subcommand that is not imported yet.
+
+    `short_help` is shown by `syncline --help`; `install` is the pip line that brings what the
+    command needs.
+    """
+
+    short_help: str
+    load: Callable[[], object]
+    install: str
+
+    def command(self, name: str) -> click.Command:
+        """Import the command. Raises MissingExtraError when a package is missing."""
+        try:
+            command = self.load()
+        except ModuleNotFoundError as error:
+            raise missing_extra(name, error, self.install) from error
+        if not isinstance(command, click.Command):
+            raise TypeError(f"plug-in '{name}' is no click command: {command!r}")
+        return command
+
+
+class LazyGroup(click.Group):
+    """A group of own commands and of those that other packages plug in."""
+
+    def __init__(self, *args: object, own: dict[str, LazyCommand], **kwargs: object) -> None:
+        super().__init__(*args, **kwargs)  # type: ignore[arg-type]
+        self._own = own
+        self._found: dict[str, LazyCommand] | None = None
+
+    @property
+    def lazy_commands(self) -> dict[str, LazyCommand]:
+        """All subcommands by name; own ones cannot be replaced by a plug-in."""
+        if self._found is None:
+            self._found = plugin_commands() | self._own
+        return self._found
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Names for the help, in alphabetical order."""
+        return sorted(self.lazy_commands)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """The imported command, None when there is none of this name."""
+        lazy = self.lazy_commands.get(cmd_name)
+        return lazy.command(cmd_name) if lazy else None
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the list of commands without importing one of them."""
+        rows = [(name, self.lazy_commands[name].short_help) for name in self.list_commands(ctx)]
+        with formatter.section("Commands"):
+            formatter.write_dl(rows)
+
+
+def import_from(target: str) -> Callable[[], object]:
+    """A loader of "module:attribute"."""
+
+    def load() -> object:
+        module, _, attribute = target.partition(":")
+        return getattr(importlib.import_module(module), attribute)
+
+    return load
+
+
+SHORT_HELP = {
+    "analyze": "Reconstruct what happened on a bus from captures.",
+    "compare": "Say what differs from a healthy capture of the same machine.",
+    "convert": "Convert between everything that can be read and written.",
+    "decode": "Print frames as people read CANopen.",
+    "demo": "Run the whole chain on a simulated bus.",
+    "info": "Say what is in a capture and whether it is whole.",
+    "view": "Analyze captures and open the Rerun viewer on them.",
+}
+"""Of the plug-ins of our own distribution; a foreign one shows its distribution's summary."""
+
+
+def plugin_commands() -> dict[str, LazyCommand]:
+    """Subcommands that installed distributions bring, by name."""
+    return {entry.name: _plugin(entry) for entry in entry_points(group=PLUGIN_GROUP)}
+
+
+def _plugin(entry: EntryPoint) -> LazyCommand:
+    metadata = entry.dist.metadata if entry.dist else None
+    if metadata is None:
+        return LazyCommand("", entry.load, "")
+    name, summary = metadata["Name"], metadata["Summary"] or ""
+    extras = ",".join(metadata.get_all("Provides-Extra") or ())
+    requirement = f'"{name}[{extras}]"' if extras else name
+    short_help = SHORT_HELP.get(entry.name, summary) if name == "syncline" else summary
+    return LazyCommand(short_help, entry.load, f"pip install {requirement}")
+
+
+def missing_extra(name: str, error: ModuleNotFoundError, install: str) -> MissingExtraError:
+    """What to tell somebody whose installation lacks a package of `syncline NAME`."""
+    return MissingExtraError(
+        f"'syncline {name}' needs the package '{error.name}', which is not installed;"
+        f" type: {install}"
+    )

@@ -1,0 +1,395 @@
+"""Recording: from sources to a capture, live with threads, or simulated in virtual time."""
+
+import threading
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from queue import Empty, SimpleQueue
+
+import numpy as np
+from numpy.typing import NDArray
+
+from syncline_logger.batcher import Collected, FrameBuffer
+from syncline_logger.clock import ClockReading, RecorderClock
+from syncline_logger.decode_worker import DecodeWorker
+from syncline_logger.decoding import LiveDecoder
+from syncline_logger.live_status import StatusSnapshot
+from syncline_logger.recording import Recording, RecordOptions, RecordResult
+from syncline_logger.source import Source, SourceFacts
+from syncline_schemas.batch import FrameBatch, Gap
+from syncline_schemas.capture.layout import BusInfo
+from syncline_schemas.errors import SourceError
+
+READ_TIMEOUT_S = 0.1
+REOPEN_EVERY_S = 1.0
+TICK_S = 0.1
+"""How long a stop or a full chunk may wait for the writing loop."""
+DECODE_WAIT = 0.05
+"""Share of the chunk period that the writer waits for the decoder before it writes without it."""
+LAST_DECODE_WAIT_S = 5.0
+
+OVERFLOW = "the recorder's queue was full"
+
+
+def record(
+    sources: Sequence[Source],
+    target: Path,
+    options: RecordOptions | None = None,
+    *,
+    stop: threading.Event | None = None,
+    duration_ns: int | None = None,
+    on_start: Callable[[Path], None] | None = None,
+    on_status: Callable[[StatusSnapshot], None] | None = None,
+    status_period_ns: int = 1_000_000_000,
+) -> RecordResult:
+    """Record buses until `stop` is set or `duration_ns` has passed, and close the file.
+
+    Every source is opened here and read by a thread of its own; what cannot be opened at the
+    start is the user's mistake, what is lost later becomes a gap and is tried again every second.
+
+    Args:
+        target: an .mcap file that does not exist, or a folder for one.
+        on_start: called with the file's path when recording has begun.
+        on_status: called every `status_period_ns` and at the end.
+
+    Raises:
+        SourceError: a bus cannot be opened. UsageError: the file exists.
+    """
+    recorder = LiveRecorder(sources, target, options or RecordOptions())
+    if on_start:
+        on_start(recorder.path)
+    return recorder.run(stop or threading.Event(), duration_ns, on_status, status_period_ns)
+
+
+def record_batches(
+    items: Iterable[FrameBatch | Gap],
+    buses: Sequence[BusInfo],
+    target: Path,
+    options: RecordOptions | None = None,
+    *,
+    host: str = "",
+    source: str = "simulated",
+) -> RecordResult:
+    """Record frames that carry their own time, as fast as they come; the same file as `record`.
+
+    `log_time` is the highest `t_ns` so far; status and clock messages stand at every full period
+    of that time. Decoding is done in step, so that equal input gives an equal file (with
+    `options.recording_id` given).
+    """
+    recorder = _VirtualRecorder(target, buses, options or RecordOptions(), host, source)
+    for item in items:
+        if isinstance(item, Gap):
+            recorder.take_gap(item)
+        elif len(item):
+            recorder.take_frames(item)
+    return recorder.finish()
+
+
+class _VirtualRecorder:
+    """Collects frames into chunks by their own time."""
+
+    def __init__(
+        self,
+        target: Path,
+        buses: Sequence[BusInfo],
+        options: RecordOptions,
+        host: str,
+        source: str,
+    ) -> None:
+        self._options = options
+        self._decoder = LiveDecoder({bus.number: bus.name for bus in buses}, options.description)
+        self._begin = partial(Recording, target, buses, options, host=host, source=source)
+        self._recording: Recording | None = None
+        self._now_ns = self._next_status_ns = 0
+        self._waiting: list[tuple[FrameBatch, NDArray[np.int64]]] = []
+        self._waiting_frames = 0
+
+    def _started(self, start_ns: int) -> Recording:
+        if self._recording is None:
+            self._recording = self._begin(start_ns=start_ns)
+            self._now_ns = self._next_status_ns = start_ns
+        return self._recording
+
+    def take_gap(self, gap: Gap) -> None:
+        """Note a gap between the frames before and after it."""
+        recording = self._started(gap.start_ns)
+        self._now_ns = max(self._now_ns, gap.end_ns)
+        recording.add_gap(gap, self._now_ns)
+
+    def take_frames(self, batch: FrameBatch) -> None:
+        """Take frames; at each full period what waits becomes a chunk."""
+        recording = self._started(int(batch.t_ns[0]))
+        log_ns = np.maximum.accumulate(np.maximum(batch.t_ns, self._now_ns))
+        self._now_ns = int(log_ns[-1])
+        begin = 0
+        while begin < len(batch):
+            at_ns = int(log_ns[begin])
+            if at_ns >= self._next_status_ns:
+                self._write(recording)
+                recording.add_clock(ClockReading(at_ns, at_ns, 0), at_ns)
+                recording.add_all_status(at_ns)
+                self._next_status_ns = at_ns + self._options.period_ns
+            room = self._options.chunk_frames - self._waiting_frames
+            end = min(int(np.searchsorted(log_ns, self._next_status_ns)), begin + room)
+            self._waiting.append((batch[begin:end], log_ns[begin:end]))
+            self._waiting_frames += end - begin
+            if self._waiting_frames == self._options.chunk_frames:
+                self._write(recording)
+            begin = end
+
+    def _write(self, recording: Recording) -> None:
+        if not self._waiting:
+            return
+        frames = FrameBatch.concat([frames for frames, _ in self._waiting])
+        log_ns = np.concatenate([times for _, times in self._waiting])
+        self._waiting, self._waiting_frames = [], 0
+        recording.take_frames(frames, log_ns)
+        decoded = [self._decoder.decode(frames, log_ns)] if self._options.decode else []
+        recording.write(frames, log_ns, decoded)
+
+    def finish(self) -> RecordResult:
+        """Write the rest and close the file."""
+        recording = self._started(0)
+        self._write(recording)
+        recording.add_all_status(self._now_ns)
+        recording.write(FrameBatch.empty(), np.zeros(0, np.int64))
+        return recording.finish(self._now_ns, "end of input")
+
+
+@dataclass(frozen=True, slots=True)
+class SourceEvent:
+    """A source was lost or is back; `gap` is what was missed in between."""
+
+    bus: int
+    log_ns: int
+    present: bool
+    text: str
+    gap: Gap | None = None
+
+
+class SourceThread(threading.Thread):
+    """Reads one source into the buffer, and opens it again when it was lost."""
+
+    def __init__(
+        self,
+        source: Source,
+        bus: int,
+        buffer: FrameBuffer,
+        clock: RecorderClock,
+        events: "SimpleQueue[SourceEvent]",
+    ) -> None:
+        super().__init__(name=f"syncline read {source.facts.name}", daemon=True)
+        self._source = source
+        self._bus = bus
+        self._buffer = buffer
+        self._clock = clock
+        self._events = events
+        self._stop_reading = threading.Event()
+
+    def stop(self) -> None:
+        """Make the thread end after what it is reading."""
+        self._stop_reading.set()
+
+    def run(self) -> None:
+        """Read until stopped."""
+        heard_ns = self._clock.now_ns()
+        while not self._stop_reading.is_set():
+            try:
+                self._source.read(self._buffer, self._bus, READ_TIMEOUT_S)
+                heard_ns = self._clock.now_ns()
+            except SourceError as error:
+                self._reopen(heard_ns, str(error))
+                heard_ns = self._clock.now_ns()
+
+    def _reopen(self, heard_ns: int, reason: str) -> None:
+        self._tell(present=False, text=reason)
+        self._source.close()
+        back = False
+        while not back and not self._stop_reading.wait(REOPEN_EVERY_S):
+            try:
+                self._source.open()
+                back = True
+            except SourceError:
+                continue
+        gap = Gap(heard_ns, self._clock.now_ns(), reason, None, self._bus)
+        self._tell(present=back, text="listening again" if back else "", gap=gap)
+
+    def _tell(self, *, present: bool, text: str, gap: Gap | None = None) -> None:
+        self._events.put(SourceEvent(self._bus, self._clock.now_ns(), present, text, gap))
+
+
+class LiveRecorder:
+    """Opened sources and an open file; `run` records until it is told to stop."""
+
+    def __init__(self, sources: Sequence[Source], target: Path, options: RecordOptions) -> None:
+        self._options = options
+        self._sources = list(sources)
+        self._clock = RecorderClock()
+        self._buffer = FrameBuffer(
+            self._clock.now_ns,
+            options.queue_frames,
+            min(options.chunk_frames, options.queue_frames),
+        )
+        self._events: SimpleQueue[SourceEvent] = SimpleQueue()
+        self._start_ns = self._clock.now_ns()
+        try:
+            for source in self._sources:
+                source.open()
+            buses = [bus_info(source.facts, n) for n, source in enumerate(self._sources)]
+            self._recording = Recording(
+                target,
+                buses,
+                options,
+                start_ns=self._start_ns,
+                source=", ".join(f"{bus.interface} {bus.channel}".strip() for bus in buses),
+            )
+        except BaseException:
+            self._close_sources()
+            raise
+        decoder = LiveDecoder({bus.number: bus.name for bus in buses}, options.description)
+        self._worker = DecodeWorker(decoder) if options.decode else None
+        self._decode_was_behind = False
+
+    @property
+    def path(self) -> Path:
+        """The file that is being written."""
+        return self._recording.file.path
+
+    def run(
+        self,
+        stop: threading.Event,
+        duration_ns: int | None,
+        on_status: Callable[[StatusSnapshot], None] | None,
+        status_period_ns: int,
+    ) -> RecordResult:
+        """Record; returns when the file is closed."""
+        readers = [
+            SourceThread(source, bus, self._buffer, self._clock, self._events)
+            for bus, source in enumerate(self._sources)
+        ]
+        for reader in readers:
+            reader.start()
+        try:
+            why = self._loop(stop, duration_ns, on_status, status_period_ns)
+            for reader in readers:
+                reader.stop()
+            for reader in readers:
+                reader.join(timeout=2)
+            result = self._close(why)
+        except BaseException:
+            self._recording.file.abandon()
+            raise
+        finally:
+            for reader in readers:
+                reader.stop()
+            self._close_sources()
+        if on_status:
+            on_status(self._recording.snapshot(self._clock.now_ns()))
+        return result
+
+    def _loop(
+        self,
+        stop: threading.Event,
+        duration_ns: int | None,
+        on_status: Callable[[StatusSnapshot], None] | None,
+        status_period_ns: int,
+    ) -> str:
+        """Write a chunk each period, or when one is full, until there is a reason to stop."""
+        end_ns = None if duration_ns is None else self._start_ns + duration_ns
+        next_chunk_ns = self._start_ns
+        next_view_ns = self._start_ns + status_period_ns
+        while True:
+            now_ns = self._clock.now_ns()
+            if stop.is_set():
+                return "stopped"
+            if end_ns is not None and now_ns >= end_ns:
+                return "time is over"
+            if now_ns >= next_chunk_ns:
+                self._write_period(now_ns)
+                next_chunk_ns = now_ns + self._options.period_ns
+            elif self._buffer.filled.is_set():
+                self._write_chunk(now_ns)
+            if on_status and now_ns >= next_view_ns:
+                on_status(self._recording.snapshot(now_ns))
+                next_view_ns = now_ns + status_period_ns
+            due_ns = min(each for each in (next_chunk_ns, next_view_ns, end_ns) if each is not None)
+            wait_s = min(max((due_ns - self._clock.now_ns()) / 1e9, 0), TICK_S)
+            self._buffer.filled.wait(wait_s)
+
+    def _write_period(self, now_ns: int) -> None:
+        self._recording.add_clock(self._clock.sample(), now_ns)
+        self._write_chunk(now_ns, status=True)
+
+    def _write_chunk(self, now_ns: int, *, status: bool = False, last: bool = False) -> None:
+        self._note_events()
+        collected = self._buffer.take()
+        frames, log_ns = collected.frames, collected.log_ns
+        self._note_losses(collected)
+        self._recording.take_frames(frames, log_ns)
+        if status:
+            self._recording.add_all_status(max(now_ns, int(log_ns[-1]) if len(log_ns) else 0))
+        decoded = []
+        if self._worker:
+            if len(frames):
+                self._submit(self._worker, collected, now_ns)
+            wait_s = DECODE_WAIT * self._options.period_ns / 1e9
+            decoded = (
+                self._worker.finish(LAST_DECODE_WAIT_S) if last else self._worker.results(wait_s)
+            )
+        self._recording.write(frames, log_ns, decoded)
+
+    def _note_events(self) -> None:
+        while True:
+            try:
+                event = self._events.get_nowait()
+            except Empty:
+                return
+            self._recording.conditions[event.bus].adapter_present = event.present
+            if event.gap:
+                self._recording.add_gap(event.gap, event.log_ns)
+            if event.text:
+                self._recording.add_status(event.bus, event.log_ns, event.text)
+
+    def _note_losses(self, collected: Collected) -> None:
+        for bus, loss in collected.losses.items():
+            self._recording.conditions[bus].dropped_queue += loss.frames
+            gap = Gap(loss.first_ns, loss.last_ns + 1, OVERFLOW, loss.frames, bus)
+            self._recording.add_gap(gap, gap.end_ns)
+            self._recording.add_status(bus, gap.end_ns, f"{OVERFLOW}; {loss.frames} frames lost")
+
+    def _submit(self, worker: DecodeWorker, collected: Collected, now_ns: int) -> None:
+        """Give frames to the decoder; say once that it fell behind, and once what it missed."""
+        behind = not worker.submit(collected.frames, collected.log_ns)
+        if behind and not self._decode_was_behind:
+            text = "decoding is behind; frames are recorded but not decoded"
+            self._recording.add_status(0, now_ns, text)
+        elif self._decode_was_behind and not behind:
+            text = f"decoding has caught up; {worker.dropped_frames} frames were not decoded"
+            self._recording.add_status(0, now_ns, text)
+        self._decode_was_behind = behind
+
+    def _close(self, why: str) -> RecordResult:
+        now_ns = self._clock.now_ns()
+        self._recording.add_clock(self._clock.sample(), now_ns)
+        self._write_chunk(now_ns, status=True, last=True)
+        return self._recording.finish(self._clock.now_ns(), why)
+
+    def _close_sources(self) -> None:
+        for source in self._sources:
+            source.close()
+
+
+def bus_info(facts: SourceFacts, number: int) -> BusInfo:
+    """What the capture says of a source's bus."""
+    return BusInfo(
+        name=facts.name,
+        number=number,
+        bitrate=facts.bitrate,
+        data_bitrate=facts.data_bitrate,
+        interface=facts.interface,
+        channel=facts.channel,
+        filters=facts.filters,
+        clock=facts.clock,
+        resolution_ns=facts.resolution_ns,
+    )

@@ -1,0 +1,249 @@
+"""CANopen services as protobuf messages: NMT, SYNC, TIME, LSS, heartbeat, EMCY, SDO."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from google.protobuf.message import Message
+from numpy.typing import NDArray
+
+from syncline_logger.sdo_listener import SdoPass
+from syncline_schemas.batch import FrameBatch
+from syncline_schemas.canopen.lss import COMMANDS
+from syncline_schemas.canopen.nmt import STATE_OF_BYTE, command_name
+from syncline_schemas.canopen.sdo import abort_meaning
+from syncline_schemas.canopen.services import Service
+from syncline_schemas.capture.message import MessageBlock, MessageSchema, schema_of
+from syncline_schemas.decoder import (
+    SdoColumns,
+    SdoKind,
+    decode_emcy,
+    decode_lss,
+    decode_nmt,
+    decode_time,
+)
+from syncline_schemas.devices import Device
+from syncline_schemas.devices.model import emcy_meaning, register_bits
+from syncline_schemas.proto import syncline_pb2
+
+_UNREGISTERED = -1
+_FIRST_REQUEST = 0x600
+
+Messages = Sequence[Message | bytes | None]
+"""One per frame; None where the frame is no well-formed message of the service."""
+
+
+@dataclass(frozen=True)
+class ServiceEncoder:
+    """How frames of a service become messages.
+
+    Attributes:
+        name: last part of the topic.
+        of_node: whether the topic is a node's or the bus's.
+        message_type: the protobuf class.
+        messages: one message per frame of one identifier.
+    """
+
+    name: Any
+    of_node: bool
+    message_type: type[Message]
+    messages: Callable[[FrameBatch, Device | None], Messages]
+
+    @cached_property
+    def schema(self) -> MessageSchema:
+        """The channel's schema."""
+        return schema_of(self.message_type.DESCRIPTOR)
+
+    def encode(
+        self, frames: FrameBatch, log_ns: NDArray[np.int64], device: Device | None
+    ) -> MessageBlock:
+        """The messages of frames of one identifier."""
+        messages = self.messages(frames, device)
+        rows = [row for row, message in enumerate(messages) if message is not None]
+        return MessageBlock.of_messages(
+            _UNREGISTERED,
+            log_ns[rows],
+            frames.t_ns[rows],
+            [message for message in messages if message is not None],
+        )
+
+
+def _nmt(frames: FrameBatch, device: Device | None) -> Messages:
+    columns = decode_nmt(frames.data, frames.dlc)
+    return [
+        syncline_pb2.Nmt(command=int(c), command_name=command_name(int(c)), node=int(n))
+        if valid
+        else None
+        for c, n, valid in zip(columns.command, columns.node, columns.valid, strict=True)
+    ]
+
+
+_SYNC = syncline_pb2.Sync().SerializeToString()
+_SYNC_COUNTED = [syncline_pb2.Sync(counter=n).SerializeToString() for n in range(256)]
+
+
+def _sync(frames: FrameBatch, device: Device | None) -> Messages:
+    return [
+        _SYNC_COUNTED[counter] if length == 1 else _SYNC if length == 0 else None
+        for counter, length in zip(frames.data[:, 0].tolist(), frames.dlc.tolist(), strict=True)
+    ]
+
+
+def _time(frames: FrameBatch, device: Device | None) -> Messages:
+    columns = decode_time(frames.data, frames.dlc)
+    return [
+        syncline_pb2.Time(milliseconds=int(ms), days_since_1984=int(days), utc_ns=int(t_ns))
+        if valid
+        else None
+        for ms, days, t_ns, valid in zip(
+            columns.ms, columns.days, columns.t_ns, columns.valid, strict=True
+        )
+    ]
+
+
+def _lss(frames: FrameBatch, device: Device | None) -> Messages:
+    columns = decode_lss(frames.can_id, frames.data, frames.dlc)
+    return [
+        syncline_pb2.Lss(
+            from_master=bool(request),
+            command=int(command),
+            command_name=COMMANDS.get(int(command), f"unknown {int(command):02X}h"),
+            data=argument.tobytes(),
+        )
+        if valid
+        else None
+        for command, request, argument, valid in zip(
+            columns.command, columns.request, columns.argument, columns.valid, strict=True
+        )
+    ]
+
+
+def _heartbeat_message(byte: int) -> bytes:
+    state = byte & 0x7F
+    known = STATE_OF_BYTE.get(state)
+    message = syncline_pb2.Heartbeat(
+        state=state,
+        state_name="boot-up" if byte == 0 else known.value if known else f"unknown {state:02X}h",
+        toggle=byte >> 7,
+        boot_up=byte == 0,
+    )
+    return message.SerializeToString()
+
+
+_HEARTBEATS = [_heartbeat_message(byte) for byte in range(256)]
+
+
+def _heartbeat(frames: FrameBatch, device: Device | None) -> Messages:
+    return [
+        _HEARTBEATS[byte] if length == 1 else None
+        for byte, length in zip(frames.data[:, 0].tolist(), frames.dlc.tolist(), strict=True)
+    ]
+
+
+def _emcy(frames: FrameBatch, device: Device | None) -> Messages:
+    columns = decode_emcy(frames.data, frames.dlc)
+    return [
+        _emcy_message(int(code), int(register), manufacturer.tobytes(), device) if valid else None
+        for code, register, manufacturer, valid in zip(
+            columns.code, columns.register, columns.manufacturer, columns.valid, strict=True
+        )
+    ]
+
+
+def _emcy_message(
+    code: int, register: int, manufacturer: bytes, device: Device | None
+) -> syncline_pb2.Emcy:
+    meaning, names = emcy_meaning(device, code), register_bits(device, register)
+    return syncline_pb2.Emcy(
+        code=code,
+        meaning=meaning,
+        error_register=register,
+        registers=names,
+        manufacturer=manufacturer,
+        text=f"{code:04X}h {meaning}; error register {register:02X}h"
+        + (f" ({', '.join(names)})" if names else ""),
+    )
+
+
+SDO_KINDS: dict[SdoKind, str] = {
+    SdoKind.UNKNOWN: "unknown",
+    SdoKind.DOWNLOAD_REQUEST: "download",
+    SdoKind.DOWNLOAD_ANSWER: "download",
+    SdoKind.UPLOAD_REQUEST: "upload",
+    SdoKind.UPLOAD_ANSWER: "upload",
+    SdoKind.DOWNLOAD_SEGMENT: "segment",
+    SdoKind.DOWNLOAD_SEGMENT_ANSWER: "segment",
+    SdoKind.UPLOAD_SEGMENT_REQUEST: "segment",
+    SdoKind.UPLOAD_SEGMENT: "segment",
+    SdoKind.ABORT: "abort",
+    SdoKind.BLOCK_DOWNLOAD: "block",
+    SdoKind.BLOCK_UPLOAD: "block",
+}
+
+
+def encode_sdo(
+    done: SdoPass,
+    chosen: NDArray[np.intp],
+    frames: FrameBatch,
+    log_ns: NDArray[np.int64],
+    device: Device | None,
+) -> MessageBlock:
+    """Messages of the chosen SDO frames of a pass; `frames` and `log_ns` are of the whole batch."""
+    rows = done.rows[chosen]
+    messages = [
+        _block_segment(frames.data[row], frames.can_id[row] >= _FIRST_REQUEST)
+        if done.segment[i]
+        else _sdo_message(done.columns, i, device)
+        for i, row in zip(chosen.tolist(), rows.tolist(), strict=True)
+    ]
+    return MessageBlock.of_messages(_UNREGISTERED, log_ns[rows], frames.t_ns[rows], messages)
+
+
+def _block_segment(data: NDArray[np.uint8], request: bool) -> syncline_pb2.Sdo:
+    command = int(data[0])
+    last = ", the last" if command & 0x80 else ""
+    return syncline_pb2.Sdo(
+        request=request,
+        command=command,
+        kind="block segment",
+        data=data[1:8].tobytes(),
+        text=f"block segment {command & 0x7F}{last}",
+    )
+
+
+def _sdo_message(sdo: SdoColumns, row: int, device: Device | None) -> syncline_pb2.Sdo:
+    kind = SdoKind(int(sdo.kind[row]))
+    message = syncline_pb2.Sdo(
+        request=bool(sdo.request[row]),
+        command=int(sdo.command[row]),
+        kind=SDO_KINDS[kind],
+        data=sdo.payload[row, : sdo.length[row]].tobytes(),
+    )
+    place = ""
+    if sdo.addressed[row]:
+        message.index, message.sub = int(sdo.index[row]), int(sdo.sub[row])
+        message.object_name = (device and device.object_name(message.index, message.sub)) or ""
+        place = f" {message.index:04X}h:{message.sub:02X} {message.object_name}".rstrip()
+    if kind == SdoKind.ABORT:
+        message.abort_code = int(sdo.abort_code[row])
+        message.abort_text = abort_meaning(message.abort_code)
+    value = f" = {message.data.hex(' ').upper()}" if message.data else ""
+    direction = "request" if message.request else "answer"
+    message.text = f"{message.kind} {direction}{place}{value}" + (
+        f": {message.abort_text}" if message.abort_text else ""
+    )
+    return message
+
+
+SDO_SCHEMA = schema_of(syncline_pb2.Sdo.DESCRIPTOR)
+
+ENCODERS: dict[Service, ServiceEncoder] = {
+    Service.NMT: ServiceEncoder("nmt", False, syncline_pb2.Nmt, _nmt),
+    Service.SYNC: ServiceEncoder("sync", False, syncline_pb2.Sync, _sync),
+    Service.TIME: ServiceEncoder("time", False, syncline_pb2.Time, _time),
+    Service.LSS: ServiceEncoder("lss", False, syncline_pb2.Lss, _lss),
+    Service.ERROR_CONTROL: ServiceEncoder("heartbeat", True, syncline_pb2.Heartbeat, _heartbeat),
+    Service.EMCY: ServiceEncoder("emcy", True, syncline_pb2.Emcy, _emcy),
+}

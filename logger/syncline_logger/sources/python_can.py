@@ -1,0 +1,195 @@
+"""Frames from any interface that python-can knows."""
+
+import contextlib
+import logging
+from time import time_ns
+from typing import Any
+
+import can
+
+from syncline_logger.batcher import FrameBuffer
+from syncline_logger.bus_options import BusOptions
+from syncline_logger.source import SourceFacts
+from syncline_schemas.batch import FrameFlag
+from syncline_schemas.errors import SourceError
+
+MESSAGES_PER_READ = 1000
+"""A read returns after so many frames, so that a saturated bus cannot hold it for ever."""
+
+FLOAT_STEP_NS = 238
+"""python-can's stamps are seconds in a float: at today's date their step is 2**-22 s."""
+
+_RELATIVE_BELOW_NS = 3_600_000_000_000
+"""A first stamp further than this from UTC counts from some start of the adapter's own."""
+
+LISTEN_ONLY: dict[str, dict[str, Any]] = {
+    "cantact": {"monitor": True},
+    "kvaser": {"driver_mode": False},
+    "nixnet": {"listen_only": True},
+    "pcan": {"state": can.BusState.PASSIVE},
+    "seeedstudio": {"operation_mode": "silent"},
+    "slcan": {"listen_only": True},
+    "systec": {"state": can.BusState.PASSIVE},
+    "vector": {"listen_only": True},
+}
+"""How to ask for listen-only mode, by interface. SocketCAN sets it with `ip link`, not here."""
+
+CLOCK_KIND: dict[str, str] = {
+    "iscan": "host",
+    "kvaser": "hardware",
+    "neousys": "host",
+    "pcan": "hardware",
+    "robotell": "host",
+    "slcan": "host",
+    "socketcan": "kernel",
+    "vector": "hardware",
+    "virtual": "host",
+}
+"""Who stamps the frames, as far as python-can's sources tell."""
+
+_EXTENDED = int(FrameFlag.EXTENDED)
+_REMOTE = int(FrameFlag.REMOTE)
+_ERROR = int(FrameFlag.ERROR)
+_FD = int(FrameFlag.FD)
+_BRS = int(FrameFlag.BRS)
+_ESI = int(FrameFlag.ESI)
+_TX = int(FrameFlag.TX)
+_DLC_INVALID = int(FrameFlag.DLC_INVALID)
+_NO_DATA = bytearray()
+
+
+class PythonCanSource:
+    """A bus behind python-can; it is only ever read."""
+
+    def __init__(self, options: BusOptions) -> None:
+        self._options = options
+        self._bus: can.BusABC | None = None
+        self._owned = True
+        self._offset_ns: int | None = None
+        interface = options.interface or str(can.rc.get("interface", ""))
+        self.facts = SourceFacts(
+            name=options.name,
+            interface=interface,
+            channel="" if options.channel is None else str(options.channel),
+            bitrate=options.bitrate,
+            data_bitrate=options.data_bitrate,
+            fd=options.fd,
+            clock=CLOCK_KIND.get(interface, "unknown"),
+            resolution_ns=FLOAT_STEP_NS,
+            listen_only=not options.acknowledge and interface in LISTEN_ONLY,
+            filters=" ".join(f"{f['can_id']:X}:{f['can_mask']:X}" for f in options.filters),
+        )
+
+    @classmethod
+    def of_bus(cls, bus: can.BusABC, options: BusOptions) -> "PythonCanSource":
+        """A source that reads a bus which the caller opened and will shut down."""
+        source = cls(options)
+        source._bus = bus
+        source._owned = False
+        return source
+
+    def open(self) -> None:
+        """Open the bus. Raises SourceError."""
+        if self._bus is not None:
+            return
+        try:
+            self._bus = can.Bus(**self._bus_arguments())
+        except Exception as error:  # drivers raise whatever they like
+            raise SourceError(self._what_failed("cannot open", error)) from error
+
+    def _bus_arguments(self) -> dict[str, Any]:
+        options = self._options
+        arguments: dict[str, Any] = {"single_handle": True}
+        if not options.acknowledge:
+            arguments |= LISTEN_ONLY.get(self.facts.interface, {})
+        arguments |= {
+            key: value
+            for key, value in (
+                ("interface", options.interface),
+                ("channel", options.channel),
+                ("bitrate", options.bitrate),
+                ("data_bitrate", options.data_bitrate),
+                ("fd", options.fd or None),
+                ("can_filters", list(options.filters) or None),
+            )
+            if value is not None
+        }
+        if options.timing:
+            timing: Any = can.BitTimingFd if "nom_brp" in options.timing else can.BitTiming
+            arguments["timing"] = timing(**options.timing)
+        return arguments | {"receive_own_messages": False} | options.arguments
+
+    def read(self, buffer: FrameBuffer, bus: int, timeout_s: float) -> int:
+        """Put what has come into the buffer. Raises SourceError when the adapter is gone."""
+        if self._bus is None:
+            raise SourceError(f"bus '{self.facts.name}' is not open")
+        receive, append = self._bus.recv, buffer.append
+        count = 0
+        try:
+            message = receive(timeout_s)
+            while message is not None:
+                flags = _flags(message)
+                data, length = message.data, message.dlc
+                if flags & _REMOTE:
+                    data = _NO_DATA
+                elif length != len(data):
+                    if flags & _FD or length <= 8 or len(data) != 8:
+                        flags |= _DLC_INVALID
+                    length = len(data)
+                append(
+                    self._utc_ns(message.timestamp),
+                    bus,
+                    message.arbitration_id & 0x1FFF_FFFF,
+                    flags,
+                    length & 0xFF,
+                    data,
+                )
+                count += 1
+                message = receive(0) if count < MESSAGES_PER_READ else None
+        except Exception as error:
+            raise SourceError(self._what_failed("lost", error)) from error
+        return count
+
+    def _utc_ns(self, timestamp: float) -> int:
+        """UTC of a stamp, 0 when there is none; the one place where float seconds end."""
+        if not timestamp:
+            return 0
+        stamp_ns = round(timestamp * 1e9)
+        if self._offset_ns is None:
+            behind = time_ns() - stamp_ns
+            self._offset_ns = behind if abs(behind) > _RELATIVE_BELOW_NS else 0
+        return stamp_ns + self._offset_ns
+
+    def close(self) -> None:
+        """Shut the bus down, if it was opened here."""
+        bus, self._bus, self._offset_ns = self._bus, None, None
+        if bus is not None and self._owned:
+            with contextlib.suppress(Exception):
+                bus.shutdown()
+
+    def _what_failed(self, what: str, error: Exception) -> str:
+        place = f"{self.facts.interface or 'interface'} {self.facts.channel}".strip()
+        reason = str(error).strip() or type(error).__name__
+        return f"bus '{self.facts.name}' ({place}): {what}: {reason}"
+
+
+def _flags(message: can.Message) -> int:
+    flags = _EXTENDED if message.is_extended_id else 0
+    if not message.is_rx:
+        flags |= _TX
+    if message.is_remote_frame:
+        flags |= _REMOTE
+    if message.is_error_frame:
+        flags |= _ERROR
+    if message.is_fd:
+        flags |= _FD
+        if message.bitrate_switch:
+            flags |= _BRS
+        if message.error_state_indicator:
+            flags |= _ESI
+    return flags
+
+
+def quiet_python_can() -> None:
+    """Keep python-can's own warnings off the status line; what matters is raised."""
+    logging.getLogger("can").setLevel(logging.ERROR)

@@ -1,0 +1,1 @@
+"""Simulated CANopen buses with scripted faults, small captures, and the demo."""

@@ -1,0 +1,71 @@
+"""What an analyzer reported, held against the script of a run."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from syncline_samples.truth import ExpectedFinding
+
+
+class Reported(Protocol):
+    """A finding of an analyzer; the times are `t`, ns."""
+
+    @property
+    def id(self) -> str: ...
+    @property
+    def node(self) -> int | None: ...
+    @property
+    def start_ns(self) -> int: ...
+    @property
+    def end_ns(self) -> int: ...
+    @property
+    def text(self) -> str: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """Script and report side by side.
+
+    Attributes:
+        found: each required finding with what was reported of it.
+        missing: required findings that nobody reported.
+        allowed: reported findings that the script allows but does not require.
+        unexpected: reported findings that the script knows nothing of.
+    """
+
+    found: list[tuple[ExpectedFinding, list[Reported]]]
+    missing: list[ExpectedFinding]
+    allowed: list[Reported]
+    unexpected: list[Reported]
+
+    @property
+    def agrees(self) -> bool:
+        """Whether all was found and nothing invented."""
+        return not self.missing and not self.unexpected
+
+
+def compare(
+    expected: Sequence[ExpectedFinding], reported: Iterable[Reported], shift_ns: int = 0
+) -> Comparison:
+    """Hold a report against the script; `shift_ns` moves the script onto the capture's clock."""
+    reports = list(reported)
+    found: list[tuple[ExpectedFinding, list[Reported]]] = []
+    missing: list[ExpectedFinding] = []
+    for entry in (entry for entry in expected if entry.required):
+        fitting = [report for report in reports if _fits(entry, report, shift_ns)]
+        if fitting:
+            found.append((entry, fitting))
+        else:
+            missing.append(entry)
+    explained = {id(report) for _, fitting in found for report in fitting}
+    rest = [report for report in reports if id(report) not in explained]
+    allowed = [each for each in rest if any(_fits(entry, each, shift_ns) for entry in expected)]
+    kept = {id(report) for report in allowed}
+    return Comparison(found, missing, allowed, [each for each in rest if id(each) not in kept])
+
+
+def _fits(entry: ExpectedFinding, report: Reported, shift_ns: int) -> bool:
+    same_node = entry.node is None or report.node is None or entry.node == report.node
+    begins_in_time = report.start_ns < entry.end_ns + shift_ns
+    ends_in_time = report.end_ns >= entry.start_ns + shift_ns
+    return entry.id == report.id and same_node and begins_in_time and ends_in_time

@@ -1,0 +1,1 @@
+"""The capture file: MCAP layout, columnar packing of frames, writing and scanning."""

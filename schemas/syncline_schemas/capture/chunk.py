@@ -1,0 +1,142 @@
+"""Chunks: records of several channels merged by time, compressed, and indexed."""
+
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from syncline_schemas.capture.layout import Compression
+
+ZSTD_LEVEL = 1
+"""Makes smaller chunks than level 3 of these records, and faster."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordRun:
+    """Message records back to back, ascending in time.
+
+    Attributes:
+        data: (total,) uint8.
+        length: (n,) int64, bytes of each record.
+        channel: (n,) uint16.
+        log_time_ns: (n,) int64.
+    """
+
+    data: NDArray[np.uint8]
+    length: NDArray[np.int64]
+    channel: NDArray[np.uint16]
+    log_time_ns: NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Chunk:
+    """A chunk ready to be written: its fields and the message index of each channel."""
+
+    start_ns: int
+    end_ns: int
+    uncompressed_size: int
+    crc: int
+    compression: str
+    data: bytes
+    index: list[tuple[int, NDArray[np.uint64]]]
+    """Channel id and (n, 2) uint64 of log_time and offset."""
+
+
+def merge(runs: Sequence[RecordRun]) -> RecordRun:
+    """One run with the records of all, in time order; of equal times the earlier run's first."""
+    if len(runs) == 1:
+        return runs[0]
+    length = np.concatenate([run.length for run in runs])
+    time = np.concatenate([run.log_time_ns for run in runs])
+    order = np.argsort(time, kind="stable")
+    start = np.cumsum(length) - length
+    ordered = length[order]
+    shift = start[order] - (np.cumsum(ordered) - ordered)
+    source = np.repeat(shift, ordered) + np.arange(int(ordered.sum()))
+    return RecordRun(
+        np.concatenate([run.data for run in runs])[source],
+        ordered,
+        np.concatenate([run.channel for run in runs])[order],
+        time[order],
+    )
+
+
+def build_chunk(run: RecordRun, compression: Compression) -> Chunk:
+    """Compress and index a run of at least one record."""
+    offset = np.cumsum(run.length) - run.length
+    plain = run.data.tobytes()
+    return Chunk(
+        start_ns=int(run.log_time_ns.min()),
+        end_ns=int(run.log_time_ns.max()),
+        uncompressed_size=len(plain),
+        crc=zlib.crc32(plain),
+        compression="" if compression == "none" else compression,
+        data=compress(plain, compression),
+        index=message_index(run.channel, run.log_time_ns, offset),
+    )
+
+
+def message_index(
+    channel: NDArray[np.uint16], log_time_ns: NDArray[np.int64], offset: NDArray[np.int64]
+) -> list[tuple[int, NDArray[np.uint64]]]:
+    """The message index of each channel, as in `Chunk.index`."""
+    entries = np.stack([log_time_ns, offset], axis=1).astype("<u8")
+    return [(int(each), entries[channel == each]) for each in np.unique(channel)]
+
+
+def compress(plain: bytes, compression: Compression) -> bytes:
+    """Chunk bytes in the compression asked for."""
+    if compression == "zstd":
+        import zstandard
+
+        return bytes(zstandard.ZstdCompressor(level=ZSTD_LEVEL).compress(plain))
+    if compression == "lz4":
+        import lz4.frame
+
+        return bytes(lz4.frame.compress(plain))
+    return plain
+
+
+def decompress(data: bytes, compression: str, size: int) -> bytes | str:
+    """The plain bytes, or in words why they cannot be had; never raises on damaged bytes."""
+    if size > MAX_CHUNK:
+        return f"claims {size} bytes"
+    plain = _decompress(data, compression, size)
+    if isinstance(plain, bytes) and len(plain) != size:
+        return f"holds {len(plain)} bytes instead of {size}"
+    return plain
+
+
+MAX_CHUNK = 1 << 30
+"""Largest chunk that is read; a damaged size field must not take all memory."""
+
+
+def _decompress(data: bytes, compression: str, size: int) -> bytes | str:
+    if compression == "zstd":
+        return _plain_of_zstd(data, size)
+    if compression == "lz4":
+        return _plain_of_lz4(data)
+    return data if compression == "" else f"compression {compression!r} is not known"
+
+
+def _plain_of_zstd(data: bytes, size: int) -> bytes | str:
+    import zstandard
+
+    try:
+        claimed = zstandard.frame_content_size(data)
+        if claimed not in (-1, size):
+            return f"zstd says {claimed} bytes, the chunk {size}"
+        return bytes(zstandard.ZstdDecompressor().decompress(data, max_output_size=size))
+    except (zstandard.ZstdError, MemoryError) as error:
+        return f"zstd: {error}"
+
+
+def _plain_of_lz4(data: bytes) -> bytes | str:
+    import lz4.frame
+
+    try:
+        return bytes(lz4.frame.decompress(data))
+    except (RuntimeError, ValueError, MemoryError) as error:
+        return f"lz4: {error}"

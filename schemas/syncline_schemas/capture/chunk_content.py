@@ -1,0 +1,210 @@
+"""What a chunk holds: where its messages are, and its frames as columns."""
+
+import zlib
+from dataclasses import dataclass, field
+
+import mcap.records as mcap_records
+import numpy as np
+from google.protobuf.message import DecodeError
+from mcap.opcode import Opcode
+from numpy.typing import NDArray
+
+from syncline_schemas.batch import FrameBatch, FrameFlag
+from syncline_schemas.capture.chunk import decompress
+from syncline_schemas.capture.frame_record import (
+    MAX_DATA,
+    PADDING,
+    RECORD_HEAD,
+    gather_frames,
+)
+from syncline_schemas.capture.layout import PROTOBUF, frames_topic
+from syncline_schemas.capture.message import schema_of
+from syncline_schemas.capture.record_file import (
+    Definition,
+    MessageIndex,
+    RawChunk,
+    parse_definition,
+)
+from syncline_schemas.proto import syncline_pb2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ChunkContent:
+    """A decompressed chunk and its messages, in the order in which they stand in it.
+
+    Attributes:
+        buffer: (size + PADDING,) uint8.
+        size: bytes of the chunk.
+        offset: (n,) int64, where each message record begins.
+        end: (n,) int64, where it ends.
+        channel: (n,) uint16.
+        log_time_ns: (n,) int64.
+        definitions: schemas and channels that stand between the messages.
+        damage: what was found wrong, in words; None when all is well.
+    """
+
+    buffer: NDArray[np.uint8]
+    size: int
+    offset: NDArray[np.int64]
+    end: NDArray[np.int64]
+    channel: NDArray[np.uint16]
+    log_time_ns: NDArray[np.int64]
+    definitions: list[Definition] = field(default_factory=list)
+    damage: str | None = None
+
+    def publish_time_ns(self, row: int) -> int:
+        """Publish time of one message."""
+        at = int(self.offset[row]) + 23
+        return int.from_bytes(self.buffer[at : at + 8].tobytes(), "little", signed=True)
+
+    def payload(self, row: int) -> bytes:
+        """Payload of one message."""
+        return self.buffer[self.offset[row] + RECORD_HEAD : self.end[row]].tobytes()
+
+
+def open_chunk(raw: RawChunk) -> ChunkContent | str:
+    """The content of a chunk, or in words why none of it can be believed."""
+    plain = decompress(raw.data, raw.compression, raw.uncompressed_size)
+    if isinstance(plain, str):
+        return plain
+    if raw.crc not in (0, zlib.crc32(plain)):
+        return "its checksum is wrong"
+    buffer = np.zeros(len(plain) + PADDING, np.uint8)
+    buffer[: len(plain)] = np.frombuffer(plain, np.uint8)
+    offset = None if raw.index is None else _offsets_by_index(buffer, len(plain), raw.index)
+    if offset is None:
+        return _content_by_walk(buffer, plain)
+    return _content(buffer, len(plain), offset)
+
+
+def _content(
+    buffer: NDArray[np.uint8],
+    size: int,
+    offset: NDArray[np.int64],
+    definitions: list[Definition] | None = None,
+    damage: str | None = None,
+) -> ChunkContent:
+    u4 = np.ndarray((size + PADDING - 3,), "<u4", buffer, 0, (1,))
+    u8 = np.ndarray((size + PADDING - 7,), "<u8", buffer, 0, (1,))
+    return ChunkContent(
+        buffer,
+        size,
+        offset,
+        offset + 9 + u8[offset + 1].view(np.int64),
+        (u4[offset + 8] >> np.uint32(8)).astype(np.uint16),
+        u8[offset + 15].view(np.int64),
+        definitions or [],
+        damage,
+    )
+
+
+def _offsets_by_index(
+    buffer: NDArray[np.uint8], size: int, index: MessageIndex
+) -> NDArray[np.int64] | None:
+    """Offsets in ascending order; None unless the records they name fill the chunk exactly."""
+    offset = np.concatenate([entries[:, 1] for entries in index.values()]).view(np.int64)
+    if len(index) > 1 or np.any(offset[1:] < offset[:-1]):
+        offset = np.sort(offset)
+    if len(offset) == 0 or offset[0] != 0 or offset[-1] + RECORD_HEAD > size:
+        return None
+    u8 = np.ndarray((size + PADDING - 7,), "<u8", buffer, 0, (1,))
+    length = np.diff(offset, append=size) - 9
+    whole = (
+        (length >= RECORD_HEAD - 9)
+        & (u8[offset + 1].view(np.int64) == length)
+        & (buffer[offset] == Opcode.MESSAGE)
+    )
+    return offset if whole.all() else None
+
+
+def _content_by_walk(buffer: NDArray[np.uint8], plain: bytes) -> ChunkContent:
+    """Record by record: chunks with other records in them, or without a good message index."""
+    offsets: list[int] = []
+    definitions: list[Definition] = []
+    damage, position = None, 0
+    while position < len(plain):
+        opcode = plain[position]
+        end = position + 9 + int.from_bytes(plain[position + 1 : position + 9], "little")
+        if position + 9 > len(plain) or end > len(plain):
+            damage = f"a record runs past its end, {len(plain) - position} bytes are lost"
+            break
+        if opcode == Opcode.MESSAGE and end - position >= RECORD_HEAD:
+            offsets.append(position)
+        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+            definition = parse_definition(opcode, plain[position + 9 : end])
+            definitions += [definition] if definition else []
+        position = end
+    offset = np.array(offsets, np.int64)
+    return _content(buffer, len(plain), offset, definitions, damage)
+
+
+def read_frames(
+    content: ChunkContent, rows: NDArray[np.intp], bus_of_channel: NDArray[np.int16]
+) -> tuple[FrameBatch, NDArray[np.intp]]:
+    """Frames of the messages in these rows, and the rows that are no frames and were left out.
+
+    Records as `pack_frames` writes them are gathered by column; any other encoding of
+    `syncline.Frame` is parsed one by one.
+    """
+    gathered = gather_frames(content.buffer, content.size, content.offset[rows], bus_of_channel)
+    if gathered.regular.all():
+        return gathered.frames, np.zeros(0, np.intp)
+    regular = np.flatnonzero(gathered.regular)
+    parsed, parsed_at, unreadable = [], [], []
+    for at in np.flatnonzero(~gathered.regular).tolist():
+        row = int(rows[at])
+        fields = parse_frame(content.payload(row))
+        if fields is None:
+            unreadable.append(row)
+        else:
+            bus = int(bus_of_channel[content.channel[row]])
+            parsed.append((content.publish_time_ns(row), bus, *fields))
+            parsed_at.append(at)
+    frames = FrameBatch.concat([gathered.frames[regular], FrameBatch.from_rows(parsed)])
+    order = np.argsort(np.concatenate([regular, np.array(parsed_at, np.intp)]), kind="stable")
+    return frames[order], np.array(unreadable, np.intp)
+
+
+def parse_frame(payload: bytes) -> tuple[int, int, int, bytes] | None:
+    """(can_id, flags, dlc, data) of a `syncline.Frame`; None when it is none.
+
+    A length that the data contradict becomes the number of data bytes, marked DLC_INVALID.
+    """
+    try:
+        frame = syncline_pb2.Frame.FromString(payload)
+    except DecodeError:
+        return None
+    flags, dlc, data = frame.flags & 0xFFFF, frame.dlc, frame.data
+    if len(data) > MAX_DATA or frame.can_id > 0x1FFF_FFFF:
+        return None
+    if flags & FrameFlag.REMOTE:
+        return frame.can_id, flags, min(dlc, MAX_DATA), b""
+    if dlc != len(data):
+        flags |= FrameFlag.DLC_INVALID
+    return frame.can_id, flags, len(data), data
+
+
+def frame_channels_by_content(
+    content: ChunkContent, undescribed: NDArray[np.intp]
+) -> list[Definition]:
+    """Schema and channel for messages whose channel record is lost, if they are plainly frames.
+
+    undescribed: rows of messages of channels that nothing describes. A channel is taken for frames
+    when each of its messages has every tag and length of `pack_frames`.
+    """
+    definitions: list[Definition] = []
+    for channel in np.unique(content.channel[undescribed]).tolist():
+        rows = undescribed[content.channel[undescribed] == channel]
+        buses = np.zeros(1 << 16, np.int16)
+        gathered = gather_frames(content.buffer, content.size, content.offset[rows], buses)
+        if gathered.regular.all():
+            topic = frames_topic(f"channel{channel}")
+            definitions.append(
+                mcap_records.Channel(channel, topic, PROTOBUF, {}, LOST_FRAME_SCHEMA.id)
+            )
+    return [LOST_FRAME_SCHEMA, *definitions] if definitions else []
+
+
+_FRAME = schema_of(syncline_pb2.Frame.DESCRIPTOR)
+LOST_FRAME_SCHEMA = mcap_records.Schema(0xFFFE, _FRAME.data, _FRAME.encoding, _FRAME.name)
+"""Of channels whose own record is lost; its id is far from those that writers count up."""

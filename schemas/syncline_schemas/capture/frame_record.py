@@ -1,0 +1,192 @@
+"""Frames as MCAP message records, and back, a column at a time.
+
+A record with a `syncline.Frame` of n data bytes has 45 + n bytes, all numbers little-endian:
+
+    0  opcode 05h              31  0Dh  can_id, 4 bytes
+    1  length = 36 + n, 8      36  15h  flags, 4
+    9  channel, 2              41  18h  dlc, 1
+    11 sequence, 4             43  22h  n, 1
+    15 log_time, 8             45  data, n
+    23 publish_time, 8
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from syncline_schemas.batch import FrameBatch, FrameFlag
+
+RECORD_HEAD = 31
+"""Bytes of a message record before its payload."""
+FRAME_HEAD = 45
+"""Bytes of a frame's record before its data."""
+MAX_DATA = 64
+PADDING = 128
+"""Bytes behind a chunk that the gather may read and never uses."""
+
+_HEAD_FIELDS = [
+    ("opcode", "u1"),
+    ("record_length", "<u8"),
+    ("channel", "<u2"),
+    ("sequence", "<u4"),
+    ("log_time", "<u8"),
+    ("publish_time", "<u8"),
+]
+RECORD_DTYPE = np.dtype(_HEAD_FIELDS)
+_FRAME_FIELDS = [
+    ("tag_id", "u1"),
+    ("can_id", "<u4"),
+    ("tag_flags", "u1"),
+    ("flags", "<u4"),
+    ("tag_dlc", "u1"),
+    ("dlc", "u1"),
+    ("tag_data", "u1"),
+    ("data_length", "u1"),
+]
+_MESSAGE = 0x05
+_TAG_ID, _TAG_FLAGS, _TAG_DLC, _TAG_DATA = 0x0D, 0x15, 0x18, 0x22
+_ID_TAGS = np.uint64(_TAG_ID | _TAG_FLAGS << 40)
+_ID_TAGS_MASK = np.uint64(0xFF | 0xFF << 40)
+_DLC_TAGS = np.uint64(_TAG_DLC << 32 | _TAG_DATA << 48)
+_DLC_TAGS_MASK = np.uint64(0xFF << 32 | 0xFF << 48)
+_DATA_MASK = np.array([(1 << 8 * n) - 1 for n in range(9)], np.uint64)
+"""Mask of the first n bytes of an 8-byte load."""
+
+
+def data_length(batch: FrameBatch) -> NDArray[np.int64]:
+    """(n,) data bytes of each row: none for remote frames, else `dlc`."""
+    length = np.minimum(batch.dlc, batch.data.shape[1]).astype(np.int64)
+    length[(batch.flags & FrameFlag.REMOTE) != 0] = 0
+    return length
+
+
+def pack_frames(
+    batch: FrameBatch,
+    channel_of_bus: NDArray[np.uint16],
+    sequence: NDArray[np.uint32],
+    log_time_ns: NDArray[np.int64],
+) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
+    """Message records of all rows, back to back, and the length of each.
+
+    channel_of_bus: (256,) channel id by bus number. sequence, log_time_ns: (n,).
+    Returns: (total,) uint8 and (n,) int64.
+    """
+    width = batch.data.shape[1]
+    row_type = np.dtype([*_HEAD_FIELDS, *_FRAME_FIELDS, ("data", "u1", (width,))])
+    rows = np.empty(len(batch), row_type)
+    length = data_length(batch)
+    rows["opcode"] = _MESSAGE
+    rows["record_length"] = length + (FRAME_HEAD - 9)
+    rows["channel"] = channel_of_bus[batch.bus]
+    rows["sequence"] = sequence
+    rows["log_time"] = log_time_ns.view(np.uint64)
+    rows["publish_time"] = batch.t_ns.view(np.uint64)
+    rows["tag_id"], rows["can_id"] = _TAG_ID, batch.can_id
+    rows["tag_flags"], rows["flags"] = _TAG_FLAGS, batch.flags
+    rows["tag_dlc"], rows["dlc"] = _TAG_DLC, np.minimum(batch.dlc, 0x7F)
+    rows["tag_data"], rows["data_length"] = _TAG_DATA, length
+    rows["data"] = batch.data
+    row_bytes = rows.view(np.uint8).reshape(len(batch), FRAME_HEAD + width)
+    return row_bytes[_KEPT[length, : FRAME_HEAD + width]], length + FRAME_HEAD
+
+
+_KEPT = np.arange(FRAME_HEAD + MAX_DATA) < FRAME_HEAD + np.arange(MAX_DATA + 1)[:, None]
+"""(65, 109) bool, which bytes of a row belong to a record with n data bytes."""
+
+
+def pack_messages(
+    channel: int,
+    sequence: NDArray[np.uint32],
+    log_time_ns: NDArray[np.int64],
+    publish_time_ns: NDArray[np.int64],
+    length: NDArray[np.int64],
+    payload: NDArray[np.uint8],
+) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
+    """Message records of one channel around payloads that are there; see `pack_frames`."""
+    heads = np.empty(len(length), RECORD_DTYPE)
+    heads["opcode"] = _MESSAGE
+    heads["record_length"] = length + (RECORD_HEAD - 9)
+    heads["channel"] = channel
+    heads["sequence"] = sequence
+    heads["log_time"] = log_time_ns.view(np.uint64)
+    heads["publish_time"] = publish_time_ns.view(np.uint64)
+    start = np.cumsum(length + RECORD_HEAD) - (length + RECORD_HEAD)
+    out = np.empty(len(payload) + RECORD_HEAD * len(length), np.uint8)
+    is_payload = np.ones(len(out), np.bool_)
+    head_at = (start[:, None] + np.arange(RECORD_HEAD)).reshape(-1)
+    is_payload[head_at] = False
+    out[head_at] = heads.view(np.uint8)
+    out[is_payload] = payload
+    return out, length + RECORD_HEAD
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GatheredFrames:
+    """Frames read at offsets; only the rows in `regular` are to be believed."""
+
+    frames: FrameBatch
+    regular: NDArray[np.bool_]
+
+
+def gather_frames(
+    chunk: NDArray[np.uint8],
+    size: int,
+    offset: NDArray[np.int64],
+    bus_of_channel: NDArray[np.int16],
+) -> GatheredFrames:
+    """Columns of the frames whose records begin at these offsets of a decompressed chunk.
+
+    chunk: (size + PADDING,) uint8. offset: (n,) of records that end within `size` and whose length
+    field is their distance to the next. bus_of_channel: (65536,) bus number by channel id.
+    A row is regular when every tag and length in it is what `pack_frames` writes.
+    """
+    u4 = np.ndarray((size + PADDING - 3,), "<u4", chunk, 0, (1,))
+    u8 = np.ndarray((size + PADDING - 7,), "<u8", chunk, 0, (1,))
+    identifier = u8[offset + 31]
+    length_part = u8[offset + 37]
+    length = (length_part >> np.uint64(56)).astype(np.int64)
+    dlc = (length_part >> np.uint64(40)).astype(np.uint8)
+    flags = length_part.astype(np.uint32)
+    can_id = (identifier >> np.uint64(8)).astype(np.uint32)
+    remote = (flags & FrameFlag.REMOTE) != 0
+    regular = (
+        ((identifier & _ID_TAGS_MASK) == _ID_TAGS)
+        & ((length_part & _DLC_TAGS_MASK) == _DLC_TAGS)
+        & (u8[offset + 1] == (length + (FRAME_HEAD - 9)).view(np.uint64))
+        & (length <= MAX_DATA)
+        & (dlc <= MAX_DATA)
+        & np.where(remote, length == 0, length == dlc)
+        & (can_id <= 0x1FFFFFFF)
+        & (flags <= 0xFFFF)
+    )
+    length[~regular] = 0
+    channel = (u4[offset + 8] >> np.uint32(8)).astype(np.uint16)
+    frames = FrameBatch(
+        u8[offset + 23].view(np.int64),
+        bus_of_channel[channel].astype(np.uint8),
+        can_id,
+        flags.astype(np.uint16),
+        dlc,
+        _gather_data(chunk, u8, offset, length),
+    )
+    return GatheredFrames(frames, regular)
+
+
+def _gather_data(
+    chunk: NDArray[np.uint8],
+    u8: NDArray[np.uint64],
+    offset: NDArray[np.int64],
+    length: NDArray[np.int64],
+) -> NDArray[np.uint8]:
+    first = u8[offset + FRAME_HEAD] & _DATA_MASK[np.minimum(length, 8)]
+    data = first.astype("<u8", copy=False).view(np.uint8).reshape(-1, 8)
+    long_rows = np.flatnonzero(length > 8)
+    if len(long_rows) == 0:
+        return data
+    wide = np.zeros((len(offset), MAX_DATA), np.uint8)
+    wide[:, :8] = data
+    place = np.arange(MAX_DATA)
+    bytes_at = (offset[long_rows] + FRAME_HEAD)[:, None] + place
+    wide[long_rows] = np.where(place < length[long_rows, None], chunk[bytes_at], 0)
+    return wide

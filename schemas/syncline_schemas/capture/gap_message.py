@@ -1,0 +1,26 @@
+"""A Gap as the message of `/recorder/gap`, and back."""
+
+from syncline_schemas.batch import Gap
+from syncline_schemas.proto import syncline_pb2
+
+
+def gap_message(gap: Gap) -> syncline_pb2.Gap:
+    """The message of a gap."""
+    return syncline_pb2.Gap(
+        start_ns=gap.start_ns,
+        end_ns=gap.end_ns,
+        reason=gap.reason,
+        lost_frames=gap.lost_frames,
+        bus=gap.bus,
+    )
+
+
+def gap_of(message: syncline_pb2.Gap) -> Gap:
+    """The gap that a message tells of."""
+    return Gap(
+        message.start_ns,
+        message.end_ns,
+        message.reason,
+        message.lost_frames if message.HasField("lost_frames") else None,
+        message.bus if message.HasField("bus") else None,
+    )

@@ -1,0 +1,232 @@
+"""Bus description: which devices are on which bus, and what is known of them beforehand."""
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Self
+
+from syncline_schemas.devices import Device, device_from_files, is_path, load_device
+from syncline_schemas.devices.profile import integer, object_key
+from syncline_schemas.errors import DescriptionError
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NodeEntry:
+    """What the user says of one node.
+
+    Attributes:
+        name: name for people, None when not given.
+        device: the device, already loaded.
+        objects: (index, sub) -> value that holds on this node unless the bus says otherwise.
+        overrides: settings of the device (`Device.overrides`), only those that were given.
+    """
+
+    name: str | None = None
+    device: Device | None = None
+    objects: Mapping[tuple[int, int], int] = field(default_factory=dict)
+    overrides: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BusDescription:
+    """Buses, bit rates and nodes as a user describes them in TOML; empty by default.
+
+        [bus.can0]
+        bitrate = 500000
+        [bus.can0.node.5]
+        name = "main shaft"
+        device = "lir-da158a"          # or eds = "x.eds", relative to this file
+        [bus.can0.node.5.objects]
+        "6001" = 131072
+        "1800:2" = 254
+        [bus.can0.node.5.overrides]
+        max_rpm = 1500
+        [node.7]                       # on any bus
+        device = "jn2100"
+
+    Attributes:
+        bitrates: [bit/s] by bus name.
+        nodes: entries by (bus name, node); bus None = on any bus.
+        text: the TOML as it was read ("" for the empty one).
+        files: every EDS, DCF and device file used, by name, for the attachments of a capture.
+    """
+
+    bitrates: Mapping[str, int] = field(default_factory=dict)
+    nodes: Mapping[tuple[str | None, int], NodeEntry] = field(default_factory=dict)
+    text: str = ""
+    files: Mapping[str, bytes] = field(default_factory=dict)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """Description from a TOML file.
+
+        Raises:
+            DescriptionError: the file cannot be read or is wrong; names all mistakes at once.
+        """
+        try:
+            text = Path(path).read_text(encoding="utf-8-sig")
+        except (OSError, UnicodeDecodeError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or error
+            raise DescriptionError(f"{path} cannot be read: {reason}") from error
+        try:
+            return cls.loads(text, Path(path).parent)
+        except DescriptionError as error:
+            raise DescriptionError(f"{path}: {error}") from error
+
+    @classmethod
+    def loads(
+        cls, text: str, base: Path | None = None, files: Mapping[str, bytes] | None = None
+    ) -> Self:
+        """Description from text; device files are looked up in `files`, then relative to `base`.
+
+        Raises:
+            DescriptionError: the text is wrong; names all mistakes at once.
+        """
+        try:
+            data = tomllib.loads(text)
+        except tomllib.TOMLDecodeError as error:
+            raise DescriptionError(f"the bus description is no TOML: {error}") from error
+        reader = _Reader(base, files or {})
+        reader.read(data)
+        if reader.errors:
+            raise DescriptionError(";\n".join(reader.errors))
+        return cls(reader.bitrates, reader.nodes, text, reader.used)
+
+    def node(self, bus_name: str, node: int) -> NodeEntry | None:
+        """Entry of a node on a bus; [node.N] entries hold on any bus that has none of its own."""
+        return self.nodes.get((bus_name, node)) or self.nodes.get((None, node))
+
+    def bitrate(self, bus_name: str) -> int | None:
+        """Bit rate of a bus [bit/s], None when not given."""
+        return self.bitrates.get(bus_name)
+
+    def described(self, bus_name: str) -> dict[int, NodeEntry]:
+        """All entries that hold on a bus, by node."""
+        anywhere = {n: entry for (bus, n), entry in self.nodes.items() if bus is None}
+        return anywhere | {n: entry for (bus, n), entry in self.nodes.items() if bus == bus_name}
+
+
+_NODE_KEYS = {"name", "device", "eds", "objects", "overrides"}
+
+
+class _Reader:
+    """Reads the tables and collects every mistake."""
+
+    def __init__(self, base: Path | None, files: Mapping[str, bytes]) -> None:
+        self.errors: list[str] = []
+        self.bitrates: dict[str, int] = {}
+        self.nodes: dict[tuple[str | None, int], NodeEntry] = {}
+        self.used: dict[str, bytes] = {}
+        self._base = base
+        self._files = files
+
+    def read(self, data: Mapping[str, Any]) -> None:
+        self._only(data, "", {"bus", "node"})
+        for bus, table in self._tables(data.get("bus", {}), "bus"):
+            where = f"bus.{bus}"
+            self._only(table, where, {"bitrate", "node"})
+            if "bitrate" in table:
+                self._bitrate(bus, table["bitrate"], where)
+            self._nodes(bus, table.get("node", {}), f"{where}.node")
+        self._nodes(None, data.get("node", {}), "node")
+
+    def _bitrate(self, bus: str, value: Any, where: str) -> None:
+        if isinstance(value, int) and not isinstance(value, bool) and 0 < value <= 20_000_000:
+            self.bitrates[bus] = value
+        else:
+            self.errors.append(f"{where}.bitrate: {value!r} is no bit rate in bit/s, like 500000")
+
+    def _nodes(self, bus: str | None, data: Any, where: str) -> None:
+        for text, table in self._tables(data, where):
+            try:
+                node = integer(text)
+            except ValueError:
+                node = 0
+            if 1 <= node <= 127:
+                self.nodes[bus, node] = self._entry(table, f"{where}.{text}")
+            else:
+                self.errors.append(f"{where}.{text}: a node id is a number from 1 to 127")
+
+    def _entry(self, table: Mapping[str, Any], where: str) -> NodeEntry:
+        self._only(table, where, _NODE_KEYS)
+        name = table.get("name")
+        if name is not None and not isinstance(name, str):
+            self.errors.append(f"{where}.name: {name!r} is no text")
+        device = self._device(table, where)
+        return NodeEntry(
+            name if isinstance(name, str) else None,
+            device,
+            self._objects(table.get("objects", {}), f"{where}.objects"),
+            self._overrides(table.get("overrides", {}), device, f"{where}.overrides"),
+        )
+
+    def _device(self, table: Mapping[str, Any], where: str) -> Device | None:
+        given = [key for key in ("device", "eds") if key in table]
+        if len(given) == 2:
+            self.errors.append(f"{where}: device and eds are both given, one is enough")
+        if not given:
+            return None
+        name = table[given[0]]
+        try:
+            if not isinstance(name, str):
+                raise DescriptionError(f"{name!r} is no text")
+            return self._loaded(name)
+        except DescriptionError as error:
+            self.errors.append(f"{where}.{given[0]}: {error}")
+            return None
+
+    def _loaded(self, name: str) -> Device:
+        if name in self._files:
+            device = device_from_files(name, self._files)
+            self.used |= device.files
+            return device
+        if not is_path(name):
+            device = load_device(name)
+            self.used |= device.files
+            return device
+        device = load_device((self._base or Path()) / name)
+        folder = Path(name).parent
+        self.used |= {(folder / file).as_posix(): data for file, data in device.files.items()}
+        return device
+
+    def _objects(self, data: Any, where: str) -> dict[tuple[int, int], int]:
+        found: dict[tuple[int, int], int] = {}
+        for text, value in self._pairs(data, where):
+            try:
+                found[object_key(text)] = integer(value)
+            except ValueError as error:
+                self.errors.append(f"{where}.{text}: {error}")
+        return found
+
+    def _overrides(self, data: Any, device: Device | None, where: str) -> dict[str, Any]:
+        given = dict(self._pairs(data, where))
+        known = device.overrides if device is not None else {}
+        for name, value in given.items():
+            if device is not None and name not in known:
+                self.errors.append(
+                    f"{where}.{name}: {device.name} has no such setting; it has "
+                    f"{', '.join(known) or 'none'}"
+                )
+            elif name in known and known[name].choices and value not in known[name].choices:
+                choices = ", ".join(str(choice) for choice in known[name].choices)
+                self.errors.append(f"{where}.{name}: {value!r} is none of {choices}")
+        return given
+
+    def _only(self, table: Mapping[str, Any], where: str, known: set[str]) -> None:
+        for key in sorted(table.keys() - known):
+            path = f"{where}.{key}" if where else key
+            self.errors.append(f"{path}: unknown key; known are {', '.join(sorted(known))}")
+
+    def _pairs(self, data: Any, where: str) -> list[tuple[str, Any]]:
+        if isinstance(data, dict):
+            return list(data.items())
+        self.errors.append(f"{where}: is no table")
+        return []
+
+    def _tables(self, data: Any, where: str) -> list[tuple[str, dict[str, Any]]]:
+        pairs = self._pairs(data, where)
+        for name, value in pairs:
+            if not isinstance(value, dict):
+                self.errors.append(f"{where}.{name}: is no table")
+        return [(name, value) for name, value in pairs if isinstance(value, dict)]

@@ -1,0 +1,57 @@
+"""Device descriptions: an EDS or DCF file plus the facts that it cannot hold.
+
+A device is a pair of data files, `<name>.eds` and `<name>.toml`, in `data/` or in a folder of the
+user's (environment variable `SYNCLINE_DEVICES`); no code knows a device by its name.
+"""
+
+from syncline_schemas.devices.build import (
+    device_from_files as device_from_files,
+)
+from syncline_schemas.devices.catalog import (
+    device_names as device_names,
+)
+from syncline_schemas.devices.catalog import (
+    identify as identify,
+)
+from syncline_schemas.devices.catalog import (
+    is_path as is_path,
+)
+from syncline_schemas.devices.catalog import (
+    load_device as load_device,
+)
+from syncline_schemas.devices.model import (
+    GENERIC_QUIRKS as GENERIC_QUIRKS,
+)
+from syncline_schemas.devices.model import (
+    BitField as BitField,
+)
+from syncline_schemas.devices.model import (
+    Device as Device,
+)
+from syncline_schemas.devices.model import (
+    EmcyField as EmcyField,
+)
+from syncline_schemas.devices.model import (
+    Jump as Jump,
+)
+from syncline_schemas.devices.model import (
+    ObjectFacts as ObjectFacts,
+)
+from syncline_schemas.devices.model import (
+    Override as Override,
+)
+from syncline_schemas.devices.model import (
+    Quirks as Quirks,
+)
+from syncline_schemas.devices.model import (
+    emcy_details as emcy_details,
+)
+from syncline_schemas.devices.model import (
+    emcy_meaning as emcy_meaning,
+)
+from syncline_schemas.devices.model import (
+    quirks as quirks,
+)
+from syncline_schemas.devices.model import (
+    register_bits as register_bits,
+)

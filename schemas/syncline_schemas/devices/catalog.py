@@ -1,0 +1,177 @@
+"""Finding devices: by name, by file, or by what a node answered."""
+
+import difflib
+import os
+from collections.abc import Iterable, Mapping
+from functools import lru_cache
+from importlib.resources import files as package_files
+from pathlib import Path
+from typing import Any
+
+from syncline_schemas.devices.build import EDS_SUFFIXES, device_from_files
+from syncline_schemas.devices.model import Device, Key
+from syncline_schemas.errors import DescriptionError
+
+FOLDER_VARIABLE = "SYNCLINE_DEVICES"
+"""Environment variable that names folders of the user's own device files."""
+_SUFFIXES = (".toml", *EDS_SUFFIXES)
+
+
+def user_folders() -> tuple[Path, ...]:
+    """Folders of the user's own device files."""
+    named = os.environ.get(FOLDER_VARIABLE, "")
+    return tuple(Path(part) for part in named.split(os.pathsep) if part)
+
+
+def device_names(folders: tuple[Path, ...] | None = None) -> list[str]:
+    """Names of all devices: the built-in ones, then those of the user's folders."""
+    return list(_catalog(user_folders() if folders is None else folders))
+
+
+def load_device(
+    name_or_path: str | os.PathLike[str] | Device, folders: tuple[Path, ...] | None = None
+) -> Device:
+    """Device by catalogue name or from an .eds, .dcf or .toml file; a Device is returned as it is.
+
+    Raises:
+        DescriptionError: there is no such device (with the nearest names) or its files are unusable.
+    """
+    if isinstance(name_or_path, Device):
+        return name_or_path
+    if is_path(os.fspath(name_or_path)):
+        return _from_path(Path(name_or_path))
+    catalog = _catalog(user_folders() if folders is None else folders)
+    name = str(name_or_path)
+    found = catalog.get(name) or catalog.get(name.lower())
+    if found is None:
+        raise DescriptionError(_unknown(name, catalog))
+    return _from_path(found)
+
+
+def is_path(name: str) -> bool:
+    """Whether a device is named by a file instead of its catalogue name."""
+    return Path(name).suffix.lower() in _SUFFIXES
+
+
+def _unknown(name: str, catalog: Iterable[str]) -> str:
+    names = list(catalog)
+    near = difflib.get_close_matches(name.lower(), names, n=3, cutoff=0.4)
+    hint = f"did you mean {' or '.join(near)}?" if near else f"known are {', '.join(names)}."
+    return f"no device is called {name!r}: {hint} A path to an .eds, .dcf or .toml file works too."
+
+
+def _catalog(folders: tuple[Path, ...]) -> dict[str, Path]:
+    """File by device name; a user's file hides a built-in one of the same name."""
+    found = {path.stem: path for path in sorted(_built_in().glob("*.toml"))}
+    for folder in folders:
+        for suffix in reversed(_SUFFIXES):
+            found |= {path.stem: path for path in sorted(folder.glob(f"*{suffix}"))}
+    return found
+
+
+def _built_in() -> Path:
+    return Path(str(package_files("syncline_schemas.devices") / "data"))
+
+
+def _from_path(path: Path) -> Device:
+    group = [path]
+    if path.suffix.lower() == ".toml":
+        group = [p for p in path.parent.glob("*") if p == path or p.suffix.lower() in EDS_SUFFIXES]
+    return _cached(path, tuple((p, *_stamp(p)) for p in sorted(group)))
+
+
+def _stamp(path: Path) -> tuple[int, int]:
+    try:
+        status = path.stat()
+    except OSError as error:
+        raise DescriptionError(f"{path} cannot be read: {error.strerror}") from error
+    return status.st_mtime_ns, status.st_size
+
+
+@lru_cache(maxsize=256)
+def _cached(path: Path, group: tuple[tuple[Path, int, int], ...]) -> Device:
+    """Device of a file; the stamps of the files are part of the key, so that changes are seen."""
+    return device_from_files(path.name, _Folder(p for p, _, _ in group))
+
+
+class _Folder(dict[str, bytes]):
+    """Content of files by name, read when asked for."""
+
+    def __init__(self, paths: Iterable[Path]) -> None:
+        super().__init__()
+        self._paths = {path.name: path for path in paths}
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._paths
+
+    def __missing__(self, name: str) -> bytes:
+        try:
+            return self._paths[name].read_bytes()
+        except OSError as error:
+            raise DescriptionError(
+                f"{self._paths[name]} cannot be read: {error.strerror}"
+            ) from error
+
+
+def identify(
+    known: Mapping[Key, int | bytes | None], folders: tuple[Path, ...] | None = None
+) -> Device | None:
+    """Device by what a node answered: (index, sub) -> value; None = the object was refused.
+
+    A device is named only when the evidence fits one device alone. "L158" in 1008h fits the old
+    LIR-DA158 and the new LIR-DA158A; 1015h, 6200h or 1010h:0 must tell which (sheet
+    skbis-lir-canopen, trap 20). "MAGA" needs 3000h or 3001h as well (sheet haomiao-38, trap 14).
+    """
+    name = _text_of(known.get((0x1008, 0)))
+    if name is None and (0x1018, 2) not in known:
+        return None
+    devices = _usable(user_folders() if folders is None else folders)
+    fitting = [device for device in devices if _fits(device.identity, known, name)]
+    return fitting[0] if len(fitting) == 1 else None
+
+
+def _usable(folders: tuple[Path, ...]) -> list[Device]:
+    """All devices of the catalogue; a user's file that is broken is told when it is asked for."""
+    devices: list[Device] = []
+    for path in _catalog(folders).values():
+        try:
+            devices.append(_from_path(path))
+        except DescriptionError:
+            continue
+    return devices
+
+
+def _text_of(value: int | bytes | None) -> str | None:
+    if isinstance(value, int):
+        value = (value & (1 << 64) - 1).to_bytes(8, "little")
+    return value.decode("latin-1").rstrip("\0 ") if value is not None else None
+
+
+def _fits(
+    rules: Mapping[str, Any], known: Mapping[Key, int | bytes | None], name: str | None
+) -> bool:
+    if not rules:
+        return False
+    named = "name" in rules and name == rules["name"]
+    product = known.get((0x1018, 2))
+    produced = product is not None and product in rules.get("product", ())
+    if "vendor" in rules:
+        produced = produced and known.get((0x1018, 1)) == rules["vendor"]
+    if not (named or (produced and (name is None or "name" not in rules))):
+        return False
+    device_type = known.get((0x1000, 0))
+    if device_type is not None and device_type not in rules.get("device_type", (device_type,)):
+        return False
+    needed = rules.get("needs_one_of", ())
+    if needed and not any(_holds(rule, known) for rule in needed):
+        return False
+    return not any(_holds(rule, known) for rule in rules.get("excluded_by", ()))
+
+
+def _holds(rule: Mapping[str, Any], known: Mapping[Key, int | bytes | None]) -> bool:
+    if rule["object"] not in known:
+        return False
+    value = known[rule["object"]]
+    if isinstance(rule["is"], str):
+        return (value is None) == (rule["is"] == "absent")
+    return value in rule["is"]

@@ -1,0 +1,210 @@
+"""`session.rrd`: what is in it by its chunks, and what the real viewer shows by pixels."""
+
+import importlib.util
+import io
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from syncline_analyzer.results import Analysis
+from syncline_analyzer.views.palette import EMCY_COLOUR, LINE_COLOURS
+from syncline_analyzer.views.rerun_view import OVERVIEW_POINTS, write_rrd
+from tests.analyzer.analysis_builder import (
+    T0,
+    analysis,
+    at,
+    bad_day,
+    capture_row,
+    many_nodes,
+    node_row,
+    shaft,
+    untimed,
+    usual_states,
+)
+
+SCREENSHOT_TOOL = Path(__file__).parents[2] / "../shared/tools/rerun_screenshot.py"
+
+
+def columns(path: Path, entity: str, component: str) -> dict[str, list[Any]]:
+    """Timelines [ns] and one component of an entity, in the order of the file."""
+    from rerun.chunk import RrdReader
+
+    found: dict[str, list[Any]] = {}
+    for chunk in RrdReader(path).stream():
+        batch = chunk.to_record_batch()
+        if chunk.entity_path == entity and component in batch.schema.names:
+            for name in batch.schema.names:
+                column = batch.column(name)
+                if name in ("capture", "utc", "frame"):
+                    found.setdefault(name, []).extend(column.cast("int64").to_pylist())
+            found.setdefault(component, []).extend(batch.column(component).to_pylist())
+    return found
+
+
+def entities(path: Path) -> set[str]:
+    from rerun.chunk import RrdReader
+
+    return {chunk.entity_path for chunk in RrdReader(path).stream()}
+
+
+def test_lane_holds_every_state_on_both_timelines_to_the_nanosecond(tmp_path: Path) -> None:
+    path = write_rrd(bad_day(), tmp_path / "s.rrd")
+    lane = columns(path, "/nmt/can0/010_boom_tilt", "StateChange:state")
+    states = [state[0] for state in lane["StateChange:state"]]
+    assert states == ["UNKNOWN", "PRE-OPERATIONAL", "OPERATIONAL", "LOST", "INITIALISING",
+                      "PRE-OPERATIONAL", "OPERATIONAL", "LOST", "OPERATIONAL", ""]  # fmt: skip
+    assert lane["utc"][3] == at(250)
+    assert lane["capture"][7] == at(500) - T0
+
+
+def test_loss_too_short_for_a_lane_has_a_marker_and_a_line_in_the_log(tmp_path: Path) -> None:
+    path = write_rrd(bad_day(), tmp_path / "s.rrd")
+    marks = columns(path, "/events/node_lost", "Scalars:scalars")
+    assert marks["utc"] == [at(250), at(500)]
+    log = columns(path, "/log/nmt", "TextLog:text")
+    told = dict(zip(log["utc"], log["TextLog:text"], strict=True))
+    assert "LOST" in told[at(500)][0]
+    assert log["utc"] == sorted(log["utc"])
+
+
+def test_emcy_log_tells_code_meaning_and_level(tmp_path: Path) -> None:
+    path = write_rrd(bad_day(), tmp_path / "s.rrd")
+    texts = [text[0] for text in columns(path, "/log/emcy", "TextLog:text")["TextLog:text"]]
+    levels = [text[0] for text in columns(path, "/log/emcy", "TextLog:level")["TextLog:level"]]
+    assert levels == ["ERROR", "ERROR", "INFO", "WARN", "ERROR", "ERROR", "ERROR"]
+    assert "8130h life guard error" in texts[1]
+
+
+def test_overview_is_thinned_with_its_peak_and_detail_holds_every_sample(tmp_path: Path) -> None:
+    count = 8 * OVERVIEW_POINTS
+    trace = shaft(count)
+    path = write_rrd(analysis(trace_data=[trace]), tmp_path / "s.rrd")
+    overview = columns(path, "/plots/speed_rpm/0", "Scalars:scalars")
+    detail = columns(path, "/detail/speed_rpm/0", "Scalars:scalars")
+    values = [value[0] for value in detail["Scalars:scalars"] if value is not None]
+    assert len(overview["capture"]) <= OVERVIEW_POINTS + 2
+    assert np.isfinite(values).sum() == count
+    shown = np.array([value[0] for value in overview["Scalars:scalars"]])
+    assert np.nanmax(shown) == trace.columns["speed_rpm"].max()
+
+
+@pytest.mark.parametrize(
+    ("shown", "timelines"),
+    [
+        (bad_day(), {"capture", "utc"}),
+        (analysis(capture=capture_row(start_utc_ns=None), nodes=[node_row()],
+                  nmt_states=usual_states(10)), {"capture"}),
+        (untimed(), {"frame"}),
+        (analysis(), {"capture", "utc"}),
+        (analysis(capture=capture_row(frames=0, files=["\udce9.log"])), {"capture", "utc"}),
+        (many_nodes(), {"capture", "utc"}),
+    ],
+    ids=["bad day", "no date", "no times", "no node", "no frame", "40 nodes"],
+)  # fmt: skip
+def test_any_capture_makes_a_recording_with_the_timelines_it_has(
+    shown: Analysis, timelines: set[str], tmp_path: Path
+) -> None:
+    from rerun.chunk import RrdReader
+
+    path = write_rrd(shown, tmp_path / "s.rrd")
+    found = {name for chunk in RrdReader(path).stream() for name in chunk.timeline_names}
+    assert found == timelines
+    assert len(RrdReader(path).blueprints()) == 1
+    assert "/findings" in entities(path)
+
+
+def test_buses_keep_their_nodes_apart(tmp_path: Path) -> None:
+    both = [node_row(5, bus="can0"), node_row(5, bus="can1")]
+    states = usual_states(5, bus="can0") + usual_states(5, bus="can1")
+    capture = capture_row(buses=["can0", "can1"])
+    shown = analysis(capture=capture, nodes=both, nmt_states=states)
+    found = entities(write_rrd(shown, tmp_path / "s.rrd"))
+    assert {"/nmt/can0/005", "/nmt/can1/005"} <= found
+
+
+# -- in the real viewer
+
+LOST, OPERATIONAL, STOPPED, UNKNOWN = (180, 45, 42), (53, 125, 56), (24, 107, 180), (122, 122, 122)
+"""Colours of `palette.STATE_COLOURS` as the viewer shades them in a lane."""
+
+
+@pytest.fixture(scope="module")
+def tool() -> ModuleType:
+    if not SCREENSHOT_TOOL.exists():
+        pytest.skip("the screenshot tool is not here")
+    spec = importlib.util.spec_from_file_location("rerun_screenshot", SCREENSHOT_TOOL)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["rerun_screenshot"] = module
+    spec.loader.exec_module(module)
+    if not any(Path(icd).exists() for icd in module.LAVAPIPE):
+        pytest.skip("needs the packages libvulkan1 and mesa-vulkan-drivers")
+    return module
+
+
+Picture = np.ndarray[Any, np.dtype[np.int64]]
+
+
+def picture(tool: ModuleType, shown: Analysis, path: Path) -> tuple[Picture, list[str]]:
+    """(height, width, 3) pixels of the viewer just after opening, and what it complains about."""
+    from PIL import Image
+
+    write_rrd(shown, path)
+    with tool.Shot(str(path)) as shot:
+        shot.seek("capture", "25%")
+        png = shot.settle()
+        return np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(
+            np.int64
+        ), shot.problems()
+
+
+def where(pixels: Picture, colour: tuple[int, int, int]) -> tuple[Picture, Picture]:
+    rows, columns = np.nonzero(np.abs(pixels - np.array(colour)).max(-1) <= 3)
+    return rows, columns
+
+
+@pytest.fixture(scope="module")
+def opened(tool: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Picture:
+    pixels, problems = picture(tool, bad_day(), tmp_path_factory.mktemp("rrd") / "bad_day.rrd")
+    assert problems == []
+    return pixels
+
+
+@pytest.mark.parametrize(
+    ("what", "colour", "least"),
+    [
+        ("OPERATIONAL", OPERATIONAL, 20_000),
+        ("LOST", LOST, 500),
+        ("STOPPED", STOPPED, 2_000),
+        ("UNKNOWN", UNKNOWN, 5_000),
+        ("shaft angle", LINE_COLOURS[0], 900),
+        ("slope", LINE_COLOURS[1], 300),
+        ("EMCY marker", EMCY_COLOUR, 200),
+        ("histogram", (81, 163, 103), 5_000),
+    ],
+)
+def test_viewer_shows(opened: Picture, what: str, colour: tuple[int, int, int], least: int) -> None:
+    assert len(where(opened, colour)[0]) >= least, what
+
+
+def test_viewer_opens_on_the_whole_capture(opened: Picture) -> None:
+    lanes = opened[: len(opened) // 3, : opened.shape[1] * 5 // 8]
+    rows, lane = where(lanes, UNKNOWN)
+    lane = lane[np.bincount(rows)[rows] > lanes.shape[1] // 2] - lane.min()
+    lost = where(lanes, LOST)[1] - lane.min()
+    assert abs(lost.min() / lane.max() - 250 / 600) < 0.01
+    assert abs(lost.max() / lane.max() - 281 / 600) < 0.01
+
+
+def test_viewer_shows_no_fault_of_a_healthy_capture(tool: ModuleType, tmp_path: Path) -> None:
+    healthy = analysis(nodes=[node_row()], nmt_states=usual_states(10))
+    pixels, problems = picture(tool, healthy, tmp_path / "healthy.rrd")
+    assert problems == []
+    assert len(where(pixels, OPERATIONAL)[0]) > 5_000
+    for colour in (LOST, STOPPED, EMCY_COLOUR, LINE_COLOURS[0]):
+        assert len(where(pixels, colour)[0]) == 0

@@ -1,0 +1,130 @@
+"""The summary for a terminal: what it says, in which order, and that nothing can take it over."""
+
+import io
+
+import pytest
+from rich.console import Console
+
+from syncline_analyzer.results import NmtStateRow
+from syncline_analyzer.views.lanes import cells
+from syncline_analyzer.views.text import console_for, print_summary, summary
+from tests.analyzer.analysis_builder import (
+    analysis,
+    at,
+    bad_day,
+    capture_row,
+    emcy_row,
+    finding,
+    many_nodes,
+    node_row,
+    state_rows,
+    untimed,
+    usual_states,
+)
+
+
+def line_with(text: str, *words: str) -> str:
+    found = [line for line in text.splitlines() if all(word in line for word in words)]
+    assert found, f"no line with {words}"
+    return found[0]
+
+
+def test_findings_come_first_with_cause_and_evidence() -> None:
+    text = summary(bad_day())
+    assert "2 errors, 1 warning, 1 note" in text
+    assert line_with(text, "ERROR", "node 10 boom tilt", "4:10.000 to 4:41.000 (31 s)")
+    assert line_with(text, "likely cause", "Supply or wiring")
+    assert line_with(text, "check next", "Connector")
+    assert line_with(text, "frames 175000, 196700", "nmt.node_lost")
+    assert text.index("nmt.node_lost") < text.index("Nodes\n")
+
+
+def test_tables_write_codes_in_hexadecimal() -> None:
+    text = summary(bad_day())
+    assert line_with(text, "18Ah", "node 10 TPDO1", "402/655/1480", "3 missed, 2 late")
+    assert line_with(text, "080h", "SYNC", "1 missing")
+    assert line_with(text, "4:41.200", "8130h", "life guard", "register 11h")
+    assert line_with(text, "6002h:00", "abort 06020000h")
+    assert line_with(text, "6004h:00", "1 jump")
+    assert line_with(text, "500 kbit/s", "33.1 %", "61.7 %")
+    assert line_with(text, "blind 7:00.000 to 7:01.500", "adapter lost")
+
+
+def test_lane_shows_a_loss_of_two_milliseconds_in_ten_minutes() -> None:
+    lane = line_with(summary(bad_day(), width=100), "10 boom tilt", "OOO")
+    assert lane.count("L") > 1
+    assert "OLO" in lane
+
+
+def test_cells_cover_exactly_the_stretch_of_a_state() -> None:
+    rows = state_rows(
+        7, (0.0, "UNKNOWN", ""), (25.0, "OPERATIONAL", ""), (50.0, "STOPPED", ""), end=100.0
+    )
+    assert cells(rows, at(0), at(100), 4) == ["UNKNOWN", "OPERATIONAL", "STOPPED", "STOPPED"]
+    assert cells(rows[1:], at(0), at(100), 4)[0] == ""
+    assert cells([], at(0), at(0), 3) == ["", "", ""]
+
+
+def test_cells_of_no_duration_show_the_most_urgent_state() -> None:
+    rows = [NmtStateRow("can0", 1, s, 0, 0, "", "observed", 1) for s in ("OPERATIONAL", "LOST")]
+    assert cells(rows, 0, 0, 2)[0] == "LOST"
+
+
+@pytest.mark.parametrize("width", [40, 60, 80, 100, 200])
+def test_no_line_is_wider_than_the_terminal(width: int) -> None:
+    for shown in (bad_day(), many_nodes(), untimed()):
+        assert max(map(len, summary(shown, width=width).splitlines())) <= width
+
+
+def test_captures_without_times_nodes_or_frames_say_so() -> None:
+    assert "The log has no times" in summary(untimed())
+    assert "4:10" not in summary(untimed())
+    assert "No frame proves a CANopen node" in summary(analysis())
+    assert "No frames in this capture" in summary(analysis(capture=capture_row(frames=0)))
+    undated = analysis(capture=capture_row(start_utc_ns=None), nodes=[node_row()])
+    assert "The log has no date" in summary(undated)
+    assert "1970" not in summary(undated)
+
+
+def test_healthy_capture_has_nothing_to_report() -> None:
+    text = summary(analysis(nodes=[node_row()], nmt_states=usual_states(10)))
+    assert "Nothing found" in text
+    assert "ERROR" not in text
+
+
+def test_text_from_the_bus_cannot_command_the_terminal() -> None:
+    evil = "\x1b[2J[red]tilt[/red]\r\n\x07"
+    shown = analysis(
+        nodes=[node_row(name=evil, device=evil)],
+        emcy=[emcy_row(meaning=evil)],
+        findings=[finding(text=evil, cause=evil, check_next=evil)],
+    )
+    out = io.StringIO()
+    print_summary(shown, Console(file=out, width=200, force_terminal=True, color_system=None))
+    assert "\x1b" not in out.getvalue()
+    assert "\x07" not in out.getvalue()
+    assert "[red]tilt[/red]" in out.getvalue()
+
+
+def test_pipe_gets_plain_text_and_a_terminal_colours(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    monkeypatch.delenv("COLUMNS", raising=False)
+    pipe = io.StringIO()
+    print_summary(bad_day(), console_for(pipe))
+    assert "\x1b[" not in pipe.getvalue()
+    terminal = io.StringIO()
+    print_summary(bad_day(), Console(file=terminal, force_terminal=True, color_system="truecolor"))
+    assert "\x1b[30;48;2;229;57;53m" in terminal.getvalue()
+
+
+def test_no_color_is_obeyed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NO_COLOR", "1")
+    out = io.StringIO()
+    print_summary(bad_day(), Console(file=out, force_terminal=True))
+    assert "48;2;" not in out.getvalue()
+    assert "LLL" in out.getvalue()
+
+
+def test_long_lists_say_how_much_is_left_out() -> None:
+    storm = [emcy_row(second=10 + i / 100) for i in range(500)]
+    assert line_with(summary(analysis(nodes=[node_row()], emcy=storm)), "and 480 more")

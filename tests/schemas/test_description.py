@@ -1,0 +1,135 @@
+"""Bus descriptions: what they say, and all that is wrong in one message."""
+
+from pathlib import Path
+
+import pytest
+
+from syncline_schemas.description import BusDescription
+from syncline_schemas.errors import DescriptionError
+
+WHOLE = """
+[bus.can0]
+bitrate = 500000
+[bus.can0.node.5]
+name = "main shaft"
+device = "lir-da158a"
+[bus.can0.node.5.objects]
+"6001" = 131072
+"1800:2" = 0xFE
+"6000h" = "0x1"
+[bus.can0.node.5.overrides]
+max_rpm = 1500
+[bus.can1.node.0x0A]
+eds = "parts/widget.eds"
+[node.7]
+device = "jn2100"
+[node.5]
+name = "elsewhere"
+"""
+EDS = b"[FileInfo]\n[DeviceInfo]\nProductName=Widget\n[2000]\nParameterName=T\nDataType=7\nAccessType=rw\n"
+
+
+def described(tmp_path: Path, text: str = WHOLE) -> BusDescription:
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "widget.eds").write_bytes(EDS)
+    (tmp_path / "bus.toml").write_text(text, encoding="utf-8")
+    return BusDescription.load(tmp_path / "bus.toml")
+
+
+def test_the_empty_description_says_nothing() -> None:
+    empty = BusDescription()
+    assert empty.node("can0", 5) is None
+    assert empty.bitrate("can0") is None
+    assert empty.described("can0") == {}
+    assert BusDescription.loads("").text == ""
+
+
+def test_a_whole_description(tmp_path: Path) -> None:
+    description = described(tmp_path)
+    assert description.bitrate("can0") == 500_000
+    assert description.bitrate("can1") is None
+    entry = description.node("can0", 5)
+    assert entry is not None
+    assert entry.device is not None
+    assert (entry.name, entry.device.name) == ("main shaft", "lir-da158a")
+    assert entry.objects == {(0x6001, 0): 131072, (0x1800, 2): 0xFE, (0x6000, 0): 1}
+    assert entry.overrides == {"max_rpm": 1500}
+    assert entry.device.settings(entry.overrides)["max_rpm"] == 1500
+    assert entry.device.settings()["max_rpm"] == 3000
+
+
+def test_a_node_of_no_bus_holds_on_every_bus_that_has_none_of_its_own(tmp_path: Path) -> None:
+    description = described(tmp_path)
+    found = [description.node(bus, node) for bus in ("can0", "can9") for node in (5, 7)]
+    assert [entry.name if entry else "" for entry in found] == [
+        "main shaft", None, "elsewhere", None,
+    ]  # fmt: skip
+    assert sorted(description.described("can0")) == [5, 7]
+    assert description.described("can0")[5].name == "main shaft"
+
+
+def test_a_capture_keeps_what_is_needed_to_read_it_again(tmp_path: Path) -> None:
+    description = described(tmp_path)
+    assert "parts/widget.eds" in description.files
+    assert {"lir-da158a.eds", "lir-da158a.toml", "jn2100.eds"} <= description.files.keys()
+    again = BusDescription.loads(description.text, None, description.files)
+    entry = again.node("can1", 10)
+    assert entry is not None
+    assert entry.device is not None
+    assert entry.device.title == "Widget"
+    assert again.files.keys() == description.files.keys()
+
+
+def test_a_device_of_ones_own_brings_both_files(tmp_path: Path) -> None:
+    (tmp_path / "own.toml").write_text('title = "Own"\neds = "base.eds"\n', encoding="utf-8")
+    (tmp_path / "base.eds").write_bytes(EDS)
+    description = BusDescription.loads('[node.3]\ndevice = "own.toml"\n', tmp_path)
+    assert sorted(description.files) == ["base.eds", "own.toml"]
+    again = BusDescription.loads(description.text, files=description.files)
+    entry = again.node("x", 3)
+    assert entry is not None
+    assert entry.device is not None
+    assert entry.device.title == "Own"
+
+
+def test_all_mistakes_are_told_at_once() -> None:
+    text = """
+speed = 3
+[bus.can0]
+bitrate = "fast"
+nodes = 1
+[bus.can0.node.300]
+[bus.can0.node.5]
+device = "lir-da1589"
+colour = "red"
+[bus.can0.node.5.objects]
+"xyz" = 1
+"6001" = "many"
+[bus.can0.node.6]
+device = "jn2100"
+eds = "x.eds"
+overrides = { quad = 9, cpr = 1 }
+[node]
+8 = 3
+"""
+    with pytest.raises(DescriptionError) as caught:
+        BusDescription.loads(text)
+    said = str(caught.value)
+    for part in (
+        "speed: unknown key", "bus.can0.bitrate: 'fast'", "bus.can0.nodes: unknown key",
+        "node.300: a node id", "did you mean lir-da158", "colour: unknown key",
+        "'xyz' is no object", "'many' is no whole number", "device and eds are both given",
+        "quad: 9 is none of", "cpr: jn2100 has no such setting", "node.8: is no table",
+    ):  # fmt: skip
+        assert part in said, part
+    assert said.count("\n") == 11
+
+
+def test_what_is_no_toml_or_not_there(tmp_path: Path) -> None:
+    with pytest.raises(DescriptionError, match="is no TOML"):
+        BusDescription.loads("[bus")
+    with pytest.raises(DescriptionError, match=r"no\.toml cannot be read"):
+        BusDescription.load(tmp_path / "no.toml")
+    (tmp_path / "b.toml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(DescriptionError, match=r"b\.toml cannot be read"):
+        BusDescription.load(tmp_path / "b.toml")

@@ -1,0 +1,49 @@
+"""README, docs and --help say what is true of the code."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("**/*.md"))]
+
+
+def test_commands_page_is_the_help_of_the_commands() -> None:
+    pytest.importorskip("pandas")
+    from docs.generate import TARGET, commands_page
+
+    assert TARGET.read_text(encoding="utf-8") == commands_page(), "run python -m docs.generate"
+
+
+def test_every_help_ends_with_two_examples() -> None:
+    pytest.importorskip("pandas")
+    import click
+    from syncline_logger.cli import cli
+
+    root = click.Context(cli, info_name="syncline")
+    for name in cli.list_commands(root):
+        command = cli.get_command(root, name)
+        assert command is not None
+        text = command.get_help(click.Context(command, info_name=name, parent=root))
+        last = [line for line in text.splitlines() if line.strip()][-2:]
+        assert all(line.strip().startswith("syncline ") for line in last), (name, last)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_and_paths_in_a_page_exist(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    for target in re.findall(r"\]\((?!https?:|#)([^)#]+)", text):
+        assert (page.parent / target).exists(), target
+
+
+def test_readme_commands_are_real_commands() -> None:
+    pytest.importorskip("pandas")
+    import click
+    from syncline_logger.cli import cli
+
+    known = set(cli.list_commands(click.Context(cli)))
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    used = set(re.findall(r"^\s*(?:.*uv run )?syncline ([a-z]+)", text, re.MULTILINE))
+    assert used
+    assert used <= known

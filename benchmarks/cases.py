@@ -15,12 +15,42 @@ Case = Callable[[Path, Path], Callable[[], int]]
 
 
 def record_syncline(source: Path, out: Path, *, decode: bool = True) -> Callable[[], int]:
-    """python-can virtual bus -> our MCAP."""
+    """python-can virtual bus -> our MCAP, with decoded channels."""
+    import threading
+
+    from syncline_logger.bus_options import BusOptions
+    from syncline_logger.recorder import record
+    from syncline_logger.recording import RecordOptions
+    from syncline_logger.sources.python_can import PythonCanSource
+
     from benchmarks.virtual_bus import preloaded_bus
-    from syncline_logger.recorder import record_bus
 
     bus, frames = preloaded_bus(source)
-    return lambda: record_bus(bus, out.with_suffix(".mcap"), frames=frames, decode=decode)
+    stop = threading.Event()
+
+    class Counted(PythonCanSource):
+        """Ends the recording when the bus has delivered everything."""
+
+        left = frames
+
+        def read(self, buffer: Any, bus: int, timeout_s: float) -> int:
+            count = super().read(buffer, bus, timeout_s)
+            self.left -= count
+            if self.left <= 0:
+                stop.set()
+            return count
+
+    options = BusOptions(name="can0", interface="virtual", channel="benchmark")
+    counted = Counted.of_bus(bus, options)
+
+    def work() -> int:
+        result = record(
+            [counted], out.with_suffix(".mcap"), RecordOptions(decode=decode), stop=stop
+        )
+        assert result.frame_count == frames
+        return frames
+
+    return work
 
 
 def record_syncline_raw(source: Path, out: Path) -> Callable[[], int]:

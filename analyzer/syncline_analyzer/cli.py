@@ -3,6 +3,7 @@
 import sys
 import tempfile
 from collections.abc import Callable
+from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
@@ -104,7 +105,8 @@ def analyze(
 ) -> None:
     """Reconstruct what happened on a bus from captures.
 
-    Several captures are one session of one machine; gzip files are read as they are.
+    Several captures are one session of one machine; gzip files are read as they are. Exits with 1
+    when a capture is damaged and could be read only in part, or when --check is not passed.
     """
     analysis = _analyzed(selection)
     if form == "json":
@@ -113,7 +115,7 @@ def analyze(
         _print_text(analysis)
     if out is not None:
         _write(analysis, out)
-    if check is not None and _worse_than(check, analysis):
+    if analysis.capture.damage or _worse_than(check, analysis):
         ctx.exit(NOT_REACHED)
 
 
@@ -151,19 +153,19 @@ def convert(ctx: click.Context, inputs: tuple[Path, ...], output: Path) -> None:
     """Convert between everything that can be read and written.
 
     The ending of OUT tells the format: .mcap .log .asc .blf .trc .csv, text also with .gz behind.
-    Exits with 1 when something in the inputs did not get into OUT; what it was is said.
+    What the format of OUT cannot hold is said; exits with 1 when an input is damaged.
     """
     from syncline_analyzer.convert import convert as run
 
     result = run(inputs, output)
     click.echo(f"{result.output}: {result.frames:,} frames as {result.format}", err=True)
     for what, count in result.lost.items():
-        click.echo(f"  lost in this format: {what} ({count:,} times)", err=True)
+        click.echo(f"  {result.format} cannot hold: {what} ({count:,})", err=True)
     if result.unparsed_lines:
         click.echo(f"  {result.unparsed_lines:,} lines could not be read", err=True)
     for line in (*result.damage, *result.notes):
         click.echo(f"  {line}", err=True)
-    if not result.complete:
+    if result.damage:
         ctx.exit(NOT_REACHED)
 
 
@@ -204,7 +206,16 @@ def _analyzed(selection: Selection) -> "Analysis":
         start=selection["start"],
         end=selection["end"],
     )
-    return session.analyze(_progress() if sys.stderr.isatty() else None)
+    if not sys.stderr.isatty():
+        return session.analyze(None)
+    try:
+        return session.analyze(_tell_frames)
+    finally:
+        click.echo("\r\x1b[K", err=True, nl=False)
+
+
+def _tell_frames(frames: int) -> None:
+    click.echo(f"\r{frames:,} frames", err=True, nl=False)
 
 
 def _device(text: str) -> tuple[int, str]:
@@ -231,6 +242,8 @@ def _print_json(analysis: "Analysis") -> None:
 def _print_text(analysis: "Analysis") -> None:
     from syncline_analyzer.views.text import console_for, print_summary
 
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")
     print_summary(analysis, console_for(sys.stdout))
 
 
@@ -241,15 +254,6 @@ def _write(analysis: "Analysis", folder: Path) -> None:
     click.echo(f"Wrote {folder / 'report.html'}, session.rrd, findings.json and tables.", err=True)
 
 
-def _worse_than(severity: str, analysis: "Analysis") -> bool:
-    wanted = {"error"} if severity == "error" else {"error", "warning"}
+def _worse_than(check: str | None, analysis: "Analysis") -> bool:
+    wanted = {None: (), "error": ("error",), "warning": ("error", "warning")}[check]
     return any(finding.severity in wanted for finding in analysis.findings)
-
-
-def _progress() -> Callable[[int], None]:
-    """Tells on the terminal how many frames were read."""
-
-    def tell(frames: int) -> None:
-        click.echo(f"\r{frames:,} frames ", err=True, nl=False)
-
-    return tell

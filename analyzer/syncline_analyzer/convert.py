@@ -135,12 +135,10 @@ def _written(
     writer.close()
     facts = [reader.facts for reader in readers]
     lost = Counter(writer.lost)
-    if survey.time_base != "utc" and form in ("candump", "csv"):
-        lost[
-            "that the times are no dates"
-            if survey.time_base == "relative"
-            else "that there are no times"
-        ] += 1
+    if survey.time_base == "none" and form != "mcap":
+        lost["that there are no times"] += 1
+    elif survey.time_base == "relative" and form in ("candump", "csv"):
+        lost["that the times are no dates"] += 1
     return ConvertResult(
         output=output,
         format=form,

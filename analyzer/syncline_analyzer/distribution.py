@@ -120,8 +120,10 @@ class _Bins:
     def __init__(self, first: Floats) -> None:
         low, high = np.quantile(first, [0.01, 0.99])
         margin = max(high - low, 1.0)
-        self._low = max(float(low - margin), 0.0)
-        self._width = float(high + margin - self._low) / FINE_BINS
+        top = float(high + margin)
+        # Below this a fine bin would be wider than a coarse one.
+        self._low = max(float(low - margin), top / FINE_BINS / RELATIVE_ERROR)
+        self._width = (top - self._low) / FINE_BINS
         self._fine = np.zeros(FINE_BINS, np.int64)
         self._coarse = np.zeros(_COARSE_BINS, np.int64)
 

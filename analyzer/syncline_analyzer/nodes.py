@@ -9,6 +9,9 @@ from syncline_analyzer.folds.sdo import SdoNodeCounts
 from syncline_analyzer.results import NodeRow, PdoRow
 from syncline_schemas.canopen.nmt import NmtState
 
+FRAGMENT = 4
+"""Segments in order that prove a transfer whose beginning is not in the capture."""
+
 
 def node_rows(
     context: Context, control: ControlTables, pdos: Iterable[PdoRow] = ()
@@ -43,9 +46,9 @@ def proofs(control: ControlTables) -> dict[NodeKey, list[str]]:
 
 
 def _fragment(sdo: SdoNodeCounts, control: ControlTables, key: NodeKey) -> bool:
-    """A server heard in the middle of a transfer, with its client: both sides speak."""
+    """A server heard in the middle of a block transfer, with its client: segments count up."""
     strays = control.sdo.strays.get(key)
-    return strays is not None and strays.requests > 0 and strays.malformed == 0
+    return strays is not None and strays.requests > 0 and strays.numbered >= FRAGMENT
 
 
 def _row(

@@ -59,12 +59,6 @@ class Transmission:
     inhibit_100us: Known | None
     event_timer_ms: Known | None
 
-    @property
-    def every(self) -> int | None:
-        """n of a synchronous PDO that is due on every n-th SYNC."""
-        number = _number(self.type)
-        return number if number is not None and 1 <= number <= 0xF0 else None
-
 
 class PdoBindings:
     """Identifiers of the PDOs of all nodes over the capture, by what the shadow knows.
@@ -238,7 +232,3 @@ def _pdo_of(index: int) -> tuple[Kind, int] | None:
     if 0x1400 <= index < 0x1400 + PDO_COUNT:
         return "rpdo", index - 0x13FF
     return None
-
-
-def _number(known: Known | None) -> int | None:
-    return known.value if known is not None and isinstance(known.value, int) else None

@@ -165,7 +165,7 @@ class HoleRow:
 
 @dataclass(frozen=True, slots=True)
 class SyncJitterRow:
-    """A stretch in which SYNC periods lie off their median by a tenth and more, again and again.
+    """A stretch in which SYNC periods lie off their mean by a tenth and more, again and again.
 
     `off` of `periods` do, the worst by `worst_us`; `evidence` holds the first 100 of them.
     """
@@ -176,7 +176,7 @@ class SyncJitterRow:
     end_ns: int
     off: int
     periods: int
-    median_us: float
+    period_us: float
     worst_us: float
     evidence: list[int]
 

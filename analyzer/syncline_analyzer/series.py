@@ -23,11 +23,6 @@ class Thinner:
         self._blocks: list[Columns] = []
         self._held = 0
 
-    @property
-    def thinned(self) -> bool:
-        """Whether rows were left out."""
-        return self.stride > 1
-
     def add(self, columns: Columns) -> None:
         """Append rows; the arrays are not copied unless they are thinned."""
         rows = len(columns[self._key])

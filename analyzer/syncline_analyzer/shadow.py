@@ -9,6 +9,8 @@ from syncline_schemas.description import BusDescription
 from syncline_schemas.devices import Device, identify, quirks
 
 Source = Literal["sdo-read", "sdo-write", "bus-description", "eds-default"]
+MAX_CHANGES = 20_000
+"""Changes kept per object: a value polled for days must not fill the memory."""
 Value = int | bytes
 Key = tuple[int, int]
 """(index, subindex) of an object."""
@@ -36,6 +38,8 @@ class _History:
     def add(self, seq: int, known: Known | None) -> None:
         self.seqs.append(seq)
         self.values.append(known)
+        if len(self.seqs) > MAX_CHANGES:
+            del self.seqs[: MAX_CHANGES // 2], self.values[: MAX_CHANGES // 2]
 
 
 class Shadow:
@@ -65,10 +69,12 @@ class Shadow:
         A value that is read while no write waits to be saved is taken as the stored one.
         """
         key = (index, sub)
-        if index in _IDENTITY:
-            self._identified.pop((bus, node), None)
+        if known.source == "sdo-read" and self._reads_the_same(bus, node, key, known):
+            return
         facts = quirks(self.device(bus, node))
         self._store(bus, node, facts.aliases.get(key, key), known, key in facts.stored_at_once)
+        if index in _IDENTITY:
+            self._identified.pop((bus, node), None)
         if known.source != "sdo-write":
             return
         for written, changed, value in facts.side_effects:
@@ -142,20 +148,29 @@ class Shadow:
 
     def device(self, bus: int, node: int) -> Device | None:
         """Device of a node: as told by the user, else identified by the objects it answered."""
-        if node in self._devices_by_node:
-            return self._devices_by_node[node]
-        entry = self._description.node(self._bus_name(bus), node)
-        if entry is not None and entry.device is not None:
-            return entry.device
         if (bus, node) not in self._identified:
-            identity = self._identity(bus, node)
-            self._identified[bus, node] = identify(identity) if identity else None
+            self._identified[bus, node] = self._find_device(bus, node)
         return self._identified[bus, node]
 
     def name(self, bus: int, node: int) -> str | None:
         """Name of a node by the bus description."""
         entry = self._description.node(self._bus_name(bus), node)
         return entry.name if entry else None
+
+    def _find_device(self, bus: int, node: int) -> Device | None:
+        if node in self._devices_by_node:
+            return self._devices_by_node[node]
+        entry = self._description.node(self._bus_name(bus), node)
+        if entry is not None and entry.device is not None:
+            return entry.device
+        identity = self._identity(bus, node)
+        return identify(identity) if identity else None
+
+    def _reads_the_same(self, bus: int, node: int, key: Key, known: Known) -> bool:
+        """Whether a read only confirms the value that was read before."""
+        history = self._known.get((bus, node), {}).get(key)
+        last = history.values[-1] if history else None
+        return last is not None and last.source == "sdo-read" and last.value == known.value
 
     def _store(self, bus: int, node: int, key: Key, known: Known, at_once: bool) -> None:
         seq = known.seq

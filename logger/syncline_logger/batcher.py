@@ -86,7 +86,6 @@ class FrameBuffer:
         self._pack_into = _PACK_INTO[width]
         self._memory = bytearray(self._row_bytes * self._capacity)
         self._count = 0
-        self._first_ns = 0
 
     def append(
         self, t_ns: int, bus: int, can_id: int, flags: int, dlc: int, data: bytes | bytearray
@@ -100,8 +99,6 @@ class FrameBuffer:
                 return
             if len(data) > self._width:
                 self._widen()
-            if count == 0:
-                self._first_ns = log_ns
             self._pack_into(
                 self._memory,
                 count * self._row_bytes,
@@ -130,8 +127,6 @@ class FrameBuffer:
                 return
             if batch.data.shape[1] > self._width:
                 self._widen()
-            if self._count == 0:
-                self._first_ns = log_ns
             rows = self._rows()[self._count : self._count + len(batch)]
             for name in ("t_ns", "can_id", "flags", "bus", "dlc"):
                 rows[name] = getattr(batch, name)
@@ -140,10 +135,6 @@ class FrameBuffer:
             self._count += len(batch)
             if self._count >= self._notify_rows:
                 self.filled.set()
-
-    def oldest_ns(self) -> int | None:
-        """When the first frame that waits was taken, None when none waits."""
-        return self._first_ns if self._count else None
 
     def take(self) -> Collected:
         """Everything that waits; the buffer is empty afterwards."""
@@ -178,10 +169,10 @@ class FrameBuffer:
         loss.last_ns = log_ns
 
     def _widen(self) -> None:
-        narrow, count, first_ns = self._rows(), self._count, self._first_ns
+        narrow, count = self._rows(), self._count
         self._allocate(FD_BYTES)
         rows = self._rows()
         for name in ("t_ns", "log_ns", "can_id", "flags", "bus", "dlc"):
             rows[name][:count] = narrow[name][:count]
         rows["data"][:count, :CLASSIC_BYTES] = narrow["data"][:count]
-        self._count, self._first_ns = count, first_ns
+        self._count = count

@@ -1,6 +1,5 @@
 """The `syncline` command."""
 
-import os
 import sys
 import traceback
 from collections.abc import Sequence
@@ -9,6 +8,7 @@ from importlib.metadata import version
 import click
 
 from syncline_logger.lazy_group import LazyCommand, LazyGroup, import_from, missing_extra
+from syncline_logger.standard_output import discard_stdout
 from syncline_schemas.errors import SynclineError
 
 FAILED = 1
@@ -57,7 +57,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     except (click.Abort, KeyboardInterrupt):
         code = INTERRUPTED
     except BrokenPipeError:
-        _discard_stdout()
+        discard_stdout()
         code = FAILED
     except Exception as error:  # noqa: BLE001 - the last place where it can become words
         code = _explain(error, words)
@@ -80,8 +80,3 @@ def _explain(error: Exception, words: Sequence[str]) -> int:
         text += "" if debug else " (please report it with the output of 'syncline --debug ...')"
     click.echo("syncline: " + " ".join(text.split()), err=True)
     return code
-
-
-def _discard_stdout() -> None:
-    """Point stdout nowhere, so that Python's own flush at exit does not fail again."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -26,6 +26,9 @@ Change = Callable[[], None]
 RESETS = (0x81, 0x82)
 """NMT commands after which unsaved communication parameters are gone."""
 
+MAX_MAPPINGS = 16
+"""A PDO that is mapped anew more often than this is no longer decoded."""
+
 UNREGISTERED = -1
 """Channel id of a block whose channel the file does not know yet."""
 
@@ -137,7 +140,15 @@ class _BusDecoder:
         decoded: Decoded,
     ) -> None:
         done = self._sdo.update(frames, rows)
-        found += [(value.row, partial(self._learn, value, decoded)) for value in done.learned]
+        for value in done.learned:
+            objects = self.nodes.setdefault(value.node, NodeObjects(value.node))
+            key = (value.index, value.sub)
+            # Known values come again and again where a master polls; they change nothing, unless
+            # an earlier value of this batch still waits for its row.
+            if objects.shapes_pdos(key) and (found or objects.value(key) != value.data):
+                found.append((value.row, partial(self._learn, value, decoded)))
+            else:
+                objects.learn(key, value.data, written=value.written)
         for node in np.unique(done.node).tolist():
             chosen = np.flatnonzero(done.node == node)
             device = self.nodes[node].device if node in self.nodes else None
@@ -146,7 +157,7 @@ class _BusDecoder:
             decoded.blocks.append((ChannelSpec(topic, service_messages.SDO_SCHEMA), block))
 
     def _learn(self, value: LearnedValue, decoded: Decoded) -> None:
-        node = self.nodes.setdefault(value.node, NodeObjects(value.node))
+        node = self.nodes[value.node]
         node.learn((value.index, value.sub), value.data, written=value.written)
         self._stale = True
         if value.index in IDENTITY and node.device is None:
@@ -191,6 +202,8 @@ class _BusDecoder:
         channels = self._channels.setdefault(topic, {})
         if binding.mapping not in channels:
             version = len(channels) + 1
+            if version > MAX_MAPPINGS:
+                raise ValueError(f"it was mapped in more than {MAX_MAPPINGS} ways")
             name = topic if version == 1 else f"{topic}_v{version}"
             channels[binding.mapping] = PdoChannel(binding, name)
         return channels[binding.mapping]

@@ -77,7 +77,11 @@ def _list_of_devices() -> "Table":
 
     table = _table("name", "device", "vendor", "kind", "node", "bit/s", "objects")
     for name in device_names():
-        device = load_device(name)
+        try:
+            device = load_device(name)
+        except DescriptionError as error:
+            click.echo(f"{name}: {error}", err=True)
+            continue
         table.add_row(
             name,
             device.title,

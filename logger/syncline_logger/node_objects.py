@@ -22,6 +22,7 @@ MAX_ENTRIES = 64
 """More in subindex 0 means a multiplexed PDO (FEh, FFh) or nonsense (CiA 301 7.5.2.36)."""
 IDENTITY = frozenset({0x1000, 0x1008, 0x1009, 0x100A, 0x1018})
 STORE_PARAMETERS = 0x1010
+PDO_PARAMETERS = range(0x1400, 0x1C00)
 
 _INVALID = 1 << 31
 _EXTENDED = 1 << 29
@@ -60,6 +61,19 @@ class NodeObjects:
         self._values: dict[Key, bytes] = {}
         self._kept: dict[Key, bytes] = {}
         self._unsaved: set[Key] = set()
+
+    def value(self, key: Key) -> bytes | None:
+        """What the bus revealed of an object."""
+        return self._values.get(key)
+
+    def shapes_pdos(self, key: Key) -> bool:
+        """Whether an object decides which PDOs the node has and what they mean."""
+        if key[0] in IDENTITY or key[0] == STORE_PARAMETERS or key[0] in PDO_PARAMETERS:
+            return True
+        if self.device is None:
+            return False
+        scales = (facts.scale_object for facts in self.device.facts.values())
+        return key == self.device.quirks.output_mode or key in scales
 
     def learn(self, key: Key, data: bytes, *, written: bool) -> None:
         """Take in a confirmed write or an answered read."""

@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,6 +21,7 @@ from syncline_logger.bus_options import (
 )
 from syncline_logger.option_types import SeveralWordsCommand
 from syncline_logger.option_types import duration_ns as parse_duration
+from syncline_logger.standard_output import discard_stdout
 
 if TYPE_CHECKING:
     from syncline_logger.live_status import StatusSnapshot
@@ -32,8 +33,7 @@ JSON_PERIOD_NS = 10_000_000_000
 EPILOG = """\b
 Examples:
   syncline record -i socketcan -c can0 -b 500000 -o captures/
-  syncline record --bus press=socketcan:can0 --bus robot=pcan:PCAN_USBBUS1,bitrate=250000
-      --description line.toml --for 8h
+  syncline record --bus press=socketcan:can0 --bus robot=pcan:PCAN_USBBUS1 --for 8h
 """
 
 
@@ -161,6 +161,7 @@ def record(
     ]
     options = RecordOptions(flush_ns=flush_ns, decode=not no_decode, description=known)
     quiet_python_can()
+    _mention_cut_files(output)
     with stop_on_signals() as stop, ExitStack() as stack:
         terminal = sys.stderr.isatty()
         result = record_sources(
@@ -192,10 +193,22 @@ def choose_buses(
     return with_unique_names(chosen)
 
 
+def _mention_cut_files(folder: Path) -> None:
+    from syncline_schemas.capture.recover import is_whole
+
+    for path in sorted(folder.glob("*.mcap")) if folder.is_dir() else ():
+        if not is_whole(path):
+            click.echo(
+                f"{path} has no end: its recorder was killed, or still runs;"
+                f" 'syncline recover {path}' makes a regular file of it",
+                err=True,
+            )
+
+
 def _print_start(path: Path) -> None:
     import json
 
-    click.echo(json.dumps({"path": str(path)}))
+    _print_line(json.dumps({"path": str(path)}))
 
 
 def _say_start(path: Path) -> None:
@@ -205,7 +218,15 @@ def _say_start(path: Path) -> None:
 def _print_json(snapshot: "StatusSnapshot") -> None:
     from syncline_logger.status_view import status_json
 
-    click.echo(status_json(snapshot))
+    _print_line(status_json(snapshot))
+
+
+def _print_line(line: str) -> None:
+    """Print, unless nobody reads any more: that is no reason to stop recording."""
+    try:
+        click.echo(line)
+    except OSError:
+        discard_stdout()
 
 
 def _terminal_line(stack: ExitStack) -> "Callable[[StatusSnapshot], None]":
@@ -215,7 +236,12 @@ def _terminal_line(stack: ExitStack) -> "Callable[[StatusSnapshot], None]":
     from syncline_logger.status_view import status_line
 
     live = stack.enter_context(Live(console=Console(stderr=True), auto_refresh=False))
-    return lambda snapshot: live.update(status_line(snapshot), refresh=True)
+
+    def show(snapshot: "StatusSnapshot") -> None:
+        with suppress(OSError):  # the terminal may be gone; the recording goes on
+            live.update(status_line(snapshot), refresh=True)
+
+    return show
 
 
 def _say_result(result: "RecordResult") -> None:
@@ -223,5 +249,5 @@ def _say_result(result: "RecordResult") -> None:
         click.echo(problem, err=True)
     lost = f", {result.lost_frames} frames lost" if result.lost_frames else ""
     click.echo(
-        f"{result.path}: {result.frame_count} frames, {len(result.gaps)} gaps{lost}", err=True
+        f"{result.path}: {result.frame_count} frames, {result.gap_count} gaps{lost}", err=True
     )

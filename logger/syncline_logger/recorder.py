@@ -78,12 +78,16 @@ def record_batches(
     `options.recording_id` given).
     """
     recorder = _VirtualRecorder(target, buses, options or RecordOptions(), host, source)
-    for item in items:
-        if isinstance(item, Gap):
-            recorder.take_gap(item)
-        elif len(item):
-            recorder.take_frames(item)
-    return recorder.finish()
+    try:
+        for item in items:
+            if isinstance(item, Gap):
+                recorder.take_gap(item)
+            elif len(item):
+                recorder.take_frames(item)
+        return recorder.finish()
+    except BaseException:
+        recorder.abandon()
+        raise
 
 
 class _VirtualRecorder:
@@ -155,6 +159,11 @@ class _VirtualRecorder:
         recording.add_all_status(self._now_ns)
         recording.write(FrameBatch.empty(), np.zeros(0, np.int64))
         return recording.finish(self._now_ns, "end of input")
+
+    def abandon(self) -> None:
+        """Leave the file as it is; it can be read up to the last chunk."""
+        if self._recording is not None:
+            self._recording.file.abandon()
 
 
 @dataclass(frozen=True, slots=True)

@@ -36,6 +36,9 @@ from syncline_schemas.proto import syncline_pb2
 
 Block = tuple[ChannelSpec, MessageBlock]
 
+MAX_KEPT = 1000
+"""Gaps and problems kept for the result; all of them are in the file."""
+
 STOP_METADATA_NAME = "syncline.stop"
 """Metadata record: when and why the recording ended, and the frames known to be lost."""
 
@@ -80,13 +83,15 @@ class RecordResult:
     Attributes:
         frames: by bus name.
         lost_frames: known to be lost, all buses together.
-        gaps: stretches in which a bus was not heard.
-        problems: words on what was not decoded and what changed, each with its bus's name.
+        gap_count: stretches in which a bus was not heard; `gaps` holds the first thousand.
+        problems: words on what was not decoded and what changed, each with its bus's name; the
+            first thousand.
     """
 
     path: Path
     frames: dict[str, int]
     lost_frames: int
+    gap_count: int
     gaps: list[Gap]
     problems: list[str]
     bytes_written: int
@@ -114,8 +119,9 @@ class Recording:
         self._buses = {bus.number: bus for bus in buses}
         self.conditions = {bus.number: BusCondition(bus.interface) for bus in buses}
         self.live = LiveStatus(buses, start_ns)
-        self.gaps: list[Gap] = []
-        self.problems: list[str] = []
+        self._gaps: list[Gap] = []
+        self._gap_count = self._lost_frames = 0
+        self._problems: list[str] = []
         self._messages: list[tuple[ChannelSpec, int, Message]] = []
         self._heard_ns = start_ns
         self.file = CaptureFile(
@@ -142,7 +148,10 @@ class Recording:
 
     def add_gap(self, gap: Gap, log_ns: int) -> None:
         """Note a stretch in which nothing was heard; it stands in the file at `log_ns`."""
-        self.gaps.append(gap)
+        self._gap_count += 1
+        self._lost_frames += gap.lost_frames or 0
+        if len(self._gaps) < MAX_KEPT:
+            self._gaps.append(gap)
         message = syncline_pb2.Gap(
             start_ns=gap.start_ns,
             end_ns=gap.end_ns,
@@ -163,8 +172,8 @@ class Recording:
         """Note a bus's state and counters; `text` says what changed."""
         spec = ChannelSpec(status_topic(self._buses[bus].name), STATUS_SCHEMA)
         self._messages.append((spec, log_ns, self.conditions[bus].message(text)))
-        if text:
-            self.problems.append(f"{self._buses[bus].name}: {text}")
+        if text and len(self._problems) < MAX_KEPT:
+            self._problems.append(f"{self._buses[bus].name}: {text}")
 
     def add_all_status(self, log_ns: int) -> None:
         """Note the state and counters of every bus."""
@@ -222,9 +231,10 @@ class Recording:
         return RecordResult(
             path=self.file.path,
             frames={bus.name: self.conditions[n].frames for n, bus in self._buses.items()},
-            lost_frames=sum(gap.lost_frames or 0 for gap in self.gaps),
-            gaps=list(self.gaps),
-            problems=list(self.problems),
+            lost_frames=self._lost_frames,
+            gap_count=self._gap_count,
+            gaps=list(self._gaps),
+            problems=list(self._problems),
             bytes_written=self.file.bytes_written,
         )
 

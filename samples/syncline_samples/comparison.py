@@ -44,28 +44,27 @@ class Comparison:
         return not self.missing and not self.unexpected
 
 
-def compare(
-    expected: Sequence[ExpectedFinding], reported: Iterable[Reported], shift_ns: int = 0
-) -> Comparison:
-    """Hold a report against the script; `shift_ns` moves the script onto the capture's clock."""
+def compare(expected: Sequence[ExpectedFinding], reported: Iterable[Reported]) -> Comparison:
+    """Hold a report against the script."""
     reports = list(reported)
     found: list[tuple[ExpectedFinding, list[Reported]]] = []
     missing: list[ExpectedFinding] = []
     for entry in (entry for entry in expected if entry.required):
-        fitting = [report for report in reports if _fits(entry, report, shift_ns)]
+        fitting = [report for report in reports if _fits(entry, report)]
         if fitting:
             found.append((entry, fitting))
         else:
             missing.append(entry)
     explained = {id(report) for _, fitting in found for report in fitting}
     rest = [report for report in reports if id(report) not in explained]
-    allowed = [each for each in rest if any(_fits(entry, each, shift_ns) for entry in expected)]
+    allowed = [each for each in rest if any(_fits(entry, each) for entry in expected)]
     kept = {id(report) for report in allowed}
     return Comparison(found, missing, allowed, [each for each in rest if id(each) not in kept])
 
 
-def _fits(entry: ExpectedFinding, report: Reported, shift_ns: int) -> bool:
+def _fits(entry: ExpectedFinding, report: Reported) -> bool:
     same_node = entry.node is None or report.node is None or entry.node == report.node
-    begins_in_time = report.start_ns < entry.end_ns + shift_ns
-    ends_in_time = report.end_ns >= entry.start_ns + shift_ns
-    return entry.id == report.id and same_node and begins_in_time and ends_in_time
+    begins_in_time = report.start_ns < entry.end_ns
+    ends_in_time = report.end_ns >= entry.start_ns
+    same_id = report.id in (entry.id, *entry.or_as)
+    return same_id and same_node and begins_in_time and ends_in_time

@@ -3,7 +3,6 @@
 import threading
 import time
 import webbrowser
-from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,7 +17,6 @@ from syncline_samples.faults import ClockStep, RecorderGap
 from syncline_samples.machine import Run, Scenario
 from syncline_samples.scenarios import bad_day
 from syncline_samples.truth import ExpectedFinding
-from syncline_schemas.batch import FrameBatch
 from syncline_schemas.capture.layout import BusInfo
 from syncline_schemas.description import BusDescription
 
@@ -26,7 +24,9 @@ CAPTURE_NAME = "bad_day.mcap"
 NOT_REACHED = 1
 """Exit code when analyzer and script disagree."""
 _CHANNEL = "syncline-demo"
+_LEAD_NS = 1_000_000_000
 _SETTLE_S = 0.5
+"""After the last frame, for the recorder to take it."""
 
 
 @click.command(
@@ -63,15 +63,13 @@ def demo(ctx: click.Context, out: Path, seconds: float, real_time: bool, show: b
     begin = time.monotonic()
     scenario = bad_day(seconds)
     if real_time:
-        scenario = _without_recorder_faults(scenario)
+        scenario = _beginning_now(_without_recorder_faults(scenario))
     run = scenario.start()
     recorded = _record(run, _free_path(out / CAPTURE_NAME), real_time=real_time)
     _say_recorded(run, recorded)
-    session = open_session(recorded.path)
-    analysis = session.analysis
+    analysis = open_session(recorded.path).analysis
     write_all(analysis, out)
-    shift_ns = _shift_ns(session.frames(), scenario) if real_time else 0
-    comparison = compare(run.truth.findings, analysis.findings, shift_ns)
+    comparison = compare(run.truth.findings, analysis.findings)
     _say_compared(comparison, scenario)
     _say_files(out, recorded.path, time.monotonic() - begin)
     if show:
@@ -84,6 +82,11 @@ def _without_recorder_faults(scenario: Scenario) -> Scenario:
     """A recorder of the real kind hears everything and has the clock of its machine."""
     faults = [each for each in scenario.faults if not isinstance(each, RecorderGap | ClockStep)]
     return replace(scenario, faults=tuple(faults))
+
+
+def _beginning_now(scenario: Scenario) -> Scenario:
+    """The scenario on the clock of this machine, with time to open the bus."""
+    return replace(scenario, epoch_ns=time.time_ns() + _LEAD_NS)
 
 
 def _free_path(path: Path) -> Path:
@@ -110,7 +113,10 @@ def _record(run: Run, path: Path, *, real_time: bool) -> RecordResult:
 
 
 def _record_live(run: Run, path: Path, options: RecordOptions) -> RecordResult:
-    """Play the run on a virtual bus in one thread, and record it from the other side."""
+    """Play the run on a virtual bus in one thread, and record it from the other side.
+
+    The stamps are the simulated ones, as an adapter with a clock of its own gives them.
+    """
     import can
 
     from syncline_logger.bus_options import BusOptions
@@ -124,8 +130,7 @@ def _record_live(run: Run, path: Path, options: RecordOptions) -> RecordResult:
     stop = threading.Event()
 
     def perform() -> None:
-        with can.Bus(interface="virtual", channel=_CHANNEL) as bus:
-            time.sleep(_SETTLE_S)
+        with can.Bus(interface="virtual", channel=_CHANNEL, preserve_timestamps=True) as bus:
             play(run, bus)
             time.sleep(_SETTLE_S)
         stop.set()
@@ -137,12 +142,6 @@ def _record_live(run: Run, path: Path, options: RecordOptions) -> RecordResult:
     )
     player.join()
     return result
-
-
-def _shift_ns(batches: Iterable[FrameBatch], scenario: Scenario) -> int:
-    """From the script's clock to the recorder's, by the first frame, a boot-up at 0.3 s."""
-    first = next(iter(batches))
-    return int(first.t_ns[0]) - scenario.epoch_ns - 300_000_000
 
 
 def _say_recorded(run: Run, recorded: RecordResult) -> None:

@@ -66,6 +66,8 @@ class ErrorControl:
 
     def _beaten(self, t_ns: int) -> None:
         self._node.world.truth.count("heartbeats", self._node.node_id)
+        if self._spoiled and self.empty_after_remote is not None:
+            self._node.world.truth.count("empty_heartbeats", self._node.node_id)
 
     def _answered(self, t_ns: int) -> None:
         self._node.world.truth.count("guard_answers", self._node.node_id)

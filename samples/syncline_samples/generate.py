@@ -1,4 +1,7 @@
-"""Write the sample captures with their expected results: `python -m syncline_samples.generate`."""
+"""Write the sample captures with their expected results: `python -m syncline_samples.generate`.
+
+Without an argument they go into `samples`, from the root of a checkout.
+"""
 
 import json
 import sys
@@ -48,7 +51,7 @@ def generate(folder: Path) -> list[Path]:
     for name, (scenario, ending) in samples().items():
         run = scenario.run()
         capture = folder / f"{name}.{ending}"
-        capture.write_bytes(_mcap(run) if ending == _MCAP else _candump(run))
+        capture.write_bytes(_mcap(run) if ending == _MCAP else candump_log(run))
         described = folder / f"{name}.toml"
         described.write_text(run.description_toml, encoding="utf-8", newline="\n")
         expected = folder / f"{name}.expected.json"
@@ -111,8 +114,8 @@ def _gap(gap: Gap) -> syncline_pb2.Gap:
     )
 
 
-def _candump(run: Run) -> bytes:
-    """The run as `candump -L` writes it; stamps in microseconds."""
+def candump_log(run: Run) -> bytes:
+    """The frames of a run as `candump -L` writes them; stamps in microseconds, gaps not told."""
     lines = []
     for item in run.batches:
         if isinstance(item, FrameBatch):
@@ -131,7 +134,8 @@ def _line(batch: FrameBatch, row: int, bus_name: str) -> str:
 def expected_results(run: Run) -> dict[str, Any]:
     """What an analyzer must find in the capture of a run, from the script's truth alone.
 
-    Times are UTC ns. `findings` with `required` false may be reported or not; no other finding may.
+    Times are UTC ns. A 7Fh that is a node's first frame counts as a heartbeat: nothing tells that it
+    is a boot-up. `heartbeats` include those that carry no state. `findings` with `required` false may be reported or not; no other finding may.
     """
     truth, scenario = run.truth, run.scenario
     return {
@@ -196,10 +200,13 @@ def _node(run: Run, node: int) -> dict[str, Any]:
     truth = run.truth
     transfers = Counter(row.result for row in truth.sdo if row.node == node)
     states = [state for state in truth.states if state.node == node]
+    boot_ups = [row for row in truth.boot_ups if row.node == node]
+    unseen = boot_ups[0].byte == 0x7F and not boot_ups[0].commanded
     return {
         "node": node,
-        "boot_ups": sum(row.node == node for row in truth.boot_ups),
-        "heartbeats": truth.counts["heartbeats", node],
+        "boot_ups": len(boot_ups) - unseen,
+        "heartbeats": truth.counts["heartbeats", node] + unseen,
+        "empty_heartbeats": truth.counts["empty_heartbeats", node],
         "guard_requests": truth.counts["guard_requests", node],
         "guard_answers": truth.counts["guard_answers", node],
         "emcy": sum(row.node == node for row in truth.emcy),
@@ -212,6 +219,6 @@ def _node(run: Run, node: int) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    target = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parents[1]
+    target = Path(sys.argv[1] if len(sys.argv) > 1 else "samples")
     for path in generate(target):
         sys.stdout.write(f"{path}\n")

@@ -182,13 +182,15 @@ class Machine:
         *,
         required: bool = True,
         what: str = "",
+        or_as: tuple[str, ...] = (),
     ) -> None:
         """Note a finding that the analyzer must or may report around a time of the run."""
         start_ns = self.world.utc_ns(round((at_s - _BEFORE_S) * SECOND_NS))
         end_ns = self.world.utc_ns(round((at_s + for_s + _AFTER_S) * SECOND_NS))
         at_ns = self.world.utc_ns(round(at_s * SECOND_NS))
-        expected = ExpectedFinding(finding, node, at_ns, start_ns, end_ns, required, what)
-        self.truth.findings.append(expected)
+        self.truth.findings.append(
+            ExpectedFinding(finding, node, at_ns, start_ns, end_ns, required, what, or_as)
+        )
 
     def finish(self, end_ns: int) -> None:
         """Close what the truth has open."""

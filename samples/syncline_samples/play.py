@@ -14,12 +14,15 @@ if TYPE_CHECKING:
 def play(run: Run, can_bus: "can.BusABC", speed: float = 1.0) -> int:
     """Send the frames of a run at their times; the number of frames sent.
 
+    The messages carry the stamps of the run, which a virtual bus opened with
+    `preserve_timestamps=True` hands on. A run whose epoch lies ahead begins then, else at once.
+
     Args:
         run: not yet streamed.
         speed: how many seconds of the run pass in one.
     """
-    begin = time.monotonic()
     first_ns = run.scenario.epoch_ns
+    begin = time.monotonic() + max(0, first_ns - time.time_ns()) / 1e9
     sent = 0
     for t_ns, message in _messages(run):
         wait = begin + (t_ns - first_ns) / 1e9 / speed - time.monotonic()

@@ -1,5 +1,7 @@
 """The scenarios of the samples and the demo."""
 
+from dataclasses import replace
+
 from syncline_samples.faults import (
     AngleJump,
     CableLoose,
@@ -79,7 +81,7 @@ def io_module(node_id: int, name: str, ms: int) -> DeviceSpec:
 
 
 def six_devices() -> tuple[DeviceSpec, ...]:
-    """The line of the samples: each device once, turning and tilting slowly."""
+    """The line of the samples: each device once, turning and tilting slowly, each on its clock."""
     entry = Shaft((0, 0), (10, 0), (14, 40), (24, 40), (28, 0))
     guide = Shaft((0, 0), (9, 0), (13, 120), (25, 120), (29, -60), (35, -60), (38, 0))
     press = Shaft((0, 0), (8, 0), (12, 180), (40, 180), (44, 0), start_turns=17)
@@ -88,13 +90,17 @@ def six_devices() -> tuple[DeviceSpec, ...]:
         (0, 0), (10, 0), (12, 300), (20, 300), (24, -300), (32, -300), (34, 0), start_turns=900
     )
     platform = Tilt((0, 0, 0), (8, 0, 0), (18, 12_000, -4_000), (30, -9_000, 6_500), (40, 0, 0))
-    return (
+    devices = (
         lir_heartbeat(ENTRY, "lir-da158", "entry roller", entry, 500),
         lir_heartbeat(GUIDE, "lir-da158a", "guide roller", guide, 250),
         lir_stored_heartbeat(PRESS, "lir-ma158k", "press drive", press, 500),
         lir_guarded(WINDER, "lir-918", "winder", winder, 400),
         jn2100_guarded(PLATFORM, "platform tilt", platform, 100),
         haomiao(LIFT, "lift", lift, 1000),
+    )
+    return tuple(
+        replace(spec, drift_ppm=ppm)
+        for spec, ppm in zip(devices, (20, -35, 12, -8, 40, -50), strict=True)
     )
 
 

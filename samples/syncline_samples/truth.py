@@ -13,7 +13,7 @@ class ExpectedFinding(NamedTuple):
     """A finding that the analyzer must report, or may where `required` is False.
 
     What is behind it happens at `at_ns`; the finding must overlap [start_ns, end_ns); node is None
-    for what concerns the bus.
+    for what concerns the bus. An analyzer may tell the same event under one of `or_as`.
     """
 
     id: str
@@ -23,6 +23,7 @@ class ExpectedFinding(NamedTuple):
     end_ns: int
     required: bool
     what: str
+    or_as: tuple[str, ...] = ()
 
 
 class StateTruth(NamedTuple):
@@ -118,7 +119,7 @@ class Truth:
     recording: bool = True
     """Whether the recorder hears the bus; what is counted below is what it heard."""
     counts: Counter[tuple[str, int]] = field(default_factory=Counter)
-    """`heartbeats`, `guard_requests`, `guard_answers` and `pdos` by node; `syncs` under node 0."""
+    """`heartbeats`, `empty_heartbeats` among them, `guard_requests`, `guard_answers` and `pdos` by node; `syncs` under node 0."""
     frames: int = 0
     """Frames that the recorder took, error frames among them."""
     remote_frames: int = 0

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
-from syncline_schemas.devices import Device, device_from_files, is_path, load_device
+from syncline_schemas.devices import Device, configured, device_from_files, is_path, load_device
 from syncline_schemas.devices.profile import integer, object_key
 from syncline_schemas.errors import DescriptionError
 
@@ -17,7 +17,7 @@ class NodeEntry:
 
     Attributes:
         name: name for people, None when not given.
-        device: the device, already loaded.
+        device: the device, already loaded, with the overrides in its quirks and limits.
         objects: (index, sub) -> value that holds on this node unless the bus says otherwise.
         overrides: settings of the device (`Device.overrides`), only those that were given.
     """
@@ -154,11 +154,16 @@ class _Reader:
         if name is not None and not isinstance(name, str):
             self.errors.append(f"{where}.name: {name!r} is no text")
         device = self._device(table, where)
+        overrides = dict(self._pairs(table.get("overrides", {}), f"{where}.overrides"))
+        try:
+            device = configured(device, overrides) if device is not None else None
+        except DescriptionError as error:
+            self.errors.append(f"{where}.overrides: {error}")
         return NodeEntry(
             name if isinstance(name, str) else None,
             device,
             self._objects(table.get("objects", {}), f"{where}.objects"),
-            self._overrides(table.get("overrides", {}), device, f"{where}.overrides"),
+            overrides,
         )
 
     def _device(self, table: Mapping[str, Any], where: str) -> Device | None:
@@ -186,8 +191,9 @@ class _Reader:
             self.used |= device.files
             return device
         device = load_device((self._base or Path()) / name)
-        folder = Path(name).parent
-        self.used |= {(folder / file).as_posix(): data for file, data in device.files.items()}
+        own, folder = Path(name).name, Path(name).parent
+        for file, data in device.files.items():
+            self.used[name if file == own else (folder / file).as_posix()] = data
         return device
 
     def _objects(self, data: Any, where: str) -> dict[tuple[int, int], int]:
@@ -198,20 +204,6 @@ class _Reader:
             except ValueError as error:
                 self.errors.append(f"{where}.{text}: {error}")
         return found
-
-    def _overrides(self, data: Any, device: Device | None, where: str) -> dict[str, Any]:
-        given = dict(self._pairs(data, where))
-        known = device.overrides if device is not None else {}
-        for name, value in given.items():
-            if device is not None and name not in known:
-                self.errors.append(
-                    f"{where}.{name}: {device.name} has no such setting; it has "
-                    f"{', '.join(known) or 'none'}"
-                )
-            elif name in known and known[name].choices and value not in known[name].choices:
-                choices = ", ".join(str(choice) for choice in known[name].choices)
-                self.errors.append(f"{where}.{name}: {value!r} is none of {choices}")
-        return given
 
     def _only(self, table: Mapping[str, Any], where: str, known: set[str]) -> None:
         for key in sorted(table.keys() - known):

@@ -7,6 +7,8 @@ from syncline_schemas.canopen.datatypes import DATA_TYPES
 from syncline_schemas.eds_text import EdsText, Section
 
 VAR, ARRAY, RECORD = 0x7, 0x8, 0x9
+_OBJECT_TYPE_NAMES = {"var": VAR, "array": ARRAY, "record": RECORD, "domain": 0x2}
+_TYPE_NAMES = {known.name: code for code, known in DATA_TYPES.items()}
 _OBJECT_TYPES = {0x2, VAR, ARRAY, RECORD}
 DOMAIN = 0x0F
 _OBJECT = re.compile(r"(?:0x)?([0-9a-f]{4,8})h?")
@@ -14,8 +16,8 @@ _ENTRY = re.compile(r"(?:0x)?([0-9a-f]{4,8})h?[\s_.-]*sub[\s_.-]*(?:0x)?([0-9a-f
 _COMPACT = re.compile(r"([0-9a-f]{4})(name|value|denotation|objectlinks)")
 _LISTS = ("mandatoryobjects", "optionalobjects", "manufacturerobjects")
 _GENERAL = {
-    "fileinfo", "deviceinfo", "dummyusage", "comments", "devicecomissioning", "tools",
-    "supportedmodules", "connectedmodules", "dynamicchannels", *_LISTS,
+    "fileinfo", "deviceinfo", "dummyusage", "comments", "tools", "devicecomissioning",
+    "devicecommissioning", "supportedmodules", "connectedmodules", "dynamicchannels", *_LISTS,
 }  # fmt: skip
 _MODULE = re.compile(r"(m\d+\w+|tool\d+)")
 _ACCESS = {"ro", "wo", "rw", "rwr", "rww", "const"}
@@ -71,7 +73,7 @@ def node_relative(text: str) -> int | None:
 
 
 def objects_of(text: EdsText) -> Objects:
-    """All objects of a file: every section named after an index, repaired; adds warnings to `text`."""
+    """All objects of a file, repaired: every section named after an index; warnings go to `text`."""
     heads, entries = _sorted_sections(text)
     found = Objects()
     for index in sorted(heads.keys() | entries.keys()):
@@ -135,7 +137,7 @@ def _add_object(
 
 def _object_type(text: EdsText, section: Section, has_entries: bool) -> int:
     stated = section.get("objecttype")
-    kind = number(stated) if stated else None
+    kind = _OBJECT_TYPE_NAMES.get(stated.lower(), number(stated))
     if stated and kind is None:
         text.warn(f"[{section.name}]", f"ObjectType {stated[:30]!r} is no number")
     if has_entries and kind not in (ARRAY, RECORD):
@@ -214,7 +216,7 @@ def _variable(text: EdsText, section: Section, name: str, object_type: int) -> E
 
 def _data_type(text: EdsText, section: Section, object_type: int) -> int:
     stated = section.get("datatype")
-    code = number(stated) if stated else None
+    code = _TYPE_NAMES.get(stated.upper(), number(stated))
     if code is None:
         if object_type != DOMAIN and object_type != 0x2:
             problem = f"DataType {stated[:30]!r} is no number" if stated else "DataType is missing"

@@ -95,7 +95,7 @@ def _opened(found: EdsText, line: str, number: int) -> Section:
     if known is not None:
         found.warn(
             f"line {number}",
-            f"section [{name}] again (first in line {known.line}): only keys that are new are taken",
+            f"section [{name}] again (first in line {known.line}): only new keys are taken",
         )
         return known
     return found.sections.setdefault(name.lower(), Section(name, number))
@@ -135,5 +135,5 @@ def _keep_first(found: EdsText, section: Section, key: str, value: str, number: 
         return
     found.warn(
         f"line {number}",
-        f"{key} in [{section.name}] again: the first value {first[:30]!r} is kept, not {value[:30]!r}",
+        f"{key} in [{section.name}] again: {first[:30]!r}, the first one, is kept, not {value[:30]!r}",
     )

@@ -24,8 +24,8 @@ _Known = tuple[int, bool] | None
 class EncoderScale:
     """How counts become angles.
 
-    `counts_per_turn` and `range_counts` (the wrap modulus R) are None where unknown. `assumed` names
-    the settings that rest on a default ("cpr", "range", "scaling", "direction").
+    `counts_per_turn` and `range_counts` (the wrap modulus R) are None where unknown. `assumed`
+    names the settings that rest on a default ("cpr", "range", "scaling", "direction").
     """
 
     counts_per_turn: int | None
@@ -36,7 +36,7 @@ class EncoderScale:
 
 
 class _Settings:
-    """What is known of a device's settings: the user's overrides first, then objects, then defaults."""
+    """What is known of a device's settings: overrides first, then objects, then defaults."""
 
     def __init__(
         self, device: Device | None, lookup: Lookup, overrides: Mapping[str, Any] | None
@@ -77,7 +77,8 @@ def encoder_scale(
 ) -> EncoderScale:
     """Scale of an encoder from the user's overrides, the objects known, and the device's defaults.
 
-    Overrides: `cpr`, `turns`, `range`, `scaling` ("on" | "off"), `direction` ("cw" | "ccw"), `max_rpm`.
+    Overrides: `cpr`, `turns`, `range`, `scaling` ("on" | "off"), `direction` ("cw" | "ccw"),
+    `max_rpm`.
     """
     settings = _Settings(device, lookup, overrides)
     cpr, scaling_assumed = _counts_per_turn(settings)
@@ -154,7 +155,7 @@ class EncoderAngles:
 
 
 def encoder_angles(raw: Counts, scale: EncoderScale) -> EncoderAngles:
-    """Position, turn and angle of raw counts: angle = (pos mod cpr) x 360 / cpr, turn = pos div cpr."""
+    """Position, turn = pos div cpr and angle = (pos mod cpr) x 360 / cpr of raw counts."""
     in_range = raw >= 0
     position = raw
     if scale.range_counts is not None:

@@ -1,5 +1,6 @@
 """Runs of the control folds over captures and over frames written down in tests."""
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -94,21 +95,41 @@ def run(
         else:
             pending.append(item)
     flush()
-    end_ns = rows[-1][0] if end_ms is None else round(end_ms * MS)
+    last_ns = rows[-1][0] if rows else 0
+    end_ns = last_ns if end_ms is None else round(end_ms * MS)
     return _finished(context, fold, rows[0][0] if rows else 0, end_ns, len(rows), gaps)
 
 
-def run_capture(path: Path) -> Run:
-    """Feed a capture file to the folds."""
+def run_items(
+    items: Iterable[FrameBatch | Gap], buses: list[str], description: BusDescription | None = None
+) -> Run:
+    """Feed batches and gaps to the folds."""
+    context = Context(buses, Shadow(lambda number: buses[number], description))
+    return _fed(context, items)
+
+
+def run_capture(path: Path, rows: int = 1 << 20) -> Run:
+    """Feed a capture file to the folds, in batches of at most so many rows."""
     from syncline_analyzer.readers import open_capture
 
     reader = open_capture(path)
-    shadow = Shadow(lambda number: reader.facts.buses[number])
-    context = Context(reader.facts.buses, shadow)
+    context = Context(reader.facts.buses, Shadow(lambda number: reader.facts.buses[number]))
+
+    def timed() -> Iterator[FrameBatch | Gap]:
+        for item in reader.batches():
+            context.timed = reader.facts.time_base != "none"
+            if isinstance(item, Gap):
+                yield item
+            else:
+                yield from (item[at : at + rows] for at in range(0, len(item), rows))
+
+    return _fed(context, timed())
+
+
+def _fed(context: Context, items: Iterable[FrameBatch | Gap]) -> Run:
     fold = ControlFold(context)
     seq, first, last, gaps = 0, None, 0, []
-    for item in reader.batches():
-        context.timed = reader.facts.time_base != "none"
+    for item in items:
         if isinstance(item, Gap):
             fold.gap(item)
             gaps.append(item)

@@ -11,7 +11,7 @@ from syncline_analyzer import cli
 from syncline_analyzer.results import Analysis
 from syncline_analyzer.viewer import viewer_command
 from syncline_schemas.errors import UsageError
-from tests.analyzer.analysis_builder import analysis, bad_day, finding, node_row
+from tests.analyzer.analysis_builder import analysis, bad_day, capture_row, finding, node_row
 
 CANDUMP = "(1700000000.000100) can0 70A#00\n(1700000000.100100) can0 70A#05\n"
 
@@ -92,6 +92,13 @@ def test_check_exits_with_1_when_the_findings_are_that_bad(
     session.told = analysis(nodes=[node_row()], findings=[finding(severity=severity)])
     assert run(cli.analyze, "a.mcap", "--check", check).exit_code == code
     assert run(cli.analyze, "a.mcap").exit_code == 0
+
+
+def test_damaged_capture_exits_with_1(session: FakeSession) -> None:
+    session.told = analysis(capture=capture_row(damage=["a.mcap: no footer"]))
+    result = run(cli.analyze, "a.mcap")
+    assert result.exit_code == 1
+    assert "no footer" in result.stdout
 
 
 @pytest.mark.parametrize("text", ["10", "=jn2100", "10=", "0=jn2100", "128=jn2100", "x=jn2100"])

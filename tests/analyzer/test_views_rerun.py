@@ -83,8 +83,8 @@ def test_overview_is_thinned_with_its_peak_and_detail_holds_every_sample(tmp_pat
     count = 8 * OVERVIEW_POINTS
     trace = shaft(count)
     path = write_rrd(analysis(trace_data=[trace]), tmp_path / "s.rrd")
-    overview = columns(path, "/plots/speed_rpm/0", "Scalars:scalars")
-    detail = columns(path, "/detail/speed_rpm/0", "Scalars:scalars")
+    overview = columns(path, "/plots/speed_rpm/node_5/0", "Scalars:scalars")
+    detail = columns(path, "/detail/speed_rpm/node_5/0", "Scalars:scalars")
     values = [value[0] for value in detail["Scalars:scalars"] if value is not None]
     assert len(overview["capture"]) <= OVERVIEW_POINTS + 2
     assert np.isfinite(values).sum() == count
@@ -150,17 +150,25 @@ def tool() -> ModuleType:
 Picture = np.ndarray[Any, np.dtype[np.int64]]
 
 
-def picture(tool: ModuleType, shown: Analysis, path: Path) -> tuple[Picture, list[str]]:
-    """(height, width, 3) pixels of the viewer just after opening, and what it complains about."""
-    from PIL import Image
+WHOLE = ""
 
+
+def pictures(tool: ModuleType, shown: Analysis, path: Path, *views: str) -> dict[str, Picture]:
+    """Pixels of the viewer just after opening, and of some views alone; it must not complain."""
     write_rrd(shown, path)
     with tool.Shot(str(path)) as shot:
         shot.seek("capture", "25%")
-        png = shot.settle()
-        return np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(
-            np.int64
-        ), shot.problems()
+        found = {WHOLE: pixels_of(shot.settle())}
+        numbers = {view["name"]: view["view_id"] for view in shot.state()["views"]}
+        found |= {view: pixels_of(shot.maximized(numbers[view])) for view in views}
+        assert shot.problems() == []
+    return found
+
+
+def pixels_of(png: bytes) -> Picture:
+    from PIL import Image
+
+    return np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(np.int64)
 
 
 def where(pixels: Picture, colour: tuple[int, int, int]) -> tuple[Picture, Picture]:
@@ -168,43 +176,51 @@ def where(pixels: Picture, colour: tuple[int, int, int]) -> tuple[Picture, Pictu
     return rows, columns
 
 
+HIDDEN_TAB, TILT = "PDO response [us]", "Angle [deg] of node 10 boom tilt"
+
+
 @pytest.fixture(scope="module")
-def opened(tool: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Picture:
-    pixels, problems = picture(tool, bad_day(), tmp_path_factory.mktemp("rrd") / "bad_day.rrd")
-    assert problems == []
-    return pixels
+def opened(tool: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Picture]:
+    path = tmp_path_factory.mktemp("rrd") / "bad_day.rrd"
+    return pictures(tool, bad_day(), path, HIDDEN_TAB, TILT)
 
 
 @pytest.mark.parametrize(
-    ("what", "colour", "least"),
+    ("view", "what", "colour", "least"),
     [
-        ("OPERATIONAL", OPERATIONAL, 20_000),
-        ("LOST", LOST, 500),
-        ("STOPPED", STOPPED, 2_000),
-        ("UNKNOWN", UNKNOWN, 5_000),
-        ("shaft angle", LINE_COLOURS[0], 900),
-        ("slope", LINE_COLOURS[1], 300),
-        ("EMCY marker", EMCY_COLOUR, 200),
-        ("histogram", (81, 163, 103), 5_000),
+        (WHOLE, "OPERATIONAL", OPERATIONAL, 20_000),
+        (WHOLE, "LOST", LOST, 500),
+        (WHOLE, "STOPPED", STOPPED, 2_000),
+        (WHOLE, "UNKNOWN", UNKNOWN, 5_000),
+        (WHOLE, "shaft angle", LINE_COLOURS[0], 900),
+        (WHOLE, "EMCY marker", EMCY_COLOUR, 200),
+        (WHOLE, "histogram", (81, 163, 103), 5_000),
+        (HIDDEN_TAB, "answers of node 5", LINE_COLOURS[1], 2_000),
+        (TILT, "slope long", LINE_COLOURS[0], 1_500),
+        (TILT, "slope lateral", LINE_COLOURS[1], 1_500),
+        (TILT, "EMCY marker", EMCY_COLOUR, 100),
     ],
 )
-def test_viewer_shows(opened: Picture, what: str, colour: tuple[int, int, int], least: int) -> None:
-    assert len(where(opened, colour)[0]) >= least, what
+def test_viewer_shows(
+    opened: dict[str, Picture], view: str, what: str, colour: tuple[int, int, int], least: int
+) -> None:
+    assert len(where(opened[view], colour)[0]) >= least, what
 
 
-def test_viewer_opens_on_the_whole_capture(opened: Picture) -> None:
-    lanes = opened[: len(opened) // 3, : opened.shape[1] * 5 // 8]
+def test_viewer_opens_on_the_whole_capture(opened: dict[str, Picture]) -> None:
+    height, width, _ = opened[WHOLE].shape
+    lanes = opened[WHOLE][: height // 3, : width * 5 // 8]
     rows, lane = where(lanes, UNKNOWN)
-    lane = lane[np.bincount(rows)[rows] > lanes.shape[1] // 2] - lane.min()
+    lane = lane[np.bincount(rows)[rows] > lanes.shape[1] // 2]
     lost = where(lanes, LOST)[1] - lane.min()
-    assert abs(lost.min() / lane.max() - 250 / 600) < 0.01
-    assert abs(lost.max() / lane.max() - 281 / 600) < 0.01
+    length = lane.max() - lane.min()
+    assert abs(lost.min() / length - 250 / 600) < 0.01
+    assert abs(lost.max() / length - 281 / 600) < 0.01
 
 
 def test_viewer_shows_no_fault_of_a_healthy_capture(tool: ModuleType, tmp_path: Path) -> None:
     healthy = analysis(nodes=[node_row()], nmt_states=usual_states(10))
-    pixels, problems = picture(tool, healthy, tmp_path / "healthy.rrd")
-    assert problems == []
+    pixels = pictures(tool, healthy, tmp_path / "healthy.rrd")[WHOLE]
     assert len(where(pixels, OPERATIONAL)[0]) > 5_000
     for colour in (LOST, STOPPED, EMCY_COLOUR, LINE_COLOURS[0]):
         assert len(where(pixels, colour)[0]) == 0

@@ -128,3 +128,17 @@ def test_no_color_is_obeyed(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_long_lists_say_how_much_is_left_out() -> None:
     storm = [emcy_row(second=10 + i / 100) for i in range(500)]
     assert line_with(summary(analysis(nodes=[node_row()], emcy=storm)), "and 480 more")
+
+
+def test_damage_is_said_at_the_top_and_under_recording() -> None:
+    text = summary(analysis(capture=capture_row(damage=["a.mcap: no footer"]), nodes=[node_row()]))
+    assert text.index("Damaged, read in part: a.mcap: no footer") < text.index("Nothing found")
+
+
+def test_boot_up_that_takes_the_error_list_is_no_emcy_message() -> None:
+    gone = emcy_row(
+        second=260, code=None, meaning="boot-up", transition="reset", error_register=None
+    )
+    text = summary(analysis(nodes=[node_row()], emcy=[emcy_row(), gone]))
+    assert line_with(text, "EMCY (1)")
+    assert line_with(text, "4:20.000", "boot-up, reset")

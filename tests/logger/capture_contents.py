@@ -42,8 +42,8 @@ def _classes(schemas: dict[int, Any], schema: Schema) -> Any:
     if schema.id not in schemas:
         pool = descriptor_pool.DescriptorPool()
         for file in descriptor_pb2.FileDescriptorSet.FromString(schema.data).file:
-            pool.Add(file)  # type: ignore[no-untyped-call]
-        descriptor = pool.FindMessageTypeByName(schema.name)  # type: ignore[no-untyped-call]
+            pool.Add(file)
+        descriptor = pool.FindMessageTypeByName(schema.name)
         schemas[schema.id] = message_factory.GetMessageClass(descriptor)
     return schemas[schema.id]
 

@@ -1,6 +1,8 @@
 """The `syncline` command: help, errors as one line, exit codes, plug-ins."""
 
+import contextlib
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -73,7 +75,9 @@ def test_version() -> None:
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (["record", "-i", "nonsense", "-c", "x"], "bus 'x' (nonsense x): cannot open"),
+        (["record", "-i", "nonsense", "-c", "x"], "there is no interface 'nonsense'"),
+        (["record"], "no bus is given"),
+        (["record", "-i", "slcan", "-c", "/dev/none"], "bus 'none' (slcan /dev/none): cannot open"),
         (["record", "-i", "virtual", "-c", "a", "-c", "a"], "two buses are called 'a'"),
         (["record", "--bus", "can0"], "--bus: 'can0' is not [NAME=]INTERFACE:CHANNEL"),
         (["record", "-i", "virtual", "-c", "a", "--device", "5"], "--device: '5' is not NODE="),
@@ -217,6 +221,53 @@ def test_a_signal_ends_the_recording_properly(tmp_path: Path, number: signal.Sig
     assert recorder.returncode == 0, told
     assert doctor_complaints(path) == []
     assert read_capture(path).metadata["syncline.stop"]["reason"] == "stopped"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT to send")
+def test_a_reader_that_goes_away_does_not_end_the_recording(tmp_path: Path) -> None:
+    words = ("record", "-i", "virtual", "-c", "a", "--status-period", "100ms", "-o", str(tmp_path))
+    with subprocess.Popen(
+        syncline(*words), stdout=subprocess.PIPE, stderr=subprocess.PIPE, encoding="utf-8"
+    ) as recorder:
+        assert recorder.stdout is not None
+        assert recorder.stderr is not None
+        path = Path(json.loads(recorder.stdout.readline())["path"])
+        recorder.stdout.close()
+        time.sleep(1)
+        assert recorder.poll() is None
+        recorder.send_signal(signal.SIGINT)
+        told = recorder.stderr.read()
+    assert recorder.returncode == 0, told
+    assert "Traceback" not in told
+    assert doctor_complaints(path) == []
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no pseudo terminals on Windows")
+def test_on_a_terminal_there_is_one_line_and_no_json(tmp_path: Path) -> None:
+    far, near = os.openpty()
+    command = syncline("record", "-i", "virtual", "-c", "a", "--for", "2500ms", "-o", str(tmp_path))
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=near) as recorder:
+        os.close(near)
+        shown = b""
+        while recorder.poll() is None:
+            with contextlib.suppress(OSError):  # the terminal is gone when its last user is
+                shown += os.read(far, 1000)
+        assert recorder.stdout is not None
+        assert recorder.stdout.read() == b""
+    os.close(far)
+    assert b"Ctrl-C stops" in shown
+    assert shown.count(b"00:00:0") >= 2
+    assert b"\x1b[2K" in shown, "the line is written over"
+
+
+def test_a_cut_file_in_the_folder_is_mentioned(tmp_path: Path) -> None:
+    words = ("record", "-i", "virtual", "-c", "a", "--for", "100ms", "-o")
+    whole, cut = tmp_path / "whole.mcap", tmp_path / "cut.mcap"
+    run(*words, str(whole))
+    cut.write_bytes(whole.read_bytes()[:-50])
+    told = run(*words, str(tmp_path)).stderr
+    assert f"syncline recover {cut}" in told
+    assert f"syncline recover {whole}" not in told
 
 
 def test_recover_of_a_whole_file_and_of_no_capture(tmp_path: Path) -> None:

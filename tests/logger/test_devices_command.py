@@ -24,6 +24,17 @@ def test_the_list_names_all_devices(capsys: pytest.CaptureFixture[str]) -> None:
         assert f" {name} " in out
 
 
+def test_a_broken_file_of_ones_own_is_told_beside_the_list(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "mine.eds").write_bytes(b"nothing")
+    monkeypatch.setenv("SYNCLINE_DEVICES", str(tmp_path))
+    code, out, err = run(capsys)
+    assert code == 0
+    assert "jn2100" in out
+    assert "mine: " in err
+
+
 def test_one_device_with_objects_scales_and_quirks(capsys: pytest.CaptureFixture[str]) -> None:
     code, out, _ = run(capsys, "lir-da158a")
     assert code == 0

@@ -195,16 +195,28 @@ def test_filters_are_applied() -> None:
     assert frames.can_id.tolist() == [0x285]
 
 
-@pytest.mark.parametrize("interface", ["virtual", "nonsense"])
-def test_a_bus_that_cannot_be_opened_is_named(
-    monkeypatch: pytest.MonkeyPatch, interface: str
+def test_without_an_interface_python_cans_configuration_decides(
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.setenv("CAN_INTERFACE", "slcan")
+    monkeypatch.setenv("CAN_CHANNEL", "/dev/none")
+    source = PythonCanSource(BusOptions("can"))
+    facts = source.facts
+    assert (facts.interface, facts.channel, facts.listen_only) == ("slcan", "/dev/none", True)
+
+
+def test_an_unknown_interface_is_told_with_those_that_exist() -> None:
+    with pytest.raises(SourceError, match=r"no interface 'nonsense'.* slcan, socketcan"):
+        PythonCanSource(BusOptions("press", "nonsense", "x")).open()
+
+
+def test_a_bus_that_cannot_be_opened_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(self: object, *args: object, **kwargs: object) -> None:
         raise can.CanInitializationError("no such device")
 
     monkeypatch.setattr(VirtualBus, "__init__", fail)
     with pytest.raises(SourceError, match=r"bus 'press' \(\w+ x\): cannot open: "):
-        PythonCanSource(BusOptions("press", interface, "x")).open()
+        PythonCanSource(BusOptions("press", "virtual", "x")).open()
 
 
 def test_a_bus_that_fails_while_reading_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

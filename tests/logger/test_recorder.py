@@ -2,7 +2,7 @@
 
 import struct
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,12 @@ from syncline_schemas.batch import FrameBatch, Gap
 from syncline_schemas.capture.layout import BusInfo
 from syncline_schemas.description import BusDescription
 from syncline_schemas.errors import SourceError, UsageError
-from tests.logger.capture_contents import Contents, doctor_complaints, read_capture
+from tests.logger.capture_contents import (
+    Contents,
+    doctor_complaints,
+    read_capture,
+    read_cut_frames,
+)
 
 T0 = 1_760_000_000_000_000_000
 MS = 1_000_000
@@ -453,7 +458,7 @@ def test_frames_without_room_are_a_gap_with_their_number(tmp_path: Path) -> None
 def test_a_bus_that_cannot_be_opened_leaves_no_file(tmp_path: Path) -> None:
     sources = [
         PythonCanSource(BusOptions("a", "virtual", "x")),
-        PythonCanSource(BusOptions("b", "nonsense", "y")),
+        PythonCanSource(BusOptions("b", "slcan", "/dev/none")),
     ]
     with pytest.raises(SourceError, match="bus 'b'"):
         record(sources, tmp_path)
@@ -464,3 +469,13 @@ def test_it_stops_by_itself_after_the_given_time(tmp_path: Path) -> None:
     source = PythonCanSource(BusOptions("a", "virtual", "recorder-time"))
     result = record([source], tmp_path, duration_ns=200 * MS)
     assert read_capture(result.path).metadata["syncline.stop"]["reason"] == "time is over"
+
+
+def test_a_broken_input_leaves_a_file_that_can_be_read(tmp_path: Path) -> None:
+    def items() -> Iterator[FrameBatch]:
+        yield FrameBatch.from_rows((T0 + n * S, 0, n, 0, 0, b"") for n in range(5))
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        record_batches(items(), [BusInfo("a", 0)], tmp_path / "x.mcap")
+    assert len(read_cut_frames(tmp_path / "x.mcap")) == 4

@@ -110,7 +110,7 @@ def test_healthy_line_runs_through_the_boot_sequence(healthy: Run) -> None:
     assert sorted(row.node for row in boot_ups) == [1, 2, 3, 4, 10, 20]
     reset_ns = healthy.truth.commands[0].t_ns
     quiet = {row.node: (row.t_ns - reset_ns) / SECOND for row in boot_ups}
-    assert all(4.0 <= quiet[node] < 4.01 for node in (ENTRY, GUIDE, PRESS, WINDER))
+    assert all(3.99 <= quiet[node] < 4.01 for node in (ENTRY, GUIDE, PRESS, WINDER))
     assert all(quiet[node] < 1 for node in (PLATFORM, LIFT))
     assert {row.node for row in boot_ups if row.byte == 0x7F} == {PRESS}
 
@@ -123,8 +123,8 @@ def test_synchronous_pdos_answer_each_sync_within_the_device_time(healthy: Run) 
             for row in healthy.truth.pdos
             if row.node == node and row.sync_ns is not None
         ]
-        assert low <= min(delays)
-        assert max(delays) <= high
+        assert low - 0.1 <= min(delays)
+        assert max(delays) <= high + 0.1, "a tenth for the drift of the device's clock"
 
 
 def test_every_second_sync_for_type_2(healthy: Run) -> None:

@@ -16,6 +16,7 @@ from syncline_schemas.capture.chunk_content import parse_frame
 from syncline_schemas.capture.gap_message import gap_message
 from syncline_schemas.capture.layout import BusInfo, CaptureMetadata
 from syncline_schemas.capture.message import MessageBlock, schema_of
+from syncline_schemas.capture.recover import recover
 from syncline_schemas.capture.scan import CaptureScan
 from syncline_schemas.capture.writer import CaptureWriter
 from syncline_schemas.proto import syncline_pb2
@@ -89,6 +90,12 @@ def reordered(row: Row) -> bytes:
     )  # fmt: skip
 
 
+def swapped(row: Row) -> bytes:
+    """A frame whose first two fields, of equal length, stand in the other order."""
+    usual = serialized(row)
+    return usual[5:10] + usual[:5] + usual[10:]
+
+
 def without_zeros(row: Row) -> bytes:
     """A frame with zero fields left out, as a writer without explicit presence makes it."""
     _, _, can_id, flags, dlc, data = row
@@ -104,7 +111,7 @@ def with_more(row: Row) -> bytes:
     return serialized(row) + b"\x2a\x03new"
 
 
-@pytest.mark.parametrize("encode", [reordered, without_zeros, with_more])
+@pytest.mark.parametrize("encode", [reordered, swapped, without_zeros, with_more])
 def test_frames_in_other_encodings_mix_with_ours(tmp_path: Path, encode: object) -> None:
     assert callable(encode)
     frames = rows(50, buses=2)
@@ -142,6 +149,31 @@ def test_lengths_that_contradict_the_data_are_marked(
 ) -> None:
     payload = syncline_pb2.Frame(**frame).SerializeToString()  # type: ignore[arg-type]
     assert parse_frame(payload) == read
+
+
+def test_a_length_that_contradicts_the_data_is_marked_in_our_layout_too(tmp_path: Path) -> None:
+    frames = rows(5)
+    payloads = [serialized(row) for row in frames]
+    payloads[2] = serialized((T0, 0, 1, 0, 3, b"ab"))
+    found, _, _ = scanned(tmp_path / "a.mcap", official_file(frames, payloads))
+    assert found[2][2:] == (1, FrameFlag.DLC_INVALID, 2, b"ab")
+
+
+def test_an_unfinished_file_of_another_writer_is_recovered_with_its_channels(
+    tmp_path: Path,
+) -> None:
+    frames = rows(60, buses=2)
+    payloads = [serialized(row) for row in frames]
+    source, target = tmp_path / "a.mcap", tmp_path / "b.mcap"
+    source.write_bytes(official_file(frames, payloads, finish=False, chunk_size=300))
+    recover(source, target)
+    found, _, _ = scanned(target)
+    assert found == frames[: len(found)]
+    assert found
+    topics = {
+        channel.topic for _, channel, _ in make_reader(BytesIO(target.read_bytes())).iter_messages()
+    }
+    assert topics == {"/can/can0/frames", "/can/can1/frames", "/other"}
 
 
 def remuxed(data: bytes) -> bytes:

@@ -11,7 +11,9 @@ from hypothesis import strategies as st
 
 from syncline_schemas.canopen.datatypes import DATA_TYPES
 from syncline_schemas.devices import (
+    ABSENT,
     Device,
+    configured,
     device_names,
     emcy_details,
     emcy_meaning,
@@ -180,9 +182,9 @@ def test_error_register_and_manufacturer_bytes() -> None:
         ({(0x1000, 0): 0x10196}, None),
         ({(0x1008, 0): b"L158"}, None),
         ({(0x1008, 0): b"L158", (0x6200, 0): 515}, "lir-da158"),
-        ({(0x1008, 0): b"L158", (0x6200, 0): None}, "lir-da158a"),
+        ({(0x1008, 0): b"L158", (0x6200, 0): ABSENT}, "lir-da158a"),
         ({(0x1008, 0): b"L158", (0x1015, 0): 0}, "lir-da158a"),
-        ({(0x1008, 0): b"L158", (0x1015, 0): None}, "lir-da158"),
+        ({(0x1008, 0): b"L158", (0x1015, 0): ABSENT}, "lir-da158"),
         ({(0x1008, 0): b"L158", (0x1010, 0): 3}, "lir-da158"),
         ({(0x1008, 0): b"L158", (0x1010, 0): 1}, "lir-da158a"),
         ({(0x1008, 0): b"L158", (0x1015, 0): 0, (0x6200, 0): 515}, None),
@@ -203,7 +205,7 @@ def test_error_register_and_manufacturer_bytes() -> None:
     ],
 )
 def test_a_node_is_identified_only_by_evidence_that_fits_one_device(
-    known: dict[tuple[int, int], int | bytes | None], expected: str | None
+    known: dict[tuple[int, int], int | bytes], expected: str | None
 ) -> None:
     found = identify(known, ())
     assert (found.name if found else None) == expected
@@ -218,6 +220,44 @@ def test_what_tells_the_generations_apart_in_the_quirks() -> None:
     assert new.side_effects == (((0x6000, 0), (0x6509, 0), 0),)
     assert quirks(None).reset_quiet_ms == 0
     assert old.reset_quiet_ms == new.reset_quiet_ms == 4000
+
+
+def test_settings_of_a_user_change_quirks_and_limits() -> None:
+    given = {"reset_quiet_s": 1.5, "empty_hb": "off", "fixed_cobids": False, "max_rpm": 100,
+             "bootup_bytes": [0], "type0": "off", "cpr": 1024}  # fmt: skip
+    device = configured(load_device("lir-da158a"), given)
+    assert device.quirks.reset_quiet_ms == 1500
+    assert device.quirks.empty_heartbeat_after_rtr is False
+    assert device.quirks.pdo_cob_id_mask == 0xFFFFFFFF
+    assert device.quirks.bootup_bytes == (0,)
+    assert device.quirks.type_0 == "off"
+    assert device.limits["max_rpm"] == 100
+    assert load_device("lir-da158a").quirks.reset_quiet_ms == 4000
+    assert configured(load_device("lir-da158a"), {"emcy_layout": "none"}).emcy_fields == ()
+    warm = configured(load_device("jn2100"), {"temp_scale": 1}).object(0x4080)
+    assert warm is not None
+    assert warm.scale == 1
+    assert configured(load_device("jn2100"), {"guard_reaction": "1029h"}).quirks != quirks(None)
+
+
+def test_settings_that_make_no_sense_are_told_at_once() -> None:
+    with pytest.raises(DescriptionError) as caught:
+        configured(load_device("lir-da158"), {"cpr": "many", "type0": 3, "speed": 1, "u32_1003": 2})
+    for said in (
+        "cpr: 'many' is no number",
+        "type0: 3 is none of",
+        "speed: there is no",
+        "u32_1003",
+    ):
+        assert said in str(caught.value)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_setting_takes_its_own_default(name: str) -> None:
+    device = load_device(name)
+    same = configured(device, device.settings())
+    assert same.quirks == device.quirks
+    assert same.limits == device.limits
 
 
 def test_an_unknown_name_gets_its_neighbours() -> None:
@@ -298,17 +338,34 @@ def test_a_user_file_hides_a_built_in_device(own_devices: Path) -> None:
     assert load_device("jn2100").title == "Widget"
 
 
+def test_a_device_of_ones_own_is_identified_before_a_built_in_one(own_devices: Path) -> None:
+    text = (own_devices / "widget.toml").read_text(encoding="utf-8").replace("WDG", "JN2100")
+    (own_devices / "widget.toml").write_text(text, encoding="utf-8")
+    found = identify({(0x1008, 0): b"JN2100"})
+    assert found is not None
+    assert found.name == "widget"
+
+
+def test_a_broken_file_of_ones_own_does_not_hinder_the_others(own_devices: Path) -> None:
+    (own_devices / "broken.toml").write_text("[", encoding="utf-8")
+    assert "broken" in device_names()
+    found = identify({(0x1008, 0): b"JN2100"})
+    assert found is not None
+    assert found.name == "jn2100"
+
+
 def test_all_mistakes_of_a_device_file_are_told_at_once(tmp_path: Path) -> None:
     (tmp_path / "bad.eds").write_text(eds_text(), encoding="utf-8")
     (tmp_path / "bad.toml").write_text(
         'kind = "boat"\ncolour = "red"\n[quirks]\nreset_quiet_ms = "long"\njumps = [{ object = "x" }]\n'
-        '[objects]\n"99" = {}\n"zz" = { unit = 3 }\n',
+        '[objects]\n"99" = {}\n"zz" = { unit = 3 }\n"2000" = { text = "{a}" }\n'
+        '"2001" = { bits = { 99 = "x" } }\n"2002" = { fields = { a = [5, 3] } }\n',
         encoding="utf-8",
     )
     with pytest.raises(DescriptionError) as caught:
         load_device(tmp_path / "bad.toml")
     for said in ("kind: 'boat'", "colour: unknown key", "reset_quiet_ms: 'long'", "quirks.jumps",
-                 "'zz' is no object", "objects.zz.unit"):  # fmt: skip
+                 "'zz' is no object", "objects.zz.unit", "objects.2000: 'a'", "bit number from 0", "range of bits"):  # fmt: skip
         assert said in str(caught.value)
 
 

@@ -99,13 +99,15 @@ def test_default_values_by_type(data_type: str, text: str, expected: int | bytes
     assert assumed_value(loaded.od, 0x2000, 0, 5) == expected
 
 
-def test_a_dcf_says_what_is_really_set() -> None:
+@pytest.mark.parametrize("spelling", ["DeviceComissioning", "DeviceCommissioning"])
+def test_a_dcf_says_what_is_really_set(spelling: str) -> None:
     text = variable(default="0x10", more="ParameterValue=$NODEID+0x20")
-    commissioning = "[DeviceComissioning]\nNodeID=0x07\nBaudrate=125\n[FileInfo]\n[DeviceInfo]\n"
+    commissioning = f"[{spelling}]\nNodeID=0x07\nBaudrate=125\n[FileInfo]\n[DeviceInfo]\n"
     loaded = load_eds(eds(text, head=commissioning))
     assert assumed_value(loaded.od, 0x2000, 0, 7) == 0x27
     assert loaded.node_id == 7
     assert loaded.bitrate == 125_000
+    assert loaded.warnings == []
 
 
 @pytest.mark.parametrize(
@@ -171,6 +173,18 @@ def test_data_types_defined_in_the_file_are_followed() -> None:
     limited = "[A0]\nObjectType=6\n[A0sub1]\nDefaultValue=0x0006\n"
     loaded = load_eds(eds(limited, variable(data_type="0xA0", default="5")))
     assert thing(loaded).data_type == 0x06
+
+
+def test_types_by_name() -> None:
+    data = eds(variable(object_type="VAR", data_type="Integer16", default="0xFFFF"))
+    loaded = load_eds(data)
+    assert (loaded.warnings, thing(loaded).default) == ([], -1)
+
+
+def test_a_node_id_fills_in_the_dictionary() -> None:
+    data = eds(variable(default="$NODEID+0x180"))
+    assert thing(load_eds(data, node_id=5)).default == 0x185
+    assert thing(load_eds(data)).default is None
 
 
 def test_limits_of_every_integer_type() -> None:

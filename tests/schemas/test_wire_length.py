@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from syncline_schemas.batch import FrameBatch, FrameFlag
 from syncline_schemas.wire_length import INTERMISSION_BITS, crc15, longest_bits, wire_bits
 

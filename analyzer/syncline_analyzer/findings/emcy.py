@@ -41,7 +41,9 @@ def _active_finding(
     end_ns = analysis.capture.first_ns + analysis.capture.duration_ns
     ends = [row.cleared_ns if row.cleared_ns is not None else row.raised_ns for row in rows]
     count = sum(row.count for row in rows)
-    text = f"Node {node} reports {first.meaning} ({first.code:04X}h)"
+    code = f"{first.code:04X}h"
+    text = f"Node {node} reports {first.meaning}"
+    text += "" if code in first.meaning else f" ({code})"
     text += f", {count} messages" if count > 1 else ""
     lasted = sum((row.cleared_ns or row.raised_ns) - row.raised_ns for row in rows)
     lost = sum(row.status == "lost at reset" for row in rows)
@@ -81,7 +83,7 @@ def _storms(control: ControlTables) -> Iterator[Finding]:
             storm.node,
             storm.start_ns,
             storm.end_ns,
-            f"Node {storm.node} sent {storm.count} EMCYs within"
+            f"Node {storm.node} sent {storm.number} EMCYs within"
             f" {seconds(storm.end_ns - storm.start_ns)}.",
             "A fault that comes and goes many times a second: loose contact, or a limit without"
             " hysteresis; no inhibit time (1015h) holds it back.",

@@ -4,19 +4,19 @@ from collections.abc import Iterator
 from itertools import groupby
 
 from syncline_analyzer.context import Context
-from syncline_analyzer.findings.stretch import Stretch, seconds
+from syncline_analyzer.findings.bus import tells_bus_off
+from syncline_analyzer.findings.guarding import STORY_NS, guarding_stories, moment
+from syncline_analyzer.findings.stretch import seconds
 from syncline_analyzer.folds.control import ControlTables
 from syncline_analyzer.folds.nmt import BootUp, NodeKey
-from syncline_analyzer.folds.nmt_timeline import Lost, Timeline
+from syncline_analyzer.folds.nmt_events import Lost
+from syncline_analyzer.folds.nmt_timeline import Timeline
 from syncline_analyzer.results import Analysis, EmcyRow, Finding
 from syncline_schemas.canopen.nmt import command_name
 from syncline_schemas.devices import quirks
 
 COMMAND_WINDOW_NS = 10_000_000_000
 """A reset this long before a boot-up explains it (analysis.md 4)."""
-STORY_NS = 10_000_000_000
-"""Events this close to an EMCY 8130h belong to its story [ns]."""
-LIFE_GUARD = 0x8130
 FLIPS = 3
 """Returns to OPERATIONAL without a command that no single node makes."""
 DOUBLED = 10
@@ -27,7 +27,7 @@ def find(analysis: Analysis, control: ControlTables, context: Context) -> list[F
     """All findings of this family; causes come before what follows from them."""
     if not context.timed:
         return [*_both(control, context), *_toggles(analysis, control, context)]
-    stories = list(_guarding(analysis, control, context))
+    stories = list(guarding_stories(analysis, control, context))
     doubled = list(_doubled(control, context))
     told = {(f.bus, f.node) for f in [*stories, *doubled]}
     twins = {(f.bus, f.node) for f in doubled}
@@ -38,17 +38,20 @@ def find(analysis: Analysis, control: ControlTables, context: Context) -> list[F
     ]
     return [
         *stories,
-        *_lost(control, context, masters),
+        *_lost(analysis, control, context, masters),
         *doubled,
         *(f for f in single if (f.bus, f.node) not in twins),
         *(f for f in _pdo_outside(control, context) if (f.bus, f.node) not in told),
+        *(f for f in _fell(analysis, control, context) if not _within(f, [*stories, *doubled])),
         *_both(control, context),
         *_toggles(analysis, control, context),
         *_slow(control, context),
     ]
 
 
-def _lost(control: ControlTables, context: Context, told: set[int]) -> Iterator[Finding]:
+def _lost(
+    analysis: Analysis, control: ControlTables, context: Context, told: set[int]
+) -> Iterator[Finding]:
     """Nodes that fell silent; one finding where the whole bus did."""
     losses = sorted(
         (lost.start_ns, key, lost)
@@ -56,6 +59,7 @@ def _lost(control: ControlTables, context: Context, told: set[int]) -> Iterator[
         for lost in timeline.lost
         if lost.last_seq not in told
     )
+    losses = [entry for entry in losses if not _was_bus_off(analysis, context, *entry[1:])]
     for _, key, lost in losses:
         if not lost.whole_bus:
             yield _lost_alone(control, context, key, lost)
@@ -71,9 +75,7 @@ def _lost_alone(control: ControlTables, context: Context, key: NodeKey, lost: Lo
     silent = seconds(lost.end_ns - lost.last_ns)
     boot = _boot_up_at(control, context, key, lost)
     if lost.end_seq is None:
-        text = (
-            f"Node {node} is silent from {_at(control, lost.last_ns)} on, {silent} up to the end."
-        )
+        text = f"Node {node} is silent from {moment(control, lost.last_ns)} on, {silent} up to the end."
     else:
         how = "with a boot-up" if boot else "without a boot-up"
         text = f"Node {node} was lost for {silent} and came back {how}."
@@ -129,6 +131,18 @@ def _lost_together(
     )
 
 
+def _was_bus_off(analysis: Analysis, context: Context, key: NodeKey, lost: Lost) -> bool:
+    """Whether the node says afterwards that it was bus-off: that finding tells the silence too."""
+    bus = context.bus_name(key[0])
+    return any(
+        (row.bus, row.node) == (bus, key[1])
+        and row.code is not None
+        and tells_bus_off(row.code, row.meaning)
+        and lost.start_ns <= row.t_ns <= lost.end_ns + STORY_NS
+        for row in analysis.emcy
+    )
+
+
 def _boot_up_at(
     control: ControlTables, context: Context, key: NodeKey, lost: Lost
 ) -> BootUp | None:
@@ -159,6 +173,7 @@ def _unexpected_resets(
             continue
         pair = [b for b in control.nmt.boot_ups if b.repeated and 0 < b.t_ns - boot.t_ns < 10**9]
         pair = [b for b in pair if (b.bus, b.node) == (boot.bus, boot.node)]
+        watchdog = _watchdog_emcy(analysis, boot)
         twice = f" (two boot-up frames, {seconds(pair[0].t_ns - boot.t_ns)} apart)" if pair else ""
         yield Finding(
             "nmt.unexpected_reset",
@@ -167,13 +182,25 @@ def _unexpected_resets(
             boot.node,
             boot.t_ns,
             boot.t_ns,
-            f"Node {boot.node} restarted at {_at(control, boot.t_ns)} although no reset was"
+            f"Node {boot.node} restarted at {moment(control, boot.t_ns)} although no reset was"
             f" commanded in the 10 s before{twice}.",
-            "Short break of its supply, watchdog, or a crash of its firmware.",
+            f"Its watchdog reset it (EMCY {watchdog.code:04X}h)."
+            if watchdog
+            else "Short break of its supply, watchdog, or a crash of its firmware.",
             "Measure the node's supply under load; look at its error memory (1003h) and for a"
             " watchdog EMCY after the boot-up.",
-            [boot.seq, *(b.seq for b in pair[:1])],
+            [boot.seq, *(b.seq for b in pair[:1]), *([watchdog.seq] if watchdog else [])],
         )
+
+
+def _watchdog_emcy(analysis: Analysis, boot: BootUp) -> EmcyRow | None:
+    """What the node itself says of its restart, within two seconds after it."""
+    for row in analysis.emcy:
+        same = (row.bus, row.node) == (boot.bus, boot.node) and "watchdog" in row.meaning
+        raised = row.transition in ("raised", "further")
+        if same and raised and 0 <= row.t_ns - boot.t_ns <= 2_000_000_000:
+            return row
+    return None
 
 
 def _first_sign(timeline: Timeline, boot: BootUp) -> bool:
@@ -233,8 +260,16 @@ def _ignored(control: ControlTables, context: Context) -> Iterator[Finding]:
 def _pdo_outside(control: ControlTables, context: Context) -> Iterator[Finding]:
     """PDOs of nodes that are known to be in another state than OPERATIONAL."""
     for (bus, node), timeline in control.nmt.timelines.items():
-        found = [v for v in timeline.violations if not v.guess]
-        if not found or (quirks(context.shadow.device(bus, node)).rtr_any_state and not found):
+        found = [
+            violation
+            for violation in timeline.violations
+            if not violation.guess
+            and not any(
+                ignored.command.t_ns <= violation.start_ns <= ignored.t_ns
+                for ignored in timeline.ignored
+            )
+        ]
+        if not found:
             continue
         first = found[0]
         ids = ", ".join(sorted({f"{v.can_id:03X}h" for v in found}))
@@ -246,7 +281,7 @@ def _pdo_outside(control: ControlTables, context: Context) -> Iterator[Finding]:
             node,
             first.start_ns,
             max(v.end_ns for v in found),
-            f"Node {node} sent {sum(v.count for v in found)} PDOs ({ids}) while it was"
+            f"Node {node} sent {sum(v.number for v in found)} PDOs ({ids}) while it was"
             f" {first.state} {known}.",
             "A second device under the same number, a device that does not keep to CiA 301, or a"
             " command that it did not follow.",
@@ -255,91 +290,38 @@ def _pdo_outside(control: ControlTables, context: Context) -> Iterator[Finding]:
         )
 
 
-def _guarding(analysis: Analysis, control: ControlTables, context: Context) -> Iterator[Finding]:
-    """EMCY 8130h: a node missed its master, not the other way round."""
-    rows = [row for row in analysis.emcy if row.code == LIFE_GUARD]
-    rows.sort(key=lambda row: (row.bus, row.node, row.t_ns))
-    for (bus, node), group in groupby(rows, key=lambda row: (row.bus, row.node)):
-        yield from _guarding_of(analysis, control, context, bus, node, list(group))
-
-
-def _guarding_of(
-    analysis: Analysis,
-    control: ControlTables,
-    context: Context,
-    bus: str,
-    node: int,
-    rows: list[EmcyRow],
-) -> Iterator[Finding]:
-    stretch = Stretch.of([row.t_ns for row in rows], STORY_NS)
-    for begin, end in stretch:
-        told = [row for row in rows if begin <= row.t_ns <= end]
-        first = told[0]
-        key = (context.buses.index(bus) if bus in context.buses else 0, node)
-        silent = _silent_before(control, key, first.t_ns)
-        fall = _fall_after(control, key, first.t_ns)
-        pieces, evidence = [], [row.seq for row in told]
-        start = first.t_ns
-        if silent is not None:
-            who, last_ns, last_seq = silent
-            pieces.append(f"{who} silent from {_at(control, last_ns)} on")
-            evidence.insert(0, last_seq)
-            start = last_ns
-        pieces.append(
-            f"node {node} misses it after {seconds(first.t_ns - start)}"
-            if silent
-            else f"node {node} misses its master"
-        )
-        pieces.append(f"EMCY 8130h at {_at(control, first.t_ns)}")
-        if fall is not None:
-            pieces.append(f"node {node} goes {fall[1]} and its PDOs stop")
-            evidence.append(fall[0])
-        yield Finding(
-            "nmt.guarding_lost",
-            "error",
-            bus,
-            node,
-            start,
-            max(end, fall[2] if fall else end),
-            " -> ".join(pieces)[:1].upper() + " -> ".join(pieces)[1:] + ".",
-            (
-                f"{silent[0]} stopped: the root is there, not at node {node}."
-                if silent
-                else f"The master stopped guarding or its heartbeat did not reach node {node}; no silence of"
-                " a master stands in the capture."
-            ),
-            "Look at the master (program stopped, restarted, bus-off?) before changing the sensor;"
-            f" compare its period with 100Ch x 100Dh or 1016h of node {node}.",
-            evidence,
-        )
-
-
-def _silent_before(control: ControlTables, key: NodeKey, t_ns: int) -> tuple[str, int, int] | None:
-    """Who fell silent just before: another node, or the guard requests to this one."""
-    losses = [
-        (lost.last_ns, other[1], lost)
-        for other, timeline in control.nmt.timelines.items()
-        if other[0] == key[0] and other != key
-        for lost in timeline.lost
-        if lost.last_ns <= t_ns <= lost.end_ns and t_ns - lost.last_ns <= STORY_NS
-    ]
-    if losses:
-        last_ns, node, lost = max(losses, key=lambda entry: entry[0])
-        return f"master (node {node})", last_ns, lost.last_seq
-    node_nmt = control.nmt.nodes.get(key)
-    for pause in reversed(node_nmt.pauses if node_nmt else []):
-        covers = pause.start_ns <= t_ns and (pause.end_ns is None or t_ns <= pause.end_ns)
-        if covers and t_ns - pause.start_ns <= STORY_NS:
-            return "guarding master", pause.start_ns, pause.start_seq
-    return None
-
-
-def _fall_after(control: ControlTables, key: NodeKey, t_ns: int) -> tuple[int, str, int] | None:
-    timeline = control.nmt.timelines.get(key)
-    for seq, change_ns, before, after in timeline.changes if timeline else ():
-        if before == "OPERATIONAL" and 0 <= change_ns - t_ns <= STORY_NS:
-            return seq, after, change_ns
-    return None
+def _fell(analysis: Analysis, control: ControlTables, context: Context) -> Iterator[Finding]:
+    """Nodes that left OPERATIONAL by themselves, as 1029h:1 lets them do after an error."""
+    for (bus, node), timeline in control.nmt.timelines.items():
+        name = context.bus_name(bus)
+        for seq, t_ns, before, after in timeline.changes:
+            if before != "OPERATIONAL":
+                continue
+            emcy = [
+                row
+                for row in analysis.emcy
+                if (row.bus, row.node) == (name, node)
+                and row.code is not None
+                and row.code >> 8
+                and 0 <= t_ns - row.t_ns <= STORY_NS
+            ]
+            told = f" after its EMCY {emcy[-1].code:04X}h ({emcy[-1].meaning})" if emcy else ""
+            yield Finding(
+                "nmt.left_operational",
+                "error",
+                name,
+                node,
+                emcy[-1].t_ns if emcy else t_ns,
+                t_ns,
+                f"Node {node} went from OPERATIONAL to {after} at {moment(control, t_ns)} without a"
+                f" command{told}.",
+                "Its own reaction to an error (1029h:1)."
+                if emcy
+                else "Its own reaction to an error that it did not report, or a command that was"
+                " not recorded.",
+                "Read 1001h, 1003h and 1029h:1 of the node; it stays so until it is commanded.",
+                [*([emcy[-1].seq] if emcy else []), seq],
+            )
 
 
 def _doubled(control: ControlTables, context: Context) -> Iterator[Finding]:
@@ -440,10 +422,14 @@ def _slow(control: ControlTables, context: Context) -> Iterator[Finding]:
         )
 
 
+def _within(finding: Finding, stories: list[Finding]) -> bool:
+    """Whether a story of the same node tells a finding already."""
+    return any(
+        (finding.bus, finding.node) == (story.bus, story.node)
+        and story.start_ns <= finding.end_ns <= story.end_ns
+        for story in stories
+    )
+
+
 def _names(nodes: list[int]) -> str:
     return f"node {nodes[0]}" if len(nodes) == 1 else "nodes " + ", ".join(map(str, nodes))
-
-
-def _at(control: ControlTables, t_ns: int) -> str:
-    """A moment as seconds into the capture."""
-    return f"+{(t_ns - control.nmt.first_ns) / 1e9:.3f} s"

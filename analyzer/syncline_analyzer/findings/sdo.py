@@ -28,14 +28,10 @@ def find(analysis: Analysis, control: ControlTables, context: Context) -> list[F
 
 def _aborts(analysis: Analysis, control: ControlTables, context: Context) -> Iterator[Finding]:
     """One finding for all equal refusals of a node."""
-    rows = [
-        row
-        for row in analysis.sdo
-        if row.result == "abort" and not _timed_out(row) and not _normal(context, row)
-    ]
+    rows = [row for row in analysis.sdo if row.result == "abort" and not _timed_out(row)]
     rows.sort(key=lambda row: (*_what(row), row.seq))
     for _, group in groupby(rows, key=_what):
-        yield _abort(control, list(group))
+        yield _abort(control, context, list(group))
 
 
 def _what(row: SdoRow) -> tuple[str, int, int, int, str, int]:
@@ -43,11 +39,11 @@ def _what(row: SdoRow) -> tuple[str, int, int, int, str, int]:
     return row.bus, row.node, row.index or 0, row.sub or 0, row.direction, code
 
 
-def _abort(control: ControlTables, rows: list[SdoRow]) -> Finding:
+def _abort(control: ControlTables, context: Context, rows: list[SdoRow]) -> Finding:
     first, last = rows[0], rows[-1]
     code = first.abort_code or 0
     by_client = control.sdo.aborted_by.get(first.seq) == "client"
-    probing = first.direction == "upload" and code in PROBING
+    probing = first.direction == "upload" and (code in PROBING or _normal(context, first))
     times = "" if len(rows) == 1 else f", {len(rows)} times"
     verb = "read" if first.direction == "upload" else "write"
     who = "The client gave up" if by_client else f"Node {first.node} refused"

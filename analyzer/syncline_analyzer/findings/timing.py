@@ -24,9 +24,11 @@ def find(analysis: Analysis) -> list[Finding]:
 
 
 def _sync_missing(analysis: Analysis) -> Iterator[Finding]:
-    """SYNCs that did not come, unless the whole bus was switched off."""
+    """SYNCs that did not come, unless their producer may have been switched off."""
     for row in analysis.sync:
-        holes = [hole for hole in _holes(analysis, "sync", row) if not _bus_was_off(analysis, hole)]
+        holes = [
+            hole for hole in _holes(analysis, "sync", row) if not _node_was_off(analysis, hole)
+        ]
         for group in _together(holes):
             yield _missing_syncs(row, group)
 
@@ -36,12 +38,16 @@ def _missing_syncs(row: SyncRow, group: Sequence[HoleRow]) -> Finding:
     longest = max(group, key=lambda hole: hole.end_ns - hole.start_ns)
     times = f"{len(group)} times" if len(group) > 1 else "once"
     period = f"; the period is {row.period_us.median / 1000:.4g} ms" if row.period_us else ""
-    counted = (
-        "The SYNC counter jumped: the frames were sent and lost on the way, or not sent at all."
-        if row.counter_jumps
-        else "The SYNC producer did not send them (overloaded, restarted, bus-off), or they were"
-        " destroyed on the bus."
-    )
+    silent = longest.evidence[1] - longest.evidence[0] <= 1
+    if silent and longest.end_ns - longest.start_ns >= _LONG_SILENCE_NS:
+        cause = "Nothing else was heard either: the bus was interrupted, or the recorder paused."
+    elif row.counter_jumps:
+        cause = "The SYNC counter jumped: the frames were lost on the way, or not sent at all."
+    else:
+        cause = (
+            "The SYNC producer did not send them (overloaded, restarted, bus-off), or they were"
+            " destroyed on the bus."
+        )
     return Finding(
         "sync.missing",
         "warning",
@@ -51,7 +57,7 @@ def _missing_syncs(row: SyncRow, group: Sequence[HoleRow]) -> Finding:
         group[-1].end_ns,
         f"{_count(missing, 'SYNC')} of {row.cob_id:03X}h missing: it stayed away {times}, at most"
         f" {seconds(longest.end_ns - longest.start_ns)} long{period}.",
-        counted,
+        cause,
         "Look at the SYNC producer (1006h, its cycle and CPU load, its error state) and for error"
         " frames at the same time.",
         _evidence(group),
@@ -79,7 +85,7 @@ def _jitter(rows: Sequence[SyncJitterRow]) -> Finding:
         min(row.start_ns for row in rows),
         max(row.end_ns for row in rows),
         f"SYNC {worst.cob_id:03X}h comes irregularly{stretches}: {off} of {periods} periods are off"
-        f" by more than a tenth of {worst.median_us / 1000:.4g} ms, the worst by"
+        f" by more than a tenth of {worst.period_us / 1000:.4g} ms, the worst by"
         f" {worst.worst_us / 1000:.4g} ms.",
         "The SYNC producer sends it from a task with a low priority, or its host is overloaded; if"
         " the recorder stamps in software, its own delay is in these numbers.",
@@ -164,16 +170,15 @@ def _together(holes: Sequence[HoleRow]) -> list[list[HoleRow]]:
     return groups if len(groups) <= MAX_FINDINGS else [list(holes)]
 
 
-def _bus_was_off(analysis: Analysis, hole: HoleRow) -> bool:
-    """Whether nothing at all was heard, and nodes were lost or started anew: the NMT's story."""
-    before, after = hole.evidence
-    if after - before > 1 or hole.end_ns - hole.start_ns < _LONG_SILENCE_NS:
+def _node_was_off(analysis: Analysis, hole: HoleRow) -> bool:
+    """Whether a node was lost or restarted for most of a long silence: then the NMT tells it."""
+    length = hole.end_ns - hole.start_ns
+    if length < _LONG_SILENCE_NS:
         return False
     return any(
         row.bus == hole.bus
         and row.state in ("LOST", "INITIALISING")
-        and row.start_ns <= hole.end_ns
-        and row.end_ns >= hole.start_ns
+        and 2 * (min(row.end_ns, hole.end_ns) - max(row.start_ns, hole.start_ns)) > length
         for row in analysis.nmt_states
     )
 

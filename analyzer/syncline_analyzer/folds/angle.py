@@ -10,8 +10,8 @@ import numpy as np
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.fold import IndexedBatch
-from syncline_analyzer.folds.block import Block, Blocks
-from syncline_analyzer.folds.samples import Key, SampleReader, Samples
+from syncline_analyzer.folds.block import BLOCK_FRAMES, Block, Blocks
+from syncline_analyzer.folds.samples import Key, SampleReader, Samples, changes_within
 from syncline_analyzer.folds.trace import Converter, Derived, Encoder, Plain, Tilt, TraceState
 from syncline_analyzer.pdo_binding import PdoBindings
 from syncline_analyzer.results import Trace, TraceEventRow, TraceRow
@@ -30,12 +30,24 @@ WRITE_NS = 500_000_000
 """A jump this near to a write that explains it is the write's doing."""
 GENERIC_JUMPS = (Jump(0x6003, 0, "preset"), Jump(0x6000, 0, "operating parameters"))
 _RESETS = (0x81, 0x82)
-_SCALE_OBJECTS = (0x6000, 0x6001, 0x6002, 0x6501, 0x6502, 0x2040, 0x2044)
 _RECENT_WRITES = 1000
+_SCALE_ROLES = (
+    "counts_per_turn",
+    "hardware_counts_per_turn",
+    "range",
+    "turns",
+    "resolution",
+    "quadrant",
+    "definition",
+)
+"""Roles of objects in a device's `measurement` that make its scale."""
 
 
 class Cut(NamedTuple):
-    """A moment at which a trace must be cut; `write` when an SDO write is the reason."""
+    """A moment at which a trace must be cut; `write` when an SDO write is the reason.
+
+    Without a text something became known that may change the scale: the trace is cut only if so.
+    """
 
     seq: int
     t_ns: int
@@ -59,9 +71,9 @@ class AngleFold:
     and at the writes that its device names (preset, teach, zero ...).
     """
 
-    def __init__(self, context: Context) -> None:
+    def __init__(self, context: Context, block_frames: int = BLOCK_FRAMES) -> None:
         self._context = context
-        self._blocks = Blocks()
+        self._blocks = Blocks(block_frames)
         self._reader = SampleReader(context.shadow, PdoBindings(context.shadow))
         self._states: dict[Key, TraceState] = {}
         self._writes: dict[tuple[int, int], deque[Cut]] = {}
@@ -109,7 +121,7 @@ class AngleFold:
         bus, node, number = key
         if samples is None:
             for cut in cuts if key in self._states else ():
-                self._states[key].cut(cut.seq, cut.t_ns, cut.text)
+                _cut(self._states[key], cut)
             return
         if key not in self._states:
             self._states[key] = TraceState(self._context.bus_name(bus), node, number)
@@ -118,7 +130,7 @@ class AngleFold:
         for cut in self._placed(key, samples, cuts):
             stop = int(np.searchsorted(samples.seq, cut.seq))
             self._add(state, key, _piece(samples, begin, stop))
-            state.cut(cut.seq, cut.t_ns, cut.text)
+            _cut(state, cut)
             begin = stop
         self._add(state, key, _piece(samples, begin, len(samples.seq)))
 
@@ -235,21 +247,39 @@ class AngleFold:
         writes = list(self._explaining_writes(bus, node, device, first, last_seq))
         kept = self._writes.setdefault((bus, node), deque(maxlen=_RECENT_WRITES))
         kept.extend(writes)
-        return sorted([*writes, *_resets(block, bus, node)])
+        news = (
+            Cut(seq, 0, "", False)
+            for key in scale_objects(device)
+            for seq in self._context.shadow.changes(bus, node, *key)
+            if first < seq <= last_seq
+        )
+        return sorted([*writes, *news, *_resets(block, bus, node)])
 
     def _explaining_writes(
         self, bus: int, node: int, device: Device | None, first: int, last: int
     ) -> Iterator[Cut]:
         shadow = self._context.shadow
         for jump in quirks(device).jumps or GENERIC_JUMPS:
-            for seq in shadow.changes(bus, node, jump.index, jump.sub):
-                known = shadow.get(bus, node, jump.index, jump.sub, seq)
-                if not first < seq <= last or known is None or known.source != "sdo-write":
-                    continue
-                if jump.values is None or known.value in jump.values:
-                    yield Cut(
-                        seq, known.t_ns or 0, f"{jump.text} ({jump.index:04X}h written)", True
-                    )
+            key = (jump.index, jump.sub)
+            for known in changes_within(shadow, bus, node, key, first, last):
+                fits = jump.values is None or known.value in jump.values
+                if known.source == "sdo-write" and fits:
+                    text = f"{jump.text} ({jump.index:04X}h written)"
+                    yield Cut(known.seq or 0, known.t_ns or 0, text, True)
+
+
+def scale_objects(device: Device | None) -> list[tuple[int, int]]:
+    """Objects on which the scale of a device's traces rests."""
+    if device is None:
+        return [(0x6001, 0), (0x6002, 0)]
+    keys = [device.measurement[role] for role in _SCALE_ROLES if role in device.measurement]
+    flags = [device.measurement.get(role) for role in ("direction", "scaling")]
+    return keys + [flag["object"] for flag in flags if flag]
+
+
+def _cut(state: TraceState, cut: Cut) -> None:
+    if cut.text:
+        state.cut(cut.seq, cut.t_ns, cut.text)
 
 
 def _generic_scale(

@@ -33,7 +33,7 @@ class Storm(NamedTuple):
     node: int
     start_ns: int
     end_ns: int
-    count: int
+    number: int
     first_seq: int
 
 

@@ -1,10 +1,12 @@
 """Error control of one node (700h + n) reduced to what changes its state, its periods and counts."""
 
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from syncline_analyzer.folds.nmt_events import Beat, BeatKind, Counts, Pause, Silence
 
 GUARD_ANSWER_NS = 100_000_000
 """A guard answer follows its request within this time; a later frame is a heartbeat [ns]."""
@@ -21,54 +23,12 @@ KEPT_AFTER_MARK = 3
 
 Int64s = NDArray[np.int64]
 Mask = NDArray[np.bool_]
-BeatKind = Literal["heartbeat", "guard answer", "boot-up", "empty"]
 _HEARTBEAT, _ANSWER, _BOOT_UP, _EMPTY, _REQUEST, _ODD = range(6)
 _KINDS: tuple[BeatKind, ...] = ("heartbeat", "guard answer", "boot-up", "empty")
 _STATE_BYTES = np.isin(np.arange(256), (0x04, 0x05, 0x7F, 0x80, 0x84, 0x85, 0xFF))
 """State bytes of heartbeats and guard answers (CiA 301 7.2.8.3.2); 00h is looked at apart."""
 _BIN = 1e-3
 """Relative width of a bin of the period statistics."""
-
-
-class Beat(NamedTuple):
-    """A message of the node's error control that says something new.
-
-    `state` is bits 6..0 of the byte, `previous_ns` the node's last sign of life before it (its own
-    time when there was none).
-    """
-
-    seq: int
-    t_ns: int
-    kind: BeatKind
-    state: int
-    previous_ns: int
-
-
-class Silence(NamedTuple):
-    """The longest stretch without any frame of the node between two of its error-control messages.
-
-    `period_ns` is the median of the last periods, None when fewer than three were seen;
-    `requests` counts guard requests that got no answer within it; `end_seq` is None where the
-    capture or a gap ended it. `kind` is what the node's error control consisted of; `order` is the
-    `seq` from which on the silence is known.
-    """
-
-    start_seq: int
-    start_ns: int
-    end_seq: int | None
-    end_ns: int
-    period_ns: int | None
-    requests: int
-    kind: BeatKind
-    order: int
-
-
-class Pause(NamedTuple):
-    """A longer stretch between two guard requests; `end_ns` is None at the end of the capture."""
-
-    start_seq: int
-    start_ns: int
-    end_ns: int | None
 
 
 class Columns(NamedTuple):
@@ -80,13 +40,25 @@ class Columns(NamedTuple):
     dlc: NDArray[np.uint8]
     byte: NDArray[np.uint8]
 
-    def rows(self, chosen: slice) -> "Columns":
+    def rows(self, chosen: slice | NDArray[np.intp]) -> "Columns":
         """Some of the rows."""
-        return Columns(*(column[chosen] for column in self))
+        return Columns(
+            self.seq[chosen],
+            self.t_ns[chosen],
+            self.remote[chosen],
+            self.dlc[chosen],
+            self.byte[chosen],
+        )
 
     def after(self, held: "Columns") -> "Columns":
         """These rows after others."""
-        return Columns(*(np.concatenate(pair) for pair in zip(held, self, strict=True)))
+        return Columns(
+            np.concatenate((held.seq, self.seq)),
+            np.concatenate((held.t_ns, self.t_ns)),
+            np.concatenate((held.remote, self.remote)),
+            np.concatenate((held.dlc, self.dlc)),
+            np.concatenate((held.byte, self.byte)),
+        )
 
 
 @dataclass(slots=True)
@@ -112,21 +84,6 @@ class _Life:
             self.start = (int(seqs[row]), int(times[row]))
             self.end = (int(seqs[row + 1]), int(times[row + 1]))
         self.last_seq, self.last_ns = int(seq[-1]), int(t_ns[-1])
-
-
-@dataclass(slots=True)
-class Counts:
-    """Counts over the whole capture."""
-
-    boot_ups: int = 0
-    heartbeats: int = 0
-    guard_requests: int = 0
-    guard_answers: int = 0
-    toggle_errors: int = 0
-    empty: int = 0
-    odd: int = 0
-    doubled: int = 0
-    """Heartbeats in two interleaved cadences."""
 
 
 @dataclass(slots=True)
@@ -166,6 +123,13 @@ class ErrorControl:
         default_factory=lambda: (np.zeros(0, np.int64), np.zeros(0, np.int64))
     )
     """(seq, t_ns) of the last guard requests."""
+    _silences_told: int = 0
+    _heard: int | None = None
+    """Time of the node's last frame."""
+    _heard_before: int | None = None
+    """The same ahead of the row that is held back, if there is one."""
+    _trail: Int64s = field(default_factory=lambda: np.zeros((4, 0), np.int64))
+    """(length, regular, seq, t_ns) of the last two intervals."""
     _bins: dict[int, tuple[int, float]] = field(default_factory=dict)
     """Number and sum of the periods in each bin."""
 
@@ -179,13 +143,27 @@ class ErrorControl:
         """
         rows = rows if self._held is None else rows.after(self._held)
         cut = len(rows.seq) - self._undecided(rows)
+        held_before = self._held is not None
         self._held = rows.rows(slice(cut, None)) if cut < len(rows.seq) else None
         self._take(rows.rows(slice(0, cut)), life, marks)
+        if self._held is not None and not (held_before and cut == 0):
+            at = int(np.searchsorted(life[0], self._held.seq[0]))
+            self._heard_before = int(life[1][at - 1]) if at else self._heard
+        if len(life[0]):
+            self._heard = int(life[1][-1])
+        if self._held is None:
+            self._heard_before = self._heard
+
+    def mark(self, marks: list[int]) -> None:
+        """Take in commands of a batch that holds no frame of the node."""
+        self._keep = KEPT_AFTER_MARK
+        self._reset_seq = max([self._reset_seq, *(_seq_of(m) for m in marks if m < 0)])
 
     def gap(self, start_ns: int, next_seq: int) -> None:
         """Nothing follows from the time between the frames around a gap."""
         self.finish(start_ns, next_seq)
         self._life = self._last = self._request_ns = None
+        self._heard = self._heard_before = None
         self._state = self._toggle = -1
         self._keep = KEPT_AFTER_MARK
         self._in_row = self._waiting = 0
@@ -232,8 +210,8 @@ class ErrorControl:
         requests = rows.seq[kinds == _REQUEST]
         self._follow_requests(requests, rows.t_ns[kinds == _REQUEST])
         beat_rows = np.flatnonzero(kinds < _REQUEST)
-        beats = Columns(*(column[beat_rows] for column in rows))
-        heard_ns = self._life.last_ns if self._life else None
+        beats = rows.rows(beat_rows)
+        heard_ns = self._heard_before
         self._count(kinds, beats, kinds[beat_rows])
         self._follow_periods(beats, kinds[beat_rows], life, requests)
         self._keep_beats(beats, kinds[beat_rows], life, heard_ns, [_seq_of(mark) for mark in marks])
@@ -245,8 +223,8 @@ class ErrorControl:
         speaks = one_byte & _STATE_BYTES[rows.byte]
         next_speaks = np.concatenate((speaks[1:], [False])) if n else speaks
         bare = (rows.dlc == 0) & ~rows.remote
-        marked = self._remote_seq >= 0 or bool(rows.remote.any())
-        request = rows.remote | (bare & (next_speaks | (not marked)))
+        marked = (np.cumsum(rows.remote) > 0) | (self._remote_seq >= 0)
+        request = rows.remote | (bare & (next_speaks | ~marked))
         kinds = np.full(n, _ODD, np.int8)
         kinds[request] = _REQUEST
         kinds[bare & ~request] = _EMPTY
@@ -348,7 +326,8 @@ class ErrorControl:
         n = len(beats.seq)
         first = np.array([self._last[1]] if self._last else [], np.int64)
         kind0 = np.array([self._last[2]] if self._last else [], np.int8)
-        passed = np.diff(np.concatenate((first, beats.t_ns)))
+        times = np.concatenate((first, beats.t_ns))
+        passed: Int64s = times[1:] - times[:-1]
         all_kinds = np.concatenate((kind0, kinds))
         regular = (all_kinds[1:] == all_kinds[:-1]) & (all_kinds[1:] != _BOOT_UP) & (passed > 0)
         recent = np.concatenate((self._recent, passed[regular]))
@@ -451,24 +430,28 @@ class ErrorControl:
 
     def _note_doubles(self, beats: Columns, regular: Mask, passed: Int64s) -> None:
         """Two producers of one period under one number: short and long intervals alternate."""
-        if len(passed) < 8:
+        ends = slice(len(beats.seq) - len(passed), None)
+        news = np.stack((passed, regular.astype(np.int64), beats.seq[ends], beats.t_ns[ends]))
+        rows = np.concatenate((self._trail, news), axis=1)
+        self._trail = rows[:, -2:]
+        if rows.shape[1] < 3:
             return
-        pair = (passed[:-1] + passed[1:])[:-1].astype(np.float64)
+        length, even = rows[0], rows[1] != 0
+        pair = (length[:-2] + length[1:-1]).astype(np.float64)
         alternating = (
-            regular[:-2]
-            & regular[1:-1]
-            & regular[2:]
-            & (np.abs(passed[2:] - passed[:-2]) < 0.05 * pair)
-            & (np.abs(passed[1:-1] - passed[:-2]) > 0.1 * pair)
+            even[:-2]
+            & even[1:-1]
+            & even[2:]
+            & (np.abs(length[2:] - length[:-2]) < 0.05 * pair)
+            & (np.abs(length[1:-1] - length[:-2]) > 0.1 * pair)
         )
-        count = int(np.count_nonzero(alternating))
-        if not count:
+        found = rows[2:, 2:][:, alternating]
+        if not found.size:
             return
-        self.counts.doubled += count
-        seqs, times = (c[-len(passed) :][:-2][alternating] for c in (beats.seq, beats.t_ns))
-        self.doubled_at.extend(seqs[: max(0, 10 - len(self.doubled_at))].tolist())
-        first = self.doubled_span[0] if self.doubled_span else int(times[0])
-        self.doubled_span = (first, int(times[-1]))
+        self.counts.doubled += found.shape[1]
+        self.doubled_at.extend(found[0, : max(0, 10 - len(self.doubled_at))].tolist())
+        first = self.doubled_span[0] if self.doubled_span else int(found[1, 0])
+        self.doubled_span = (first, int(found[1, -1]))
 
     def _add_periods(self, periods: Int64s) -> None:
         if not len(periods):
@@ -500,10 +483,10 @@ class ErrorControl:
         keep |= kinds == _BOOT_UP
         keep[: self._keep] = True
         self._keep = max(0, self._keep - n)
-        for silence in reversed(self.silences[-20:]):
-            if silence.end_seq is not None:
-                at = int(np.searchsorted(beats.seq, silence.end_seq))
-                keep[at : at + 1] = True
+        for silence in self.silences[self._silences_told :]:
+            at = int(np.searchsorted(beats.seq, silence.order))
+            keep[at : at + 1] = True
+        self._silences_told = len(self.silences)
         for mark in marks:
             at = int(np.searchsorted(beats.seq, mark, "right"))
             keep[at : at + KEPT_AFTER_MARK] = True

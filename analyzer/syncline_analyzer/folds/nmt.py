@@ -10,22 +10,18 @@ from numpy.typing import NDArray
 from syncline_analyzer.context import Context
 from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.folds.clock import ClockTable
-from syncline_analyzer.folds.error_control import (
-    Columns,
-    Counts,
-    ErrorControl,
-    Pause,
-    reset_mark,
-)
-from syncline_analyzer.folds.nmt_timeline import (
+from syncline_analyzer.folds.error_control import Columns, ErrorControl, reset_mark
+from syncline_analyzer.folds.nmt_events import (
     Command,
+    Counts,
     Interval,
     Lateness,
     NodeHistory,
+    Pause,
     PdoSpan,
-    Timeline,
     Violation,
 )
+from syncline_analyzer.folds.nmt_timeline import Timeline
 from syncline_analyzer.folds.sdo import Reset
 from syncline_analyzer.pdo_binding import Pdo, PdoBindings
 from syncline_analyzer.results import NmtCommandRow, NmtStateRow
@@ -67,7 +63,7 @@ class NodeNmt:
     counts: Counts = field(default_factory=Counts)
     heartbeat_period_ns: int | None = None
     share: dict[str, float] = field(default_factory=dict)
-    final_state: str = NmtState.UNKNOWN
+    final_state: str = NmtState.UNKNOWN.value
     alive: bool = False
     both_at: tuple[int, int] | None = None
     doubled_at: list[int] = field(default_factory=list)
@@ -114,6 +110,7 @@ class NmtFold:
         self._pdos: dict[NodeKey, _Pdos] = {}
         self._gaps: dict[int | None, list[tuple[int, Gap]]] = {}
         self._synced: set[int] = set()
+        self._cut_beats: dict[NodeKey, int] = {}
         self._next_seq = 0
         self._bindings = PdoBindings(context.shadow)
 
@@ -126,8 +123,12 @@ class NmtFold:
         self._next_seq = batch.seq0 + len(batch)
         resets = self._take_commands(batch)
         owner = self._owners(batch)
-        for key, rows in _by_node(batch, owner).items():
+        by_node = _by_node(batch, owner)
+        for key, rows in by_node.items():
             resets += self._take_node(batch, key, rows)
+        for key in self._control.keys() - by_node.keys():
+            if marks := self._marks(batch, key):
+                self._control[key].mark(marks)
         self._take_pdos(batch, owner)
         return sorted(resets)
 
@@ -229,8 +230,6 @@ class NmtFold:
         control_rows = rows[batch.service[rows] == Service.ERROR_CONTROL]
         control = self._control.get(key)
         if control is None:
-            if not len(control_rows):
-                return []
             control = self._control[key] = ErrorControl(timed=self._context.timed)
         data = frames.data[control_rows, 0]
         remote = (frames.flags[control_rows] & FrameFlag.REMOTE) != 0
@@ -260,6 +259,7 @@ class NmtFold:
     def _take_pdos(self, batch: IndexedBatch, owner: NDArray[np.uint16]) -> None:
         asked = batch.rows_of(Service.PDO, remote=True)
         remote_ids = set(batch.frames.can_id[asked].tolist())
+        cuts_of: dict[NodeKey, list[tuple[int, int]]] = {}
         for bus, can_id in batch.ids():
             rows = batch.rows(bus, can_id)
             number = int(owner[rows[0]])
@@ -267,19 +267,20 @@ class NmtFold:
                 continue
             key = (number >> 7, number & 0x7F)
             pdos = self._pdos.setdefault(key, _Pdos())
-            cuts = self._cuts(batch, key)
+            if key not in cuts_of:
+                cuts_of[key] = self._cuts(batch, key)
+            cuts = cuts_of[key]
             pdos.take(
                 can_id, rows + batch.seq0, batch.frames.t_ns[rows], cuts, can_id in remote_ids
             )
 
     def _cuts(self, batch: IndexedBatch, key: NodeKey) -> list[tuple[int, int]]:
         """(seq, t_ns) of what may change the node's state in this batch."""
-        cuts = []
+        cuts: list[tuple[int, int]] = []
         control = self._control.get(key)
-        for beat in reversed(control.beats if control else []):
-            if beat.seq < batch.seq0:
-                break
-            cuts.append((beat.seq, beat.t_ns))
+        beats = control.beats if control else []
+        cuts.extend((beat.seq, beat.t_ns) for beat in beats[self._cut_beats.get(key, 0) :])
+        self._cut_beats[key] = len(beats)
         for silence in reversed(control.silences if control else []):
             if silence.order < batch.seq0:
                 break
@@ -320,7 +321,7 @@ class NmtFold:
         bus = self._context.bus_name(key[0])
         table.states.extend(
             NmtStateRow(
-                bus, key[1], i.state, i.start_ns, i.end_ns, i.cause, i.certainty, i.evidence
+                bus, key[1], i.state.value, i.start_ns, i.end_ns, i.cause, i.certainty, i.evidence
             )
             for i in timeline.intervals
         )
@@ -333,7 +334,7 @@ class NmtFold:
             counts=control.counts,
             heartbeat_period_ns=control.median_ns() if self._context.timed else None,
             share=_shares(timeline.intervals),
-            final_state=timeline.intervals[-1].state if timeline.intervals else NmtState.UNKNOWN,
+            final_state=timeline.intervals[-1].state.value if timeline.intervals else "UNKNOWN",
             alive=control.alive,
             both_at=control.both_at,
             doubled_at=control.doubled_at,

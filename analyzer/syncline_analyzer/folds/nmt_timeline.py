@@ -3,15 +3,24 @@
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import pairwise
-from typing import Literal, NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.folds.clock import ClockTable
-from syncline_analyzer.folds.error_control import Beat, Silence
+from syncline_analyzer.folds.nmt_events import (
+    IN_FLIGHT_NS,
+    Beat,
+    BootUpEvent,
+    Certainty,
+    Command,
+    Ignored,
+    Interval,
+    Lateness,
+    Lost,
+    NodeHistory,
+    PdoSpan,
+    Silence,
+    Violation,
+)
 from syncline_schemas.batch import Gap
 from syncline_schemas.canopen.nmt import (
     STATE_AFTER_COMMAND,
@@ -21,8 +30,6 @@ from syncline_schemas.canopen.nmt import (
 )
 from syncline_schemas.devices import quirks
 
-IN_FLIGHT_NS = 10_000_000
-"""What a node sends this soon after a command or change may have been on its way [ns]."""
 RESET_MARGIN_NS = 1_000_000_000
 """Added to the silence that a device's maker allows after a reset [ns]."""
 RESET_QUIET_NS = 4_000_000_000
@@ -38,135 +45,7 @@ ALIKE = 3
 BUS_SHARE = 0.8
 """Part of a node's silence during which the whole bus was silent that makes it the bus's."""
 
-Certainty = Literal["observed", "commanded", "implied", "assumed"]
 _RESETS = (0x81, 0x82)
-
-
-class Command(NamedTuple):
-    """An NMT command; node 0 means all."""
-
-    seq: int
-    t_ns: int
-    specifier: int
-    node: int
-
-
-@dataclass(slots=True)
-class PdoSpan:
-    """PDOs of one identifier between two events that may change the node's state.
-
-    `late_*` is the first one later than the in-flight time after the event; `asked` when remote
-    frames asked for the PDO.
-    """
-
-    can_id: int
-    since_ns: int | None
-    asked: bool = False
-    guess: bool = False
-    """Only the predefined identifier says whose PDO it is."""
-    count: int = 0
-    first_seq: int = 0
-    first_ns: int = 0
-    last_ns: int = 0
-    late_seq: int | None = None
-    late_ns: int = 0
-    late_count: int = 0
-
-    def extend(self, seq: NDArray[np.intp], t_ns: NDArray[np.int64]) -> None:
-        """Take in further frames."""
-        if not self.count:
-            self.first_seq, self.first_ns = int(seq[0]), int(t_ns[0])
-        self.count += len(seq)
-        self.last_ns = int(t_ns[-1])
-        late = np.flatnonzero(t_ns > (self.since_ns or 0) + IN_FLIGHT_NS)
-        if len(late):
-            self.late_count += len(late)
-            if self.late_seq is None:
-                self.late_seq, self.late_ns = int(seq[late[0]]), int(t_ns[late[0]])
-
-
-@dataclass(frozen=True, slots=True)
-class NodeHistory:
-    """Everything that was kept of a node, all in order of `seq`."""
-
-    bus: int
-    node: int
-    beats: list[Beat]
-    silences: list[Silence]
-    commands: list[Command]
-    spans: list[PdoSpan]
-    gaps: list[tuple[int, Gap]]
-    """With the `seq` of the first frame after each."""
-    first_ns: int
-    end_ns: int
-    period_ns: int | None
-
-
-@dataclass(slots=True)
-class Interval:
-    """A state from `start_ns` until `end_ns`."""
-
-    state: NmtState
-    start_ns: int
-    end_ns: int
-    cause: str
-    certainty: Certainty
-    evidence: int | None
-
-
-class Violation(NamedTuple):
-    """PDOs while the node was known not to be OPERATIONAL."""
-
-    can_id: int
-    state: str
-    seq: int
-    start_ns: int
-    end_ns: int
-    count: int
-    guess: bool
-    certainty: str
-
-
-class Lateness(NamedTuple):
-    """A heartbeat that comes more slowly than 1017h says [ms]."""
-
-    producer_ms: int
-    median_ms: float
-    source: str
-
-
-class Lost(NamedTuple):
-    """A stretch in which the node was silent for too long."""
-
-    start_ns: int
-    end_ns: int
-    last_seq: int
-    last_ns: int
-    end_seq: int | None
-    timeout_ns: int
-    reason: str
-    state_before: str
-    whole_bus: bool
-
-
-class Ignored(NamedTuple):
-    """A command that the node demonstrably did not follow."""
-
-    command: Command
-    seq: int
-    t_ns: int
-    state: str
-
-
-class BootUpEvent(NamedTuple):
-    """A boot-up: (seq, t_ns, byte, seq and time of the reset command before it, repeated)."""
-
-    seq: int
-    t_ns: int
-    byte: int
-    command_seq: int | None
-    command_ns: int | None
-    repeated: bool
 
 
 @dataclass(slots=True)
@@ -247,15 +126,13 @@ class Timeline:
 
     def _periodic(self, silences: list[Silence]) -> Iterator[Silence]:
         """Leave out those that are a new, longer period: several alike, one after the other."""
-        for number, silence in enumerate(silences):
-            alike = [s.end_ns - s.start_ns for s in silences[number : number + ALIKE]]
-            joined = all(
-                later.start_ns == earlier.end_ns
-                for earlier, later in pairwise(silences[number : number + ALIKE])
-            )
-            if len(alike) == ALIKE and joined and max(alike) < 1.2 * min(alike):
-                continue
-            yield silence
+        run: list[Silence] = []
+        for silence in silences:
+            if run and not _continues(run[-1], silence):
+                yield from run if len(run) < ALIKE else ()
+                run = []
+            run.append(silence)
+        yield from run if len(run) < ALIKE else ()
 
     def _events_of(self, silence: Silence) -> Iterator[tuple[int, int, object]]:
         """Where in the order of `seq` a node gets LOST: commands may come before and after."""
@@ -339,19 +216,32 @@ class Timeline:
         if state is None:
             return
         now, last = self._now, self.intervals[-1]
-        if state is now.state:
-            self._confirm(last, beat)
-            return
         command = now.command
+        if command is not None and STATE_AFTER_COMMAND[command.specifier] is not state:
+            self._note_ignored(command, beat, state)
+        if state is now.state:
+            self._confirm(last, beat, state)
+            return
         if command is not None and last.certainty == "commanded":
             if beat.t_ns - command.t_ns <= IN_FLIGHT_NS and self._context.timed:
                 return
-            self._note_ignored(command, beat, state)
+            if command.specifier in _RESETS and command.node == 0 and len(self.intervals) > 1:
+                self._take_back(state, beat)
+                return
         elif now.state not in (NmtState.UNKNOWN, NmtState.LOST):
             self.changes.append((beat.seq, beat.t_ns, now.state.value, state.value))
         self._begin(state, beat.t_ns, self._cause_of(beat, now.state), "observed", beat.seq)
 
-    def _confirm(self, last: Interval, beat: Beat) -> None:
+    def _take_back(self, state: NmtState, beat: Beat) -> None:
+        """A node that goes on after a reset of all, the NMT master above all, was not reset."""
+        self.intervals.pop()
+        last = self.intervals[-1]
+        self._now.state, self._now.since_ns = last.state, last.start_ns
+        self._now.command = self._now.reset = None
+        if state is not last.state:
+            self._begin(state, beat.t_ns, f"{beat.kind} says so", "observed", beat.seq)
+
+    def _confirm(self, last: Interval, beat: Beat, state: NmtState) -> None:
         """The node says the state that is told already."""
         self._fresh_seq = -1
         if last.certainty == "commanded":
@@ -363,7 +253,9 @@ class Timeline:
             last.cause += f", confirmed by {beat.kind}"
         last.certainty = "observed"
         last.evidence = beat.seq if last.evidence is None else last.evidence
-        self._now.command = None
+        command = self._now.command
+        if command is not None and STATE_AFTER_COMMAND[command.specifier] is state:
+            self._now.command = None
 
     def _note_ignored(self, command: Command, beat: Beat, state: NmtState) -> None:
         """A contradiction counts once a period of the error control has passed."""
@@ -374,6 +266,7 @@ class Timeline:
             patience = max(patience, self._reset_quiet_ns())
         if beat.t_ns - command.t_ns > patience:
             self.ignored.append(Ignored(command, beat.seq, beat.t_ns, state.value))
+            self._now.command = None
 
     def _cause_of(self, beat: Beat, before: NmtState) -> str:
         if before in (NmtState.UNKNOWN, NmtState.LOST):
@@ -567,6 +460,12 @@ class Timeline:
     def _reset_quiet_ns(self) -> int:
         known = self._quirks.reset_quiet_ms * 1_000_000
         return (known or RESET_QUIET_NS) + RESET_MARGIN_NS
+
+
+def _continues(before: Silence, after: Silence) -> bool:
+    """Whether a silence begins where one of the same length ended."""
+    lengths = [silence.end_ns - silence.start_ns for silence in (before, after)]
+    return before.end_ns == after.start_ns and max(lengths) < 1.2 * min(lengths)
 
 
 def _state(beat: Beat) -> NmtState | None:

@@ -191,7 +191,7 @@ class PdoFold:
         sync = passing.syncs.get(state.sync_cob_id)
         if sync is None:
             return
-        rows = rows[sync.before[rows] >= (0 if sync.known else 1)]
+        rows = rows[sync.before[rows] >= sync.first]
         ordinal = sync.first_ordinal + sync.before[rows]
         first = state.rhythm.first_of_period(ordinal)
         state.extra += len(first) - int(first.sum())

@@ -194,7 +194,7 @@ class Rhythm:
         hit = counts > 0
         missed = np.repeat(line[hit], counts[hit]) + every * _one_based(counts[hit])
         position = missed - index.first_ordinal
-        known = position >= (0 if index.known else 1)
+        known = position >= index.first
         known[known] = index.usable[position[known]]
         self.missed.add(index.t_ns[position[known]], index.seq[position[known]])
         self._due = int(line[-1]) + every * int(counts[-1])

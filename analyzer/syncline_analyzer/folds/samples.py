@@ -1,5 +1,6 @@
 """Where the samples of angle traces come from: TPDOs by their mapping, and SDO reads."""
 
+from bisect import bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 
 from syncline_analyzer.folds.block import Block
 from syncline_analyzer.pdo_binding import Pdo, PdoBindings
-from syncline_analyzer.shadow import Shadow
+from syncline_analyzer.shadow import Known, Shadow
 from syncline_schemas.decoder import MappedObject, PdoColumn, PdoMapping, decode_pdo
 from syncline_schemas.devices import Device, quirks
 from syncline_schemas.measurement import position_objects
@@ -130,13 +131,23 @@ class SampleReader:
         self, bus: int, node: int, entry: MappedObject, first: int, last: int
     ) -> list[tuple[int, int, int]]:
         reads = []
-        for seq in self._shadow.changes(bus, node, entry.index, entry.sub):
-            known = self._shadow.get(bus, node, entry.index, entry.sub, seq)
-            if first < seq <= last and known is not None and known.source == "sdo-read":
+        for known in changes_within(self._shadow, bus, node, (entry.index, entry.sub), first, last):
+            if known.source == "sdo-read":
                 value = known.value
                 raw = value if isinstance(value, int) else int.from_bytes(value[:4], "little")
-                reads.append((seq, known.t_ns or 0, _resigned(raw, entry)))
+                reads.append((known.seq or 0, known.t_ns or 0, _resigned(raw, entry)))
         return reads
+
+
+def changes_within(
+    shadow: Shadow, bus: int, node: int, key: tuple[int, int], first: int, last: int
+) -> Iterator[Known]:
+    """What became known of an object at `first < seq <= last`; resets leave nothing known."""
+    changes = shadow.changes(bus, node, *key)
+    for seq in changes[bisect_right(changes, first) : bisect_right(changes, last)]:
+        known = shadow.get(bus, node, *key, seq)
+        if known is not None and known.seq == seq:
+            yield known
 
 
 def _samples(block: Block, rows: NDArray[np.intp], column: PdoColumn, can_id: int) -> Samples:

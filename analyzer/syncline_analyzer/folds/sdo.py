@@ -72,6 +72,7 @@ class SdoFold:
         self._channels: dict[tuple[int, int], SdoChannel] = {}
         self._handlers: dict[int, _Handler] = {}
         self._answers: dict[tuple[int, int], int] = {}
+        self._objects: dict[tuple[int, int, int, int], tuple[int | None, str | None]] = {}
         self._ended: list[tuple[int, int, Transfer]] = []
 
     def update(self, batch: IndexedBatch, resets: Iterable[Reset] = ()) -> None:
@@ -186,9 +187,8 @@ class SdoFold:
             shadow.learn(bus, node, transfer.index, transfer.sub, known)
 
     def _row(self, bus: int, node: int, transfer: Transfer) -> SdoRow:
-        device = self._context.shadow.device(bus, node)
         data = bytes(transfer.data)
-        code = _type_code(device, transfer.index, transfer.sub)
+        code, name = self._object(bus, node, transfer.index, transfer.sub)
         answer_us = None
         if self._context.timed and transfer.answered_ns is not None:
             answer_us = max(0, transfer.answered_ns - transfer.start_ns) / 1000
@@ -207,10 +207,19 @@ class SdoFold:
             result=transfer.result,
             abort_code=transfer.abort_code,
             answer_us=answer_us,
-            name=device.object_name(transfer.index, transfer.sub) if device else None,
+            name=name,
             data=data,
             end_seq=transfer.end_seq,
         )
+
+    def _object(self, bus: int, node: int, index: int, sub: int) -> tuple[int | None, str | None]:
+        """Data type and name of an object, as they are known at the end."""
+        key = (bus, node, index, sub)
+        if key not in self._objects:
+            device = self._context.shadow.device(bus, node)
+            name = device.object_name(index, sub) if device else None
+            self._objects[key] = (_type_code(device, index, sub), name)
+        return self._objects[key]
 
     def _count(self, table: SdoTable) -> None:
         results: dict[tuple[int, int], list[str]] = {}

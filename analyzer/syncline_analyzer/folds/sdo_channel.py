@@ -8,6 +8,8 @@ from typing import Literal
 
 NO_ANSWER_NS = 30_000_000_000
 """A request that waits longer than this is unanswered; clients give up long before."""
+READ_REQUESTS = (0x40, 0x42)
+"""Initiate upload; the second as some makers print it. Other reserved bits are no SDO."""
 RESET_NS = 1_000_000_000
 """A reset (or the end) this soon after a request explains why no answer came [ns]."""
 
@@ -79,6 +81,8 @@ class Strays:
     requests: int = 0
     answers: int = 0
     malformed: int = 0
+    numbered: int = 0
+    """Frames among them that count up like the segments of a block."""
 
 
 class SdoChannel:
@@ -97,6 +101,7 @@ class SdoChannel:
         self._held: list[Transfer] = []
         self._run_command = -1
         self._run = 0
+        self._answer_command = -1
 
     def request(self, seq: int, t_ns: int, data: bytes) -> None:
         """Take in a frame of the client."""
@@ -131,10 +136,12 @@ class SdoChannel:
             self.strays.malformed += 1
             return
         now = self._expired(t_ns)
+        command = data[0]
         if now is None:
             self.strays.answers += 1
+            self.strays.numbered += command == self._answer_command + 1
+            self._answer_command = command
             return
-        command = data[0]
         if now.direction == "upload" and self._block_segment(now, data):
             now.end_seq, now.end_ns = seq, t_ns
             return
@@ -198,6 +205,7 @@ class SdoChannel:
         """Requests that count up without answers are a block download that began unseen."""
         if command == self._run_command + 1:
             self._run += 1
+            self.strays.numbered += self._now is None
         else:
             self._release()
         self._run_command = command
@@ -221,7 +229,11 @@ class SdoChannel:
             self.strays.requests += len(data) >= 4
             return
         command, index, sub = data[0], data[1] | data[2] << 8, data[3]
-        if command >> 5 == 2:
+        read = command >> 5 == 2
+        if (read and command not in READ_REQUESTS) or command & 0xF0 == 0x30:
+            self.strays.requests += 1
+            return
+        if read:
             self._begin(Transfer(seq, t_ns, index, sub, "upload"))
             return
         transfer = self._begin(Transfer(seq, t_ns, index, sub, "download"))
@@ -251,9 +263,7 @@ class SdoChannel:
 
     def _upload_answer(self, now: Transfer, data: bytes) -> bool:
         """An answer of the expedited or segmented protocol, also to a block request."""
-        now.kind = "expedited"
-        _take_initiate(now, data)
-        if now.kind == "segmented":
+        if _take_initiate(now, data) == "segmented":
             now.stage = Stage.SEGMENTS
         else:
             self._now = None
@@ -393,16 +403,17 @@ def _same_object(now: Transfer, data: bytes) -> bool:
     return len(data) >= 4 and data[1] | data[2] << 8 == now.index and data[3] == now.sub
 
 
-def _take_initiate(transfer: Transfer, data: bytes) -> None:
+def _take_initiate(transfer: Transfer, data: bytes) -> Kind:
     """Read e, s, n and the bytes of a frame that initiates a download or answers an upload."""
     command = data[0]
-    if not command & 2:
-        transfer.kind = "segmented"
+    transfer.kind = "expedited" if command & 2 else "segmented"
+    if transfer.kind == "segmented":
         transfer.announced = int.from_bytes(data[4:8], "little") if command & 1 else None
-        return
+        return transfer.kind
     if command & 1:
         transfer.announced = 4 - (command >> 2 & 3)
     transfer.data = bytearray(data[4 : 4 + (transfer.announced or 4)])
+    return transfer.kind
 
 
 def _acknowledge(now: Transfer, last_good: int, block_size: int) -> None:

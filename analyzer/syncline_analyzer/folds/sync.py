@@ -13,13 +13,15 @@ from syncline_analyzer.results import Series, SyncJitterRow, SyncRow
 from syncline_analyzer.series import Thinner
 from syncline_schemas.wire_length import longest_bits
 
-MAX_HOLES = 10_000
+MAX_HOLES = 1000
 """Stretches without SYNC that are kept one by one."""
 MAX_POINTS = 20_000
 """Points of the SYNC period over time."""
 _MISSING = 1.5
 _PAUSE = 10.0
 """A period longer than this many medians is a pause of the producer or of the whole bus."""
+_TOO_SHORT = 0.5
+"""A period shorter than this share of the median leaves a PDO no time, or is no true period."""
 _LEARN = 16
 """Periods from which a block's own median is taken."""
 _REGIME = 8
@@ -38,12 +40,10 @@ class SyncHole:
 
 @dataclass(frozen=True, slots=True)
 class SyncTable:
-    """A SYNC identifier: its row, the holes in it, and what the findings measure by."""
+    """A SYNC identifier: its row, the holes in it, its period over time and stretches of jitter."""
 
-    bus: int
     row: SyncRow
     holes: list[SyncHole]
-    period: Distribution
     series: Series | None
     jitter: list[SyncJitterRow]
 
@@ -58,7 +58,8 @@ class SyncIndex:
         known: whether there is a SYNC at position 0 (not at the start, nor after a gap).
         t_ns, seq, bits: (m + 1,) stamp, `seq`, and the bits sent on the bus up to its end.
         before: (n,) position of the last SYNC at or before each row of the block.
-        usable: (m + 1,) False where SYNC stayed away for so long that nothing follows from silence.
+        usable: (m + 1,) False where nothing follows from silence: the next SYNC came at once (stamps
+            of a backlog), or stayed away for long.
     """
 
     rows: NDArray[np.intp]
@@ -69,6 +70,16 @@ class SyncIndex:
     bits: NDArray[np.int64]
     before: NDArray[np.int64]
     usable: NDArray[np.bool_]
+
+    @property
+    def first(self) -> int:
+        """Position of the first SYNC that there is."""
+        return 0 if self.known else 1
+
+    @property
+    def periods(self) -> NDArray[np.int64]:
+        """Times between one SYNC and the next, from position `first` on."""
+        return np.diff(self.t_ns[self.first :])
 
     @property
     def last_closed(self) -> int:
@@ -114,8 +125,10 @@ class SyncFold:
             return None
         state = self._states.setdefault(key, _State())
         index = self._index(block, state, rows, sent_bits)
-        self._count_periods(block, bus, state, index)
-        self._count_jumps(block, bus, state, rows)
+        self._measure(state, bus, index)
+        lost = self._lost_by_counter(block, bus, state, index)
+        unsent = self._missing_by_time(state, index)
+        _add_holes(state, index, np.where(lost > 0, lost, unsent))
         state.count += len(rows)
         if len(rows):
             state.last_ns = int(index.t_ns[-1])
@@ -147,7 +160,12 @@ class SyncFold:
         is_sync = np.zeros(len(block.batch), np.int64)
         is_sync[rows] = 1
         t_ns = np.concatenate(([state.last_ns or 0], block.frames.t_ns[rows]))
-        pause_ns = _PAUSE * (state.period.quantile(0.5) if state.period.count else np.inf)
+        apart = np.diff(t_ns)
+        known = apart if state.last_ns is not None else apart[1:]
+        median = _median(state, known)
+        usable = np.ones(len(apart), np.bool_)
+        if median > 0:
+            usable = (apart >= _TOO_SHORT * median) & (apart <= _PAUSE * median)
         return SyncIndex(
             rows,
             state.count - 1,
@@ -156,13 +174,12 @@ class SyncFold:
             np.concatenate(([state.last_seq], block.batch.seq0 + rows)),
             np.concatenate(([state.last_bits], sent_bits[rows])),
             np.cumsum(is_sync),
-            np.append(np.diff(t_ns) <= pause_ns, True),
+            np.append(usable, True),
         )
 
-    def _count_periods(self, block: Block, bus: int, state: _State, index: SyncIndex) -> None:
-        first = 0 if index.known else 1
-        t_ns, seq = index.t_ns[first:], index.seq[first:]
-        periods = np.diff(t_ns)
+    def _measure(self, state: _State, bus: int, index: SyncIndex) -> None:
+        """Periods and their jitter."""
+        t_ns, seq, periods = index.t_ns[index.first :], index.seq[index.first :], index.periods
         forward = periods >= 0
         if not self._context.timed or not forward.any():
             return
@@ -170,8 +187,6 @@ class SyncFold:
         state.over_time.add(
             {"t_ns": t_ns[1:][forward], "value": periods[forward].astype(np.float64) / 1000}
         )
-        if not _counted(block, index.rows):
-            self._find_holes(state, t_ns, seq, periods)
         self._find_jitter(state, bus, t_ns[1:], seq[1:], periods)
 
     def _find_jitter(
@@ -186,49 +201,45 @@ class SyncFold:
         median = _median(state, periods)
         bitrate = self._context.bitrates.get(self._context.bus_name(bus))
         in_the_way = longest_bits(8, extended=True) * 1e9 / bitrate if bitrate else 0.0
-        limit = max(OFF * median, in_the_way, 3.0 * self._context.resolution_ns)
-        off = (np.abs(periods - median) > limit) & (periods < _MISSING * median) & (periods >= 0)
-        state.unsteady.add(t_ns, seq, periods, off, median)
-
-    def _find_holes(
-        self,
-        state: _State,
-        t_ns: NDArray[np.int64],
-        seq: NDArray[np.int64],
-        periods: NDArray[np.int64],
-    ) -> None:
-        median = _median(state, periods)
-        if median <= 0:
+        whole = (periods >= 0) & (periods < _MISSING * median)
+        if not whole.any():
             return
+        # The mean of late and early ones is the producer's cycle; a median may be either.
+        cycle = float(periods[whole].mean())
+        limit = max(OFF * cycle, in_the_way, 3.0 * self._context.resolution_ns)
+        off = whole & (np.abs(periods - cycle) > limit)
+        state.unsteady.add(t_ns, seq, periods, off, cycle)
+
+    def _missing_by_time(self, state: _State, index: SyncIndex) -> NDArray[np.int64]:
+        """SYNCs that are missing in each period: one per whole median (analysis.md section 5)."""
+        periods = index.periods
+        median = _median(state, periods) if self._context.timed else 0.0
+        if not len(periods) or not median > 0:
+            return np.zeros(len(periods), np.int64)
         long = periods > _MISSING * median
-        for at in np.flatnonzero(long & ~_sustained(long)).tolist():
-            missing = round(float(periods[at]) / median) - 1
-            self._add_hole(state, int(t_ns[at]), int(t_ns[at + 1]), missing, seq[at : at + 2])
+        missing = np.rint(periods / median).astype(np.int64) - 1
+        return np.where(long & ~_sustained(long), missing, 0)
 
-    def _count_jumps(self, block: Block, bus: int, state: _State, rows: NDArray[np.intp]) -> None:
-        """Lost SYNCs by the counter of CiA 301 7.2.5.3, which runs from 1 to 1019h."""
+    def _lost_by_counter(
+        self, block: Block, bus: int, state: _State, index: SyncIndex
+    ) -> NDArray[np.int64]:
+        """SYNCs lost in each period by the counter of CiA 301 7.2.5.3, from 1 to 1019h."""
+        rows = index.rows
+        nothing = np.zeros(len(index.periods), np.int64)
         if not len(rows):
-            return
-        if not _counted(block, rows):
+            return nothing
+        if int(block.frames.dlc[rows].min()) == 0:
             state.counter = None
-            return
+            return nothing
         counter = block.frames.data[rows, 0].astype(np.int64)
         state.overflow = self._overflow(bus) or max(state.overflow, int(counter.max()))
-        known = state.counter is not None
-        before = np.concatenate(([state.counter or 0], counter[:-1]))
+        if index.known:
+            before = counter[0] - 1 if state.counter is None else state.counter
+            counter = np.concatenate(([before], counter))
+        lost: NDArray[np.int64] = (np.diff(counter) - 1) % max(state.overflow, 1)
         state.counter = int(counter[-1])
-        lost = (counter - before - 1) % max(state.overflow, 1)
-        lost[0] *= known
-        t_ns, seq = block.frames.t_ns[rows], block.batch.seq0 + rows
-        for at in np.flatnonzero(lost).tolist():
-            state.jumps += 1
-            previous_ns, previous_seq = (
-                (int(t_ns[at - 1]), int(seq[at - 1]))
-                if at
-                else (state.last_ns or int(t_ns[0]), state.last_seq)
-            )
-            pair = np.array([previous_seq, seq[at]])
-            self._add_hole(state, previous_ns, int(t_ns[at]), int(lost[at]), pair)
+        state.jumps += int(np.count_nonzero(lost))
+        return lost
 
     def _overflow(self, bus: int) -> int:
         """1019h of the SYNC producer, as far as any node of the bus told it."""
@@ -238,14 +249,6 @@ class SyncFold:
             if value and value <= 240:
                 return value
         return 0
-
-    @staticmethod
-    def _add_hole(
-        state: _State, start_ns: int, end_ns: int, missing: int, seq: NDArray[np.int64]
-    ) -> None:
-        state.missing += missing
-        if len(state.holes) < MAX_HOLES:
-            state.holes.append(SyncHole(start_ns, end_ns, missing, (int(seq[0]), int(seq[1]))))
 
     def _table(self, bus: int, cob_id: int, state: _State) -> SyncTable:
         name = self._context.bus_name(bus)
@@ -259,7 +262,7 @@ class SyncFold:
             else None
         )
         jitter = state.unsteady.rows(name, cob_id)
-        return SyncTable(bus, row, state.holes, state.period, series, jitter)
+        return SyncTable(row, state.holes, series, jitter)
 
 
 def _median(state: _State, periods: NDArray[np.int64]) -> float:
@@ -267,9 +270,13 @@ def _median(state: _State, periods: NDArray[np.int64]) -> float:
     return float(np.median(periods)) if len(periods) >= _LEARN else state.period.quantile(0.5)
 
 
-def _counted(block: Block, rows: NDArray[np.intp]) -> bool:
-    """Whether the SYNCs carry a counter."""
-    return len(rows) > 0 and int(block.frames.dlc[rows].min()) > 0
+def _add_holes(state: _State, index: SyncIndex, missing: NDArray[np.int64]) -> None:
+    """Count what is missing in each period, and keep the first holes."""
+    state.missing += int(missing.sum())
+    t_ns, seq = index.t_ns[index.first :], index.seq[index.first :]
+    for at in np.flatnonzero(missing)[: MAX_HOLES - len(state.holes)].tolist():
+        pair = int(seq[at]), int(seq[at + 1])
+        state.holes.append(SyncHole(int(t_ns[at]), int(t_ns[at + 1]), int(missing[at]), pair))
 
 
 def _sustained(long: NDArray[np.bool_]) -> NDArray[np.bool_]:

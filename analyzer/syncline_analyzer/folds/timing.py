@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.fold import IndexedBatch
-from syncline_analyzer.folds.block import Block, Blocks
+from syncline_analyzer.folds.block import BLOCK_FRAMES, Block, Blocks
 from syncline_analyzer.folds.load import LoadFold
 from syncline_analyzer.folds.pdo import PdoFold, PdoState
 from syncline_analyzer.folds.rhythm import LEARN, MissedList, Operational
@@ -56,9 +56,9 @@ class TimingFold:
     the shadow counts by `seq`, not by when it is asked.
     """
 
-    def __init__(self, context: Context) -> None:
+    def __init__(self, context: Context, block_frames: int = BLOCK_FRAMES) -> None:
         self._context = context
-        self._blocks = Blocks()
+        self._blocks = Blocks(block_frames)
         self._bindings = PdoBindings(context.shadow)
         self._sync = SyncFold(context)
         self._pdo = PdoFold(context, self._bindings, self._sync)

@@ -27,6 +27,8 @@ MAX_EVENTS = 1000
 _SLACK_NS = 1_000_000
 """How much later than usual after its sampling a value may be sent."""
 _MINUTE_NS = 60e9
+_ENOUGH = 16
+"""Spans from which the usual one is taken anew."""
 WRAP, JUMP, AMBIGUOUS, FROZEN, OUT_OF_RANGE, SCALE_ASSUMED = (1 << k for k in range(6))
 
 Floats = NDArray[np.float64]
@@ -126,7 +128,7 @@ class Encoder:
         unwrapped = state.unwrapped + np.cumsum(step)
         flags = np.where(plain != step, WRAP, 0)
         flags |= np.where(angles.in_range, 0, OUT_OF_RANGE)
-        speed, jumps, unsure = _speeds(state, self, piece, angles.position, timed=timed)
+        speed, jumps, unsure = _speeds(state, self.scale, piece, angles.position, timed=timed)
         flags |= unsure
         for jump in jumps:
             flags[jump.row] |= JUMP
@@ -221,7 +223,8 @@ def _of_source(
     state: Link, piece: Samples, value: Floats
 ) -> Iterable[tuple[int, NDArray[np.intp], Floats, NDArray[np.int64]]]:
     """(source, rows, values, stamps) by source, with the sample before the piece in front."""
-    for source in np.unique(piece.source).tolist():
+    # Sources are COB-IDs or -1, so counting them beats sorting them.
+    for source in (np.flatnonzero(np.bincount(piece.source + 1)) - 1).tolist():
         rows = np.flatnonzero(piece.source == source)
         values, t_ns = value[rows], piece.t_ns[rows]
         if source in state.sources:
@@ -233,7 +236,7 @@ def _of_source(
 
 
 def _speeds(
-    state: Link, encoder: Encoder, piece: Samples, position: NDArray[np.int64], *, timed: bool
+    state: Link, scale: EncoderScale, piece: Samples, position: NDArray[np.int64], *, timed: bool
 ) -> tuple[Floats, list[Jump], NDArray[np.int64]]:
     """Speed, jumps, and flags of the samples that come too seldom to tell which way it turned.
 
@@ -242,41 +245,47 @@ def _speeds(
     speed = np.full(len(piece.seq), np.nan)
     flags = np.zeros(len(piece.seq), np.int64)
     jumps: list[Jump] = []
-    per_turn, total = encoder.scale.counts_per_turn, encoder.scale.range_counts
+    per_turn, total = scale.counts_per_turn, scale.range_counts
+    if not timed or per_turn is None or total is None:
+        return speed, jumps, flags
     for source, rows, values, t_ns in _of_source(state, piece, position.astype(np.float64)):
-        if not timed or per_turn is None or total is None or len(values) < 2:
-            continue
         span = np.diff(t_ns)
+        if not len(span):
+            continue
+        target = rows[-len(span) :]
         step = count_steps(values.astype(np.int64), total)
         forward = span > 0
-        target = rows[-len(span) :]
-        rate = np.full(len(span), np.nan)
-        rate[forward] = step[forward] * _MINUTE_NS / (per_turn * span[forward])
-        speed[target] = rate
-        usual = (
-            state.spacing_ns.get(source) or float(np.median(span[forward]))
-            if forward.any()
-            else 0.0
-        )
-        state.spacing_ns[source] = usual
-        limit = encoder.scale.max_rpm
-        if limit is None:
+        speed[target] = _rpm(step, np.where(forward, span, np.nan), per_turn)
+        if scale.max_rpm is None:
             continue
-        allowed_ns = np.maximum(span, usual / 2) + _SLACK_NS
-        unsure = forward & (ambiguous_rpm(total, per_turn, 1.0) / (span / 1e9 + 1e-12) < limit)
+        unsure = forward & (ambiguous_rpm(total, per_turn, 1e-9) < scale.max_rpm * span)
         flags[target[unsure]] = AMBIGUOUS
-        reach = limit * per_turn * allowed_ns / _MINUTE_NS + 2
-        for at in np.flatnonzero(np.abs(step) > reach).tolist():
-            jumps.append(
-                Jump(
-                    int(target[at]),
-                    float(values[at]),
-                    float(values[at + 1]),
-                    int(span[at]),
-                    float(abs(step[at]) * _MINUTE_NS / (per_turn * allowed_ns[at])),
-                )
-            )
+        allowed_ns = np.maximum(span, _usual_ns(state, source, span)) + _SLACK_NS
+        fastest = np.abs(_rpm(np.maximum(np.abs(step) - 2, 0), allowed_ns, per_turn))
+        too_fast = np.flatnonzero(fastest > scale.max_rpm)
+        jumps += [
+            Jump(int(target[k]), values[k], values[k + 1], int(span[k]), float(fastest[k]))
+            for k in too_fast[:MAX_EVENTS].tolist()
+        ]
+        flags[target[too_fast[MAX_EVENTS:]]] |= JUMP
     return speed, _first_of_each(jumps, piece, state), flags
+
+
+def _rpm(step: NDArray[np.int64], span_ns: Floats | NDArray[np.int64], per_turn: int) -> Floats:
+    rpm: Floats = step * (_MINUTE_NS / per_turn) / span_ns
+    return rpm
+
+
+def _usual_ns(state: Link, source: int, span: NDArray[np.int64]) -> float:
+    """Mean time between samples of a source, pauses left out.
+
+    Adapters may hand frames over in bundles, so that single spans say little.
+    """
+    forward = span[span > 0]
+    if len(forward) >= _ENOUGH or source not in state.spacing_ns:
+        regular = forward[forward <= 10 * np.quantile(forward, 0.9)] if len(forward) else forward
+        state.spacing_ns[source] = float(regular.mean()) if len(regular) else 0.0
+    return state.spacing_ns[source]
 
 
 def _first_of_each(jumps: list[Jump], piece: Samples, state: Link) -> list[Jump]:
@@ -324,6 +333,7 @@ class TraceState:
     link: Link = field(default_factory=Link)
     kept: Thinner = field(default_factory=lambda: Thinner("value", MAX_SAMPLES))
     events: list[TraceEventRow] = field(default_factory=list)
+    noted: dict[EventKind, int] = field(default_factory=dict)
     outside: bool = False
 
     def cut(self, seq: int, t_ns: int, text: str) -> None:
@@ -345,7 +355,8 @@ class TraceState:
         text: str,
     ) -> None:
         """Keep an event, up to the limit of its kind."""
-        if sum(event.kind == kind for event in self.events) < MAX_EVENTS:
+        self.noted[kind] = self.noted.get(kind, 0) + 1
+        if self.noted[kind] <= MAX_EVENTS:
             self.events.append(
                 TraceEventRow(
                     self.bus, self.node, self.object, kind, seq, t_ns, before, after, text

@@ -1,4 +1,4 @@
-"""Stretches in which the SYNC period is off its median again and again."""
+"""Stretches in which the SYNC period is off its mean again and again."""
 
 from dataclasses import dataclass
 
@@ -8,12 +8,14 @@ from numpy.typing import NDArray
 from syncline_analyzer.results import SyncJitterRow
 
 OFF = 0.1
-"""A period is off when it differs by more than this share from the median."""
+"""A period is off when it differs by more than this share from the mean."""
 MANY = 5
 OFTEN = 0.1
 """Jitter is told where at least so many periods, and this share of them, are off."""
 STEADY = 20
 """So many good periods end a stretch of jitter."""
+BACKLOG = 0.5
+"""Periods that are on average shorter than this share of the cycle were stamped in a bundle."""
 MAX_STRETCHES = 1000
 MAX_EVIDENCE = 100
 
@@ -29,7 +31,7 @@ class _Off:
     seq: Ints
     start_ns: Ints
     by_ns: NDArray[np.float64]
-    median_ns: NDArray[np.float64]
+    cycle_ns: NDArray[np.float64]
 
     def __getitem__(self, rows: slice) -> "_Off":
         return _Off(
@@ -38,7 +40,7 @@ class _Off:
             self.seq[rows],
             self.start_ns[rows],
             self.by_ns[rows],
-            self.median_ns[rows],
+            self.cycle_ns[rows],
         )
 
 
@@ -51,7 +53,7 @@ class _Stretch:
     off: int
     start_ns: int
     end_ns: int
-    median_ns: float
+    cycle_ns: float
     worst_ns: float
     evidence: list[int]
 
@@ -62,8 +64,9 @@ class _Stretch:
 
     @property
     def unsteady(self) -> bool:
-        """Whether enough periods are off."""
-        return self.off >= max(MANY, OFTEN * self.periods)
+        """Whether enough periods are off, as those of a producer are and not of a backlog."""
+        enough = self.off >= max(MANY, OFTEN * self.periods)
+        return enough and self.end_ns - self.start_ns >= BACKLOG * self.periods * self.cycle_ns
 
     def join(self, other: "_Stretch") -> None:
         """Go on with what follows."""
@@ -82,7 +85,7 @@ class Unsteady:
         self._open: _Stretch | None = None
 
     def add(
-        self, t_ns: Ints, seq: Ints, periods: Ints, off: NDArray[np.bool_], median_ns: float
+        self, t_ns: Ints, seq: Ints, periods: Ints, off: NDArray[np.bool_], cycle_ns: float
     ) -> None:
         """Take in periods in order, each with the stamp and `seq` of its end."""
         rows = np.flatnonzero(off)
@@ -91,8 +94,8 @@ class Unsteady:
             t_ns[rows],
             seq[rows],
             t_ns[rows] - periods[rows],
-            np.abs(periods[rows] - median_ns),
-            np.full(len(rows), median_ns),
+            np.abs(periods[rows] - cycle_ns),
+            np.full(len(rows), cycle_ns),
         )
         self._periods += len(off)
         if not len(rows):
@@ -106,7 +109,7 @@ class Unsteady:
             self._take(_stretch(found[int(starts[at]) : int(stops[at])]))
 
     def rows(self, bus: str, cob_id: int) -> list[SyncJitterRow]:
-        """The stretches that hold enough periods off the median."""
+        """The stretches that hold enough periods off the mean."""
         return [
             SyncJitterRow(
                 bus,
@@ -115,7 +118,7 @@ class Unsteady:
                 stretch.end_ns,
                 stretch.off,
                 stretch.periods,
-                stretch.median_ns / 1000,
+                stretch.cycle_ns / 1000,
                 stretch.worst_ns / 1000,
                 stretch.evidence,
             )
@@ -139,7 +142,7 @@ def _stretch(off: _Off) -> _Stretch:
         len(off.number),
         int(off.start_ns[0]),
         int(off.t_ns.max()),
-        float(off.median_ns[0]),
+        float(off.cycle_ns[0]),
         float(off.by_ns.max()),
         off.seq[:MAX_EVIDENCE].tolist(),
     )

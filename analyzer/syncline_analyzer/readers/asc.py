@@ -116,8 +116,6 @@ class AscFormat(LineFormat):
         return NoFrame(_time(found))
 
     def _classic(self, found: re.Match[bytes]) -> Parsed:
-        if found["way"].lower() == b"txrq":
-            return NoFrame(_time(found))
         can_id, extended = self._identifier(found)
         if can_id is None:
             return None
@@ -135,8 +133,9 @@ class AscFormat(LineFormat):
         count = min(len(written), stated)
         if count < stated or (count < len(written) and not (found["tail"] or b"").strip()):
             flags |= FrameFlag.DLC_INVALID
-        regular = self._base == 16 and len(found["data"] or b"") == 3 * len(written) - 1
-        if self._regular_id(found) and (regular or not written) and len(written) == count:
+        two_digits = self._base == 16 and all(len(byte) == 2 for byte in written)
+        regular = two_digits and len(found["data"] or b"") == max(0, 3 * len(written) - 1)
+        if self._regular_id(found) and regular and len(written) == count:
             return self._layout(found, flags, count, count, can_id)
         bus = self.bus(found["bus"])
         return None if bus is None else OddFrame((_time(found), bus, can_id, flags, count, data))

@@ -7,6 +7,7 @@ is a row of containers, whose unpacked bytes joined are a row of objects.
 import struct
 import zlib
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -18,6 +19,7 @@ from syncline_analyzer.readers.times import utc_ns
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
 from syncline_schemas.errors import CaptureError
 
+_HEADER_SIZE: Final = 144
 _CONTAINER: Final = 10
 _CAN_MESSAGES: Final = (1, 86)
 _CAN_ERROR: Final = 2
@@ -40,27 +42,39 @@ Column = NDArray[np.integer[Any]]
 class BlfReader:
     """Reads a BLF as batches of some megabytes of objects."""
 
-    def __init__(self, source: CaptureSource) -> None:
-        self.facts = CaptureFacts(source.path, "blf", time_base="relative")
-        self._source = source
-        header = source.read(144)
+    def __init__(self, path: Path) -> None:
+        self.facts = CaptureFacts(path, "blf", time_base="relative")
+        source = CaptureSource(path)
+        header = source.read(_HEADER_SIZE)
+        source.close()
         if len(header) < 72 or header[:4] != b"LOGG":
-            raise CaptureError(f"{source.path}: the BLF file header is cut off")
-        size = int.from_bytes(header[4:8], "little")
-        source.read(max(0, min(size, 4096) - len(header)))
+            raise CaptureError(f"{path}: the BLF file header is cut off")
+        self._header_size = max(72, min(int.from_bytes(header[4:8], "little"), 4096))
         self._start_ns = _system_time(header[40:56])
         if self._start_ns is not None:
             self.facts.time_base = "utc"
             self.facts.notes.append("the log's date names no time zone; it is taken as UTC")
+        self._expected = int.from_bytes(header[32:36], "little")
         self._bus_of: dict[int, int] = {}
         self._steps: set[int] = set()
 
     def batches(self) -> Iterator[FrameBatch | Gap]:
         """Batches in file order."""
+        source = CaptureSource(self.facts.path)
+        try:
+            source.read(self._header_size)
+            yield from self._read(source)
+        finally:
+            source.close()
+        if source.damage:
+            self._harm(source.damage)
+        self.facts.resolution_ns = min(self._steps, default=1)
+
+    def _read(self, source: CaptureSource) -> Iterator[FrameBatch]:
         rest = b""
         joined: list[bytes] = []
         size = 0
-        for data in self._containers():
+        for data in self._containers(source):
             joined.append(data)
             size += len(data)
             if size >= _BATCH_BYTES:
@@ -71,22 +85,17 @@ class BlfReader:
         batch, rest = self._objects(rest + b"".join(joined))
         if len(batch):
             yield batch
-        self._finish(rest)
-
-    def _finish(self, rest: bytes) -> None:
-        self._source.close()
-        if self._source.damage:
-            self._harm(self._source.damage)
-        elif len(rest) >= _OBJECT.size:
+        if len(rest) >= _OBJECT.size:
             self._harm("the last object is cut off")
-        self.facts.resolution_ns = min(self._steps, default=1)
+        elif not joined and self._expected and not self._steps:
+            self._harm(f"none of the {self._expected} objects that the header tells of is there")
 
     def _harm(self, what: str) -> None:
         self.facts.damage = self.facts.damage or what
 
-    def _containers(self) -> Iterator[bytes]:
+    def _containers(self, source: CaptureSource) -> Iterator[bytes]:
         """Unpacked bytes of the containers; objects that stand outside of one are given as well."""
-        while head := self._source.read(_OBJECT.size):
+        while head := source.read(_OBJECT.size):
             if len(head) < _OBJECT.size:
                 self._harm("the file ends within an object")
                 return
@@ -94,9 +103,9 @@ class BlfReader:
             if signature != b"LOBJ" or not _OBJECT.size <= size <= _MAX_OBJECT:
                 self._harm("an object does not start where the one before it ends")
                 return
-            body = self._source.read(size - _OBJECT.size)
+            body = source.read(size - _OBJECT.size)
             whole = len(body) == size - _OBJECT.size
-            padding = self._source.read(size % 4)
+            padding = source.read(size % 4)
             if kind != _CONTAINER:
                 yield head + body + padding
             else:

@@ -134,7 +134,7 @@ def _reader(path: Path, head: bytes, block_bytes: int) -> CaptureReader:
     if head.startswith(b"LOGG"):
         from syncline_analyzer.readers.blf import BlfReader
 
-        return BlfReader(CaptureSource(path))
+        return BlfReader(path)
     for magic, what in _FOREIGN_MAGIC.items():
         if head.startswith(magic):
             raise CaptureError(
@@ -169,4 +169,4 @@ def _text_reader(path: Path, head: bytes, block_bytes: int) -> CaptureReader:
         raise CaptureError(
             f"{path}: no known format (it starts with {shown!r}); known are {KNOWN_FORMATS}"
         )
-    return TextReader(CaptureSource(path), form, block_bytes=block_bytes)
+    return TextReader(path, form, block_bytes=block_bytes)

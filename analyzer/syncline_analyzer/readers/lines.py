@@ -6,6 +6,7 @@ from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,12 @@ from syncline_analyzer.readers.layout import (
     empty_batch,
     lines_of,
 )
-from syncline_analyzer.readers.source import BLOCK_BYTES, CaptureSource, LineBlock, LineSource
+from syncline_analyzer.readers.source import (
+    BLOCK_BYTES,
+    MAX_LINE_BYTES,
+    CaptureSource,
+    LineSource,
+)
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
 
 MAX_MATCHERS = 48
@@ -103,34 +109,51 @@ class LineFormat(ABC):
 class TextReader:
     """Reads a log of text lines as batches of about `block_bytes` of text each."""
 
-    def __init__(
-        self, source: CaptureSource, form: LineFormat, *, block_bytes: int = BLOCK_BYTES
-    ) -> None:
+    def __init__(self, path: Path, form: LineFormat, *, block_bytes: int = BLOCK_BYTES) -> None:
         self.facts = form.facts
+        self._path = path
         self._form = form
-        self._source = source
-        self._lines = LineSource(source, block_bytes)
+        self._block_bytes = block_bytes
         self._matchers: dict[int, list[LineMatcher]] = defaultdict(list)
         self._carry_ns = 0
         self._last_ns: int | None = None
         self._pending: list[LostFrames] = []
         self._resolution = Resolution()
+        self._line_number = 1
 
     def batches(self) -> Iterator[FrameBatch | Gap]:
         """Batches in file order, with a Gap between them where frames were lost."""
-        self._form.prepare(self._lines.head)
-        for block in self._lines.blocks():
-            for part in _split(block, self._form.markers):
-                self._control(part.text)
-                yield from self._part(part)
-        for lost in self._pending:
-            yield self._gap(lost, self._last_ns or 0)
-        self._pending.clear()
-        self._source.close()
-        self.facts.damage = self.facts.damage or self._lines.damage
+        source = CaptureSource(self._path)
+        try:
+            yield from self._read(LineSource(source, self._block_bytes))
+        finally:
+            source.close()
+        self.facts.damage = self.facts.damage or source.damage
         if self.facts.time_base != "none":
             self.facts.resolution_ns = self._resolution.step_ns
         self._form.finish()
+
+    def _read(self, lines: LineSource) -> Iterator[FrameBatch | Gap]:
+        self._form.prepare(lines.head)
+        for block in lines.blocks():
+            for part in _split(block, self._form.markers):
+                if not part.endswith(b"\n"):
+                    part = self._last_line(part, damaged=lines.damage is not None)
+                self._control(part)
+                yield from self._part(part)
+        for lost in self._pending:
+            yield self._gap(lost, self._last_ns or 0)
+
+    def _last_line(self, part: bytes, *, damaged: bool) -> bytes:
+        """A part whose last line has no end: what of it can be trusted."""
+        if not damaged:
+            if len(part) < MAX_LINE_BYTES:
+                self.facts.notes.append("the last line has no line end: it may be cut off")
+            return part
+        text = part[: part.rfind(b"\n") + 1]
+        line_number = self._line_number + text.count(b"\n")
+        self.facts.add_unparsed(line_number, _shown(part[len(text) :]))
+        return text
 
     def _control(self, part: bytes) -> None:
         origin_ns = self._form.origin_ns
@@ -139,12 +162,13 @@ class TextReader:
         if self._form.differences and self._form.origin_ns != origin_ns:
             self._carry_ns = 0
 
-    def _part(self, part: LineBlock) -> Iterator[FrameBatch | Gap]:
-        text, starts, lengths = lines_of(part.text)
+    def _part(self, part: bytes) -> Iterator[FrameBatch | Gap]:
+        text, starts, lengths = lines_of(part)
         batch = empty_batch(text, starts)
         left = self._read_known(batch, lengths)
         lost = self._read_singly(part, batch, lengths, left)
         self._finish_times(batch)
+        self._line_number += len(starts)
         yield from self._deliver(batch, lost)
 
     def _read_known(self, batch: LineBatch, lengths: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -178,7 +202,7 @@ class TextReader:
 
     def _read_singly(
         self,
-        part: LineBlock,
+        part: bytes,
         batch: LineBatch,
         lengths: NDArray[np.intp],
         left: NDArray[np.intp],
@@ -188,7 +212,7 @@ class TextReader:
         for line in left.tolist():
             if batch.read[line]:
                 continue
-            text = _line_text(part.text, batch, line, int(lengths[line]))
+            text = _line_text(part, batch, line, int(lengths[line]))
             parsed = self._parsed(text)
             if isinstance(parsed, LostFrames):
                 lost.append((line, parsed))
@@ -199,12 +223,12 @@ class TextReader:
                 batch.put_row(line, parsed.row, timed=parsed.timed)
             elif isinstance(parsed, FrameLayout):
                 if not self._put_layout(parsed, text, batch, line):
-                    self.facts.add_unparsed(part.first_line + line, _shown(text))
+                    self.facts.add_unparsed(self._line_number + line, _shown(text))
                 elif poor < MAX_POOR_LAYOUTS:
                     same = left[(lengths[left] == len(text)) & ~batch.read[left]]
-                    poor += self._learn(parsed, text, batch, same)
+                    poor += len(same) > 0 and self._learn(parsed, text, batch, same)
             elif text.strip():
-                self.facts.add_unparsed(part.first_line + line, _shown(text))
+                self.facts.add_unparsed(self._line_number + line, _shown(text))
         return lost
 
     def _parsed(self, text: bytes) -> Parsed:
@@ -263,7 +287,7 @@ class TextReader:
             batch.can_id,
             batch.flags,
             batch.dlc,
-            batch.words.view(np.uint8).reshape(len(batch.words), -1),
+            batch.words.view(np.uint8).reshape(len(batch.words), 8 * batch.words.shape[1]),
         )
         everything = bool(batch.read.all())
         place = 0
@@ -310,18 +334,18 @@ class Resolution:
         return step
 
 
-def _split(block: LineBlock, markers: tuple[bytes, ...]) -> Iterator[LineBlock]:
+def _split(block: bytes, markers: tuple[bytes, ...]) -> Iterator[bytes]:
     cuts = {0}
     for marker in markers:
-        at = block.text.find(marker)
+        at = block.find(marker)
         while at >= 0:
-            cuts.add(block.text.rfind(b"\n", 0, at) + 1)
-            at = block.text.find(marker, at + len(marker))
-    ordered = [*sorted(cuts), len(block.text)]
-    line = block.first_line
-    for start, end in pairwise(ordered):
-        yield LineBlock(block.text[start:end] if len(cuts) > 1 else block.text, line)
-        line += block.text.count(b"\n", start, end)
+            cuts.add(block.rfind(b"\n", 0, at) + 1)
+            at = block.find(marker, at + len(marker))
+    if len(cuts) == 1:
+        yield block
+        return
+    for start, end in pairwise([*sorted(cuts), len(block)]):
+        yield block[start:end]
 
 
 def _line_text(text: bytes, batch: LineBatch, line: int, length: int) -> bytes:

@@ -2,7 +2,6 @@
 
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO, cast
 
@@ -103,19 +102,6 @@ class _GzipStream:
         self._file.close()
 
 
-@dataclass(slots=True)
-class LineBlock:
-    """Whole lines, each with its line end.
-
-    Attributes:
-        text: the bytes; the last line may lack its end at the end of the file.
-        first_line: number of the first line in the file, from 1.
-    """
-
-    text: bytes
-    first_line: int
-
-
 class LineSource:
     """Text of a log as blocks of whole lines; UTF-16 and byte-order marks are taken out."""
 
@@ -142,9 +128,11 @@ class LineSource:
             raw = raw[3:]
         return raw.replace(b"\r", b"\n") if self._bare_cr else raw
 
-    def blocks(self) -> Iterator[LineBlock]:
-        """Blocks in file order."""
-        line = 1
+    def blocks(self) -> Iterator[bytes]:
+        """Blocks of whole lines in file order; only the last may lack its line end.
+
+        A stretch of more than `MAX_LINE_BYTES` without a line end is a block of its own.
+        """
         rest = b""
         for part in self._parts():
             text = rest + part
@@ -153,10 +141,9 @@ class LineSource:
                 end = len(text)
             rest = text[end:]
             if end:
-                yield LineBlock(text[:end], line)
-                line += text.count(b"\n", 0, end) + (text[end - 1] != 10)
+                yield text[:end]
         if rest:
-            yield LineBlock(rest, line)
+            yield rest
 
     def _parts(self) -> Iterator[bytes]:
         for start in range(0, len(self.head), self._block_bytes):

@@ -130,7 +130,9 @@ def ole_date_ns(text: str) -> int | None:
     try:
         days = Decimal(text.strip().replace(",", "."))
         return (
-            round((days - 25569) * 86400 * SECOND_NS) if days.is_finite() and 0 <= days < 100_000 else None
+            round((days - 25569) * 86400 * SECOND_NS)
+            if days.is_finite() and 0 <= days < 100_000
+            else None
         )
     except ArithmeticError:
         return None

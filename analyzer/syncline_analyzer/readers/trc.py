@@ -62,7 +62,7 @@ _ERROR_CLASS = 0x88
 class TrcFormat(LineFormat):
     """TRC; bus status lines are no frames and are counted in the notes."""
 
-    markers = (b";$",)
+    markers = (b"$",)
 
     def __init__(self, path: Path) -> None:
         super().__init__(CaptureFacts(path, "trc", time_base="relative"))

@@ -31,6 +31,8 @@ LOUD_STATES: dict[str, Severity] = {
 """States that deserve a second look, with how loud the log says so."""
 
 CLEARING = ("partly cleared", "all cleared")
+RESET = "reset"
+"""Transition of a boot-up that takes the error list with it: no message of the node."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +61,7 @@ def marks(analysis: Analysis) -> list[Marks]:
     """Markers of everything that is over in a moment, or may be too short to see."""
     severities: tuple[Severity, ...] = ("error", "warning", "info")
     emcy, gaps = analysis.emcy, analysis.capture.gaps
-    raised = [(row.t_ns, row.seq) for row in emcy if row.transition not in CLEARING]
+    raised = [(row.t_ns, row.seq) for row in emcy if row.transition not in (*CLEARING, RESET)]
     cleared = [(row.t_ns, row.seq) for row in emcy if row.transition in CLEARING]
     found = [
         Marks("node lost", STATE_COLOURS[NmtState.LOST], "square", 3, _starts(analysis, NmtState.LOST)),
@@ -92,14 +94,15 @@ def emcy_events(analysis: Analysis) -> Iterator[Event]:
         severity: Severity = "error"
         if row.transition in CLEARING:
             severity = "info"
-        elif row.transition == "malformed":
+        elif row.transition in ("malformed", RESET):
             severity = "warning"
         yield Event(row.t_ns, row.seq, severity, f"{row.bus} node {label}: {emcy_text(row)}")
 
 
 def emcy_text(row: EmcyRow) -> str:
     """An EMCY in one line: code, meaning, what it does, register and manufacturer bytes."""
-    parts = [f"{hex_code(row.code)} {printable(row.meaning)}", row.transition]
+    code = "" if row.code is None else f"{hex_code(row.code)} "
+    parts = [f"{code}{printable(row.meaning)}", row.transition]
     if row.error_register is not None:
         names = " ".join(row.registers)
         parts.append(f"register {hex_code(row.error_register, 2)}{' ' + names if names else ''}")

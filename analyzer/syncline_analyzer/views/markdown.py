@@ -14,6 +14,8 @@ def findings_markdown(analysis: Analysis) -> str:
     lines = [f"# {verdict(analysis)}", "", _escaped(extent(analysis))]
     if capture.start_utc_ns is not None:
         lines += ["", f"Starts {clock.full(capture.start_utc_ns)}."]
+    for damage in capture.damage:
+        lines += ["", f"**Damaged, read in part:** {_escaped(damage)}"]
     for finding in analysis.findings:
         lines += _story(finding, clock, names_of(analysis.nodes))
     return "\n".join(lines) + "\n"

@@ -1,13 +1,13 @@
 """What is worth plotting in an analysis: lines grouped by quantity, the same in HTML and Rerun."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from syncline_analyzer.results import TRACE_FLAGS, Analysis, Responses, Series, Trace
+from syncline_analyzer.results import Analysis, Responses, Series, Trace
 from syncline_analyzer.views.palette import Rgb, line_colour
 from syncline_analyzer.views.words import hex_code, names_of, node_label, printable, trace_object
 
@@ -21,7 +21,17 @@ QUANTITIES = {
 }
 """Title of a plot by the unit of its traces."""
 
-_WRAP = 1 << TRACE_FLAGS.index("wrap")
+NODES_APART = 12
+"""Up to so many nodes with traces have a plot each; of more, one plot per quantity shows all."""
+
+_WITH_OUTLIERS = ("us", "rpm")
+_REACH = 4.0
+"""Spreads (1st to 99th percentile) that an axis reaches beyond them."""
+
+_SILENCE_NS = 1_000_000_000
+_SILENT_STEPS = 20
+
+_HALF_TURN_DEG = 180.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,72 +52,113 @@ class Line:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Panel:
-    """A plot: lines of one quantity over one axis."""
+    """A plot: lines of one quantity over one axis; `subject` is the node that it is about."""
 
     title: str
     unit: str
+    subject: str = ""
     lines: list[Line] = field(default_factory=list)
+
+    def told(self, analysis: Analysis) -> Analysis:
+        """What belongs to this plot: with a subject, only what that node did."""
+        if not self.subject:
+            return analysis
+        own = {(line.bus, line.node) for line in self.lines}
+        return replace(
+            analysis,
+            nmt_states=[row for row in analysis.nmt_states if (row.bus, row.node) in own],
+            emcy=[row for row in analysis.emcy if (row.bus, row.node) in own],
+            findings=[
+                row for row in analysis.findings if row.node is None or (row.bus, row.node) in own
+            ],
+        )
 
     @property
     def label(self) -> str:
-        """Title with unit."""
-        return f"{self.title} [{self.unit}]"
+        """Title with unit and subject."""
+        return f"{self.title} [{self.unit}]" + (f" of {self.subject}" if self.subject else "")
 
     def limits(self) -> tuple[float, float]:
-        """Smallest and largest value of all lines; (0, 1) when there is none."""
+        """Limits of the axis to open with, with room on top for markers.
+
+        Times and speeds leave single outliers outside, as lines that run off the plot: one power
+        cycle must not flatten the jitter of the rest.
+        """
         values = [line.value[np.isfinite(line.value)] for line in self.lines]
-        known = np.concatenate(values) if values else np.zeros(0)
-        return (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
+        known = np.concatenate(values) if values else _NO_VALUES
+        if not len(known):
+            return 0.0, 1.0
+        low, high = float(known.min()), float(known.max())
+        if self.unit in _WITH_OUTLIERS:
+            first, last = (float(q) for q in np.percentile(known, (1, 99)))
+            reach = _REACH * max(last - first, abs(last) * 0.001)
+            low, high = max(low, first - reach), min(high, last + reach)
+        room = (high - low) or max(abs(high), 1.0)
+        return low - 0.05 * room, high + 0.15 * room
+
+    def markers_height(self) -> float:
+        """Where on the axis markers stand."""
+        low, high = self.limits()
+        return high - 0.05 * (high - low)
 
 
 def panels(analysis: Analysis) -> list[Panel]:
     """Plots of an analysis: angles and other traces first, then SYNC, PDO answers and bus load."""
-    found: dict[tuple[str, str], Panel] = {}
-    for title, unit, line in _lines(analysis):
-        panel = found.setdefault((title, unit), Panel(title, unit))
+    found: dict[tuple[str, str, str], Panel] = {}
+    for title, unit, subject, line in _lines(analysis):
+        panel = found.setdefault((title, unit, subject), Panel(title, unit, subject))
         panel.lines.append(_coloured(line, len(panel.lines)))
     order = [*QUANTITIES.values(), "SYNC period", "PDO response"]
     rank = {title: i for i, title in enumerate(order)}
     return sorted(found.values(), key=lambda panel: rank.get(panel.title, len(rank)))
 
 
-def _lines(analysis: Analysis) -> Iterator[tuple[str, str, Line]]:
+def _lines(analysis: Analysis) -> Iterator[tuple[str, str, str, Line]]:
     several = len(analysis.capture.buses) > 1
     gaps = np.array(sorted(gap.end_ns for gap in analysis.capture.gaps), np.int64)
     labels = names_of(analysis.nodes)
+    apart = len({(trace.bus, trace.node) for trace in analysis.trace_data}) <= NODES_APART
     for trace in analysis.trace_data:
         label = labels.get((trace.bus, trace.node), node_label(trace.node))
-        yield from _of_trace(trace, f"{trace.bus} {label}" if several else label, gaps)
+        subject = f"{trace.bus} node {label}" if several else f"node {label}"
+        for title, unit, line in _of_trace(trace, gaps):
+            yield (
+                (title, unit, subject, line) if apart else (title, unit, "", _named(line, subject))
+            )
     for responses in analysis.responses:
-        yield "PDO response", "us", _of_responses(responses, several, gaps)
+        yield "PDO response", "us", "", _of_responses(responses, several, gaps)
     for series in analysis.series:
-        yield _of_series(series, several, gaps)
+        title, unit, line = _of_series(series, several, gaps)
+        yield title, unit, "", line
 
 
-def _of_trace(trace: Trace, label: str, gaps: NDArray[np.int64]) -> Iterator[tuple[str, str, Line]]:
-    name = f"{label} {printable(trace.name)} ({trace_object(trace.object)})"
-    angle = trace.columns.get("angle_deg")
+def _of_trace(trace: Trace, gaps: NDArray[np.int64]) -> Iterator[tuple[str, str, Line]]:
+    name = f"{printable(trace.name)} ({trace_object(trace.object)})"
     cuts = _cuts(trace.t_ns, gaps) | _changes(trace.segment)
-    if _any_known(angle):
-        wraps = cuts | ((trace.flags & _WRAP) != 0)
-        yield QUANTITIES["deg"], "deg", _line(trace, name, angle, wraps)
+    angle = trace.columns.get("angle_deg")
+    if angle is None or not np.isfinite(angle).any():
+        angle = trace.value if trace.unit == "deg" else None
+    if angle is not None:
+        yield QUANTITIES["deg"], "deg", _line(trace, name, angle, cuts | _wraps(angle))
     elif len(trace.value):
         title = QUANTITIES.get(trace.unit, printable(trace.unit) or "Value")
         yield title, printable(trace.unit), _line(trace, name, trace.value, cuts)
     speed = trace.columns.get("speed_rpm")
-    if _any_known(speed):
+    if speed is not None and np.isfinite(speed).any():
         yield QUANTITIES["rpm"], "rpm", _line(trace, name, speed, cuts)
 
 
-def _any_known(column: NDArray[np.float64] | None) -> bool:
-    return column is not None and bool(np.isfinite(column).any())
+def _wraps(angle: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Rows at which an angle of 0 to 360 degrees starts over."""
+    wrapped: NDArray[np.bool_] = np.abs(np.diff(angle, prepend=angle[:1])) > _HALF_TURN_DEG
+    return wrapped
 
 
 def _of_responses(responses: Responses, several: bool, gaps: NDArray[np.int64]) -> Line:
     where = f"{responses.bus} " if several else ""
     pdo = responses.pdo or "PDO"
     name = f"{where}node {node_label(responses.node)} {pdo} ({hex_code(responses.cob_id, 3)})"
-    cuts = _cuts(responses.t_ns, gaps)
+    cuts = _cuts(responses.t_ns, gaps) | _silences(responses.t_ns)
     return _line(responses, name, responses.response_us, cuts)
 
 
@@ -115,25 +166,27 @@ def _of_series(series: Series, several: bool, gaps: NDArray[np.int64]) -> tuple[
     name = printable(series.name)
     title = "SYNC period" if name.startswith("SYNC") else name[:1].upper() + name[1:]
     label = f"{series.bus} {name}" if several else name
-    t_ns, value, _ = _interrupted(series.t_ns, series.value, _NO_SEQ, _cuts(series.t_ns, gaps))
+    cuts = _cuts(series.t_ns, gaps) | _silences(series.t_ns)
+    t_ns, value, _ = _interrupted(series.t_ns, series.value, _NO_SEQ, cuts)
     return title, series.unit, Line(series.bus, None, label, t_ns, _NO_SEQ, value, (0, 0, 0))
 
 
 def _line(
     source: Trace | Responses,
     name: str,
-    value: NDArray[np.float64] | None,
+    value: NDArray[np.float64],
     cuts: NDArray[np.bool_],
 ) -> Line:
-    assert value is not None
     t_ns, value, seq = _interrupted(source.t_ns, value, source.seq, cuts)
     return Line(source.bus, source.node, name, t_ns, seq, value, (0, 0, 0))
 
 
 def _coloured(line: Line, number: int) -> Line:
-    return Line(
-        line.bus, line.node, line.name, line.t_ns, line.seq, line.value, line_colour(number)
-    )
+    return replace(line, colour=line_colour(number))
+
+
+def _named(line: Line, subject: str) -> Line:
+    return replace(line, name=f"{subject} {line.name}")
 
 
 def _changes(column: NDArray[np.integer[Any]]) -> NDArray[np.bool_]:
@@ -145,6 +198,14 @@ def _cuts(t_ns: NDArray[np.int64], gaps: NDArray[np.int64]) -> NDArray[np.bool_]
     """Rows that are the first after a capture gap."""
     passed = np.searchsorted(gaps, t_ns, side="right")
     return _changes(passed)
+
+
+def _silences(t_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Rows that come after a silence of a second and more that is long for this line."""
+    step = np.diff(t_ns, prepend=t_ns[:1])
+    usual = np.median(step[1:]) if len(step) > 1 else 0
+    silent: NDArray[np.bool_] = step > max(_SILENCE_NS, _SILENT_STEPS * usual)
+    return silent
 
 
 def _interrupted(
@@ -164,4 +225,5 @@ def _interrupted(
     )
 
 
+_NO_VALUES = np.zeros(0, np.float64)
 _NO_SEQ = np.zeros(0, np.int64)

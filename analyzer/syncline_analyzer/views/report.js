@@ -34,20 +34,20 @@
     const style = getComputedStyle(document.documentElement);
     const v = (name) => style.getPropertyValue(name).trim();
     const axis = { gridcolor: v("--line"), zerolinecolor: v("--line"), linecolor: v("--line") };
-    return { fg: v("--fg"), axis };
+    return { fg: v("--fg"), dim: v("--dim"), axis };
   }
 
   function layout(plot) {
-    const { fg, axis } = look();
+    const { fg, dim, axis } = look();
     const over = plot.kind === "time";
     const x = over
       ? { ...axis, type: data.start_ms === null ? "linear" : "date", range: range.map(toX), title: { text: data.start_ms === null ? "s" : "UTC" } }
       : { ...axis, title: { text: plot.x_title } };
     return {
       paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { color: fg, size: 12 },
-      margin: { l: 60, r: 12, t: 8, b: 44 }, barmode: "overlay", hovermode: "closest", modebar: { orientation: "v" },
+      margin: { l: 60, r: 12, t: 8, b: 44 }, barmode: "overlay", hovermode: "closest", modebar: { orientation: "v", bgcolor: "rgba(0,0,0,0)", color: dim, activecolor: fg },
       legend: { orientation: "h", y: 1.02, yanchor: "bottom", x: 0 }, showlegend: true,
-      xaxis: x, yaxis: { ...axis, title: { text: plot.y_title } },
+      xaxis: x, yaxis: { ...axis, title: { text: plot.y_title }, ...(plot.y_range ? { range: plot.y_range } : {}) },
       shapes: over ? data.bands.map(([a, b, colour]) => ({
         type: "rect", xref: "x", yref: "paper", x0: toX(a), x1: toX(b), y0: 0, y1: 1, fillcolor: colour, opacity: 0.14, line: { width: 1, color: colour } })) : [],
     };

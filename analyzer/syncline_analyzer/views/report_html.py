@@ -29,6 +29,12 @@ from syncline_analyzer.views.words import (
     number,
 )
 
+FIRST_STORIES = 6
+"""Findings told at once; the rest opens on a click."""
+
+OPEN_COMMANDS = 12
+"""NMT commands shown at once; more open on a click."""
+
 _BADGES = {"error": "ERROR", "warning": "WARNING", "info": "NOTE"}
 _POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; img-src data: blob:"
@@ -116,6 +122,10 @@ def _header(analysis: Analysis, clock: Clock, title: str) -> Html:
         element("p", f"CANopen capture {title}", class_="dim"),
         element("h1", verdict(analysis), class_=f"badge-{worst}"),
         element("p", extent(analysis)),
+        *(
+            element("p", f"Damaged, read in part: {d}", class_="badge error")
+            for d in analysis.capture.damage
+        ),
         times,
         element("nav", element("ul", *items), aria_label="Sections"),
     )
@@ -124,9 +134,8 @@ def _header(analysis: Analysis, clock: Clock, title: str) -> Html:
 def _sections(analysis: Analysis, clock: Clock, plots: list[dict[str, Any]]) -> Iterator[Html]:
     yield _section("findings", "Findings", *_stories(analysis, clock))
     if clock.timed and analysis.nmt_states:
-        labels = names_of(analysis.nodes)
-        commands = tables.command_table(analysis.nmt_commands, labels, clock)
-        yield _section("timeline", "Timeline", _controls(), timeline(analysis), *commands)
+        lanes = timeline(analysis)
+        yield _section("timeline", "Timeline", _controls(), lanes, *_commands(analysis, clock))
     else:
         yield _section("timeline", "Timeline", element("p", "There is nothing to draw over time."))
     yield _section("plots", "Plots", *_figures(plots))
@@ -138,6 +147,14 @@ def _sections(analysis: Analysis, clock: Clock, plots: list[dict[str, Any]]) -> 
 def _section(identity: str, title: str, *children: object) -> Html:
     heading = element("h2", title, id=f"{identity}-title")
     return element("section", heading, *children, id=identity, aria_labelledby=f"{identity}-title")
+
+
+def _commands(analysis: Analysis, clock: Clock) -> Iterator[Html]:
+    count = len(analysis.nmt_commands)
+    if count:
+        rows = tables.command_table(analysis.nmt_commands, names_of(analysis.nodes), clock)
+        told = element("summary", f"{count} NMT command{'s'[: count != 1]}")
+        yield element("details", told, *rows, open=count <= OPEN_COMMANDS)
 
 
 def _controls() -> Html:
@@ -159,8 +176,12 @@ def _stories(analysis: Analysis, clock: Clock) -> Iterator[Html]:
         yield element("p", "No rule found anything wrong in what was recorded.")
         return
     labels = names_of(analysis.nodes)
-    stories = (element("li", _story(finding, labels, clock)) for finding in analysis.findings)
-    yield element("ol", *stories, class_="stories")
+    stories = [element("li", _story(finding, labels, clock)) for finding in analysis.findings]
+    yield element("ol", *stories[:FIRST_STORIES], class_="stories")
+    if rest := stories[FIRST_STORIES:]:
+        listed = element("ol", *rest, class_="stories", start=FIRST_STORIES + 1)
+        told = element("summary", f"{len(rest)} more finding{'s'[: len(rest) != 1]}")
+        yield element("details", told, listed, class_="rest")
 
 
 def _story(finding: Finding, labels: dict[tuple[str, int], str], clock: Clock) -> Html:
@@ -279,7 +300,7 @@ def _figures(plots: list[dict[str, Any]]) -> Iterator[Html]:
     if not plots:
         yield element("p", "There is nothing to plot.")
     for plot in plots:
-        caption = f"{plot['title']} [{plot['y_title']}]"
+        caption = plot["title"]
         lines = ", ".join(plot["lines"])
         drawing = element(
             "div", id=plot["id"], class_="plot", role="img", aria_label=f"{caption}: {lines}"

@@ -6,16 +6,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from syncline_analyzer.results import Analysis, Responses
+from syncline_analyzer.results import Analysis
 from syncline_analyzer.views.events import marks
+from syncline_analyzer.views.histogram import Bars, histograms
 from syncline_analyzer.views.palette import SEVERITY_COLOURS, css, line_colour
 from syncline_analyzer.views.plots import Line, Panel, panels
 from syncline_analyzer.views.thin import extremes
-from syncline_analyzer.views.words import Clock, hex_code
+from syncline_analyzer.views.words import Clock
 
 POINTS_OF_A_PAGE = 120_000
 MAX_POINTS, MIN_POINTS = 4_000, 500
-MAX_MARKS, MAX_BANDS, MAX_HISTOGRAMS = 1_000, 200, 12
+MAX_MARKS, MAX_BANDS = 1_000, 200
+
+_LONGEST_BAND = 0.2
 
 _ON_PLOTS = ("EMCY", "EMCY cleared", "node lost")
 _SYMBOLS = {"down": "triangle-down", "up": "triangle-up", "diamond": "diamond", "square": "square"}
@@ -31,19 +34,23 @@ def plots_of(analysis: Analysis) -> list[dict[str, Any]]:
     lines = sum(len(panel.lines) for panel in drawn)
     points = max(MIN_POINTS, min(MAX_POINTS, POINTS_OF_A_PAGE // max(lines, 1)))
     plots = [_over_time(panel, analysis, clock, points) for panel in drawn]
-    histograms = [r for r in analysis.responses if r.histogram.any()][:MAX_HISTOGRAMS]
-    if histograms:
-        plots.append(_bars(histograms))
+    shown = [bars for _, bars in histograms(analysis)]
+    if shown:
+        plots.append(_bars(shown))
     return [{"id": f"plot-{i}", **plot} for i, plot in enumerate(plots)]
 
 
 def bands_of(analysis: Analysis) -> list[tuple[float, float, str]]:
-    """Stretches of the findings that are marked in every plot: start and end [s], colour."""
+    """Stretches of the findings that are marked in every plot: start and end [s], colour.
+
+    A finding that lasts for most of the capture is only marked where it starts.
+    """
     clock = Clock.of(analysis.capture)
+    longest = analysis.capture.duration_ns * _LONGEST_BAND
     return [
         (
             _second(row.start_ns, clock),
-            _second(row.end_ns, clock),
+            _second(row.end_ns if row.end_ns - row.start_ns <= longest else row.start_ns, clock),
             css(SEVERITY_COLOURS[row.severity]),
         )
         for row in analysis.findings[:MAX_BANDS]
@@ -59,8 +66,9 @@ def _over_time(panel: Panel, analysis: Analysis, clock: Clock, points: int) -> d
     traces = [_trace(line, clock, points) for line in panel.lines]
     return {
         "kind": "time",
-        "title": panel.title,
+        "title": panel.label,
         "y_title": panel.unit,
+        "y_range": panel.limits(),
         "lines": [line.name for line in panel.lines],
         "traces": [*traces, *_marks(panel, analysis, clock)],
     }
@@ -78,45 +86,38 @@ def _trace(line: Line, clock: Clock, points: int) -> dict[str, Any]:
 
 
 def _marks(panel: Panel, analysis: Analysis, clock: Clock) -> Iterator[dict[str, Any]]:
-    low, high = panel.limits()
-    top = high + 0.06 * ((high - low) or max(abs(high), 1.0))
-    for mark in marks(analysis):
+    for mark in marks(panel.told(analysis)):
         if mark.name in _ON_PLOTS:
             moments = mark.moments[:: len(mark.moments) // MAX_MARKS + 1]
             yield {
                 "name": mark.name,
                 "mode": "markers",
                 "x": [_second(t_ns, clock) for t_ns, _ in moments],
-                "y": [top] * len(moments),
+                "y": [panel.markers_height()] * len(moments),
                 "marker": {"color": css(mark.colour), "symbol": _SYMBOLS[mark.shape], "size": 9},
             }
 
 
-def _bars(histograms: list[Responses]) -> dict[str, Any]:
-    names = [f"{r.bus} {hex_code(r.cob_id, 3)} {r.pdo or 'PDO'}" for r in histograms]
+def _bars(shown: list[Bars]) -> dict[str, Any]:
     return {
         "kind": "bars",
         "title": "PDO response times",
-        "y_title": "responses",
+        "y_title": "answers per us",
         "x_title": "us after the SYNC",
-        "lines": names,
-        "traces": [_bar(r, name, css(line_colour(i))) for i, (r, name) in enumerate(zip(histograms, names, strict=True))],
-    }  # fmt: skip
+        "lines": [bars.label for bars in shown],
+        "traces": [_bar(bars, css(line_colour(i))) for i, bars in enumerate(shown)],
+    }
 
 
-def _bar(responses: Responses, name: str, colour: str) -> dict[str, Any]:
-    filled = np.flatnonzero(responses.histogram)
-    shown = slice(int(filled[0]), int(filled[-1]) + 1)
-    widths = np.diff(responses.edges_us)
-    middles = responses.edges_us[:-1] + widths / 2
+def _bar(bars: Bars, colour: str) -> dict[str, Any]:
     return {
         "type": "bar",
-        "name": name,
-        "x": _plain(middles[shown]),
-        "y": responses.histogram[shown].tolist(),
-        "width": _plain(widths[shown]),
+        "name": bars.label,
+        "x": _plain(bars.middle_us),
+        "y": _plain(bars.per_us),
+        "width": _plain(bars.width_us),
         "opacity": 0.65,
-        "marker": {"color": colour},
+        "marker": {"color": colour, "line": {"width": 0}},
     }
 
 

@@ -43,7 +43,8 @@ class Content:
     timelines: list[str]
     lanes: int
     strip: PlotContent | None
-    plots: list[PlotContent]
+    traces: list[PlotContent]
+    timing: list[PlotContent]
     details: list[PlotContent]
     histograms: list[PlotContent]
     logs: list[PlotContent]
@@ -51,7 +52,7 @@ class Content:
 
     def signature(self) -> str:
         """Names all views; recordings of one application id share the layout opened first."""
-        views = [*self.plots, *self.details, *self.histograms, *self.logs]
+        views = [*self.traces, *self.timing, *self.details, *self.histograms, *self.logs]
         parts = [
             *self.timelines,
             str(self.lanes),
@@ -78,14 +79,12 @@ def _over_time(content: Content) -> rrb.Vertical:
     rows: list[tuple[int, Any]] = []
     if content.lanes:
         lanes = rrb.StateTimelineView(origin="/nmt", name="NMT states", time_view=link)
-        rows.append((min(_LANES_HEIGHT, 70 + 40 * content.lanes), lanes))
+        rows.append((min(_LANES_HEIGHT, 70 + 46 * content.lanes), lanes))
     if content.strip:
         rows.append((140, _plot(content.strip, link)))
-    plots = [_plot(plot, link) for plot in content.plots]
-    if plots:
-        rows.append((210, plots[0]))
-    if plots[1:]:
-        rows.append((170, _tabs(plots[1:])))
+    for height, plots in ((210, content.traces), (180, content.timing)):
+        if plots:
+            rows.append((height, _tabs([_plot(plot, link) for plot in plots])))
     rows.append((150, _tabs([_log(log, content.timelines) for log in content.logs])))
     return rrb.Vertical(*(row for _, row in rows), row_shares=[share for share, _ in rows])
 

@@ -7,6 +7,7 @@ without times has `frame` (position in the capture) instead.
 import hashlib
 import re
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ import rerun as rr
 from syncline_analyzer.results import Analysis, NmtStateRow, Responses
 from syncline_analyzer.views import events, rerun_world
 from syncline_analyzer.views.events import Event, Marks
+from syncline_analyzer.views.histogram import Bars, histograms
 from syncline_analyzer.views.markdown import findings_markdown
 from syncline_analyzer.views.palette import (
     STATE_COLOURS,
@@ -26,14 +28,13 @@ from syncline_analyzer.views.plots import Line, Panel, panels
 from syncline_analyzer.views.rerun_layout import Content, PlotContent, blueprint
 from syncline_analyzer.views.rerun_sink import Axis, Sink
 from syncline_analyzer.views.thin import extremes
-from syncline_analyzer.views.words import Clock, hex_code, names_of, node_label, printable
+from syncline_analyzer.views.words import Clock, names_of, node_label, printable
 from syncline_schemas.canopen.nmt import NmtState
 
 OVERVIEW_POINTS = 10_000
 """Points of a line in the plots over the whole capture; the rest is in the plot at the cursor."""
 
 MAX_MARKERS = 5_000
-MAX_HISTOGRAMS = 12
 
 _LEVELS = {"error": "ERROR", "warning": "WARN", "info": "INFO"}
 
@@ -59,8 +60,8 @@ def write_rrd(analysis: Analysis, path: Path) -> Path:
             _write_marks(sink, f"/events/{_slug(mark.name)}", mark, mark.row)
         for panel in plotted:
             _write_panel(sink, panel, analysis)
-        for responses in _with_histogram(analysis):
-            _write_histogram(sink, responses)
+        for responses, bars in histograms(analysis):
+            _write_histogram(sink, responses, bars)
         for _, entity, told in _LOGS:
             _write_log(sink, entity, list(told(analysis)))
         rerun_world.write_world(sink, analysis)
@@ -106,25 +107,24 @@ def _drawable(plotted: list[Panel], axis: Axis) -> list[Panel]:
     """Without times only what belongs to frames can be drawn, by their place in the capture."""
     if axis.clock.timed:
         return plotted
-    kept = [
-        Panel(panel.title, panel.unit, [line for line in panel.lines if len(line.seq)])
-        for panel in plotted
-    ]
+    kept = [replace(p, lines=[line for line in p.lines if len(line.seq)]) for p in plotted]
     return [panel for panel in kept if panel.lines]
 
 
 def _content(analysis: Analysis, axis: Axis, plotted: list[Panel]) -> Content:
     strip = PlotContent("Events", "/events", (0.3, 3.7)) if events.marks(analysis) else None
     logs = [PlotContent(title, entity) for title, entity, told in _LOGS if any(told(analysis))]
+    plots = [(p, PlotContent(p.label, _entity("plots", p), p.limits())) for p in plotted]
     return Content(
         timelines=axis.timelines,
         lanes=len({(row.bus, row.node) for row in analysis.nmt_states}),
         strip=strip,
-        plots=[PlotContent(p.label, _entity("plots", p), _limits(p)) for p in plotted],
+        traces=[plot for panel, plot in plots if panel.subject],
+        timing=[plot for panel, plot in plots if not panel.subject],
         details=[PlotContent(p.label, _entity("detail", p)) for p in plotted if _is_thinned(p)],
         histograms=[
-            PlotContent(_histogram_title(r), _histogram_entity(r))
-            for r in _with_histogram(analysis)
+            PlotContent(f"{bars.label} [answers per us]", _histogram_entity(responses))
+            for responses, bars in histograms(analysis)
         ],
         logs=logs,
         world=rerun_world.has_world(analysis),
@@ -132,18 +132,12 @@ def _content(analysis: Analysis, axis: Axis, plotted: list[Panel]) -> Content:
 
 
 def _entity(root: str, panel: Panel) -> str:
-    return f"/{root}/{_slug(panel.title)}_{_slug(panel.unit)}"
+    name = _slug(f"{panel.title} {panel.unit}")
+    return f"/{root}/{name}/{_part(panel.subject)}" if panel.subject else f"/{root}/{name}/all"
 
 
 def _is_thinned(panel: Panel) -> bool:
     return any(len(line.t_ns) > OVERVIEW_POINTS for line in panel.lines)
-
-
-def _limits(panel: Panel) -> tuple[float, float]:
-    """Limits of the values, with room for the markers on top."""
-    low, high = panel.limits()
-    room = (high - low) or max(abs(high), 1.0)
-    return low - 0.05 * room, high + 0.15 * room
 
 
 def _write_lanes(sink: Sink, analysis: Analysis) -> None:
@@ -178,11 +172,9 @@ def _write_panel(sink: Sink, panel: Panel, analysis: Analysis) -> None:
         if _is_thinned(panel):
             everything = np.arange(len(line.t_ns))
             _write_line(sink, f"{_entity('detail', panel)}/{i}", line, everything)
-    low, high = panel.limits()
-    top = high + 0.08 * ((high - low) or max(abs(high), 1.0))
-    for mark in events.marks(analysis):
+    for mark in events.marks(panel.told(analysis)):
         if mark.name in _ON_PLOTS:
-            _write_marks(sink, f"{root}/{_slug(mark.name)}", mark, top)
+            _write_marks(sink, f"{root}/{_slug(mark.name)}", mark, panel.markers_height())
 
 
 def _write_line(
@@ -211,31 +203,18 @@ def _write_marks(sink: Sink, entity: str, mark: Marks, height: float) -> None:
     )
 
 
-def _with_histogram(analysis: Analysis) -> list[Responses]:
-    return [r for r in analysis.responses if r.histogram.any()][:MAX_HISTOGRAMS]
-
-
-def _histogram_title(responses: Responses) -> str:
-    pdo = responses.pdo or "PDO"
-    return f"{responses.bus} {hex_code(responses.cob_id, 3)} {pdo} response [us]"
-
-
 def _histogram_entity(responses: Responses) -> str:
     return f"/histogram/{_part(responses.bus)}/{responses.cob_id:03X}h"
 
 
-def _write_histogram(sink: Sink, responses: Responses) -> None:
-    edges = responses.edges_us
-    filled = np.flatnonzero(responses.histogram)
-    shown = slice(filled[0], filled[-1] + 1)
-    widths = np.diff(edges)
-    bars = rr.BarChart(
-        responses.histogram[shown],
-        abscissa=(edges[:-1] + widths / 2)[shown],
-        widths=widths[shown].astype(np.float32),
+def _write_histogram(sink: Sink, responses: Responses, bars: Bars) -> None:
+    chart = rr.BarChart(
+        bars.per_us,
+        abscissa=bars.middle_us,
+        widths=bars.width_us.astype(np.float32),
         color=_HISTOGRAM_COLOUR,
     )
-    sink.static(_histogram_entity(responses), bars)
+    sink.static(_histogram_entity(responses), chart)
 
 
 _HISTOGRAM_COLOUR: Rgb = line_colour(2)

@@ -33,6 +33,7 @@ from syncline_analyzer.results import (
     ErrorRow,
     Finding,
     GapRow,
+    HoleRow,
     NmtCommandRow,
     NmtStateRow,
     NodeRow,
@@ -42,8 +43,10 @@ from syncline_analyzer.results import (
     Responses,
     SdoRow,
     Series,
+    SyncJitterRow,
     SyncRow,
     Trace,
+    TraceEventRow,
     TraceRow,
 )
 from syncline_schemas.canopen.nmt import NmtState
@@ -62,6 +65,9 @@ ROW_TYPES: dict[str, type] = {
     "findings": Finding,
     "gaps": GapRow,
     "objects": ObjectRow,
+    "holes": HoleRow,
+    "sync_jitter": SyncJitterRow,
+    "trace_events": TraceEventRow,
 }
 """Row class by table."""
 

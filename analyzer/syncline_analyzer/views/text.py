@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from syncline_analyzer.results import Analysis, Finding, PdoRow
-from syncline_analyzer.views.events import CLEARING, emcy_text
+from syncline_analyzer.views.events import CLEARING, RESET, emcy_text
 from syncline_analyzer.views.lanes import cells, lanes_of
 from syncline_analyzer.views.markdown import extent, verdict, where
 from syncline_analyzer.views.palette import SEVERITY_COLOURS, STATE_COLOURS, STATE_LETTERS, css
@@ -82,6 +82,8 @@ def _start(analysis: Analysis, clock: Clock) -> Iterator[Text]:
     else:
         end_ns = capture.first_ns + capture.duration_ns
         yield Text(f"{clock.full(capture.first_ns)} to {clock.full(end_ns)}", style="dim")
+    for damage in capture.damage:
+        yield Text(f"Damaged, read in part: {printable(damage)}", style="bold red")
     if capture.frames and not analysis.nodes:
         yield Text(
             "No frame proves a CANopen node; this may be a bus of another protocol.", style="yellow"
@@ -93,8 +95,9 @@ def _story(finding: Finding, analysis: Analysis, clock: Clock) -> Iterator[Rende
     colour = css(SEVERITY_COLOURS[finding.severity])
     head.append(f"{_SEVERITY_WORDS[finding.severity]} ", style=f"bold {colour}")
     head.append(printable(where(finding, names_of(analysis.nodes))), style="bold")
-    head.append(f"  {clock.stretch(finding.start_ns, finding.end_ns)}")
-    if clock.timed and finding.end_ns > finding.start_ns:
+    stretch = clock.stretch(finding.start_ns, finding.end_ns)
+    head.append(f"  {stretch}")
+    if " to " in stretch:
         head.append(f" ({duration(finding.end_ns - finding.start_ns)})", style="dim")
     yield head
     evidence = ", ".join(map(str, finding.evidence[:8]))
@@ -116,7 +119,8 @@ def _tables(analysis: Analysis, clock: Clock, width: int) -> Iterator[tuple[str,
     if analysis.sync or analysis.pdos:
         yield "SYNC and PDOs (us: min / median / max)", _pdos(analysis)
     if analysis.emcy:
-        yield f"EMCY ({len(analysis.emcy)})", _emcy(analysis, clock)
+        messages = sum(row.transition != RESET for row in analysis.emcy)
+        yield f"EMCY ({messages})", _emcy(analysis, clock)
     if any(row.result != "ok" for row in analysis.sdo):
         yield "SDO transfers that failed", _sdo(analysis, clock)
     if analysis.traces:
@@ -304,6 +308,7 @@ def recording_lines(analysis: Analysis, clock: Clock) -> Iterable[str]:
         "29-bit": capture.extended_frames,
     }
     yield "frames: " + ", ".join(f"{count:,} {kind}" for kind, count in counts.items())
+    yield from (f"damaged, read in part: {damage}" for damage in capture.damage)
     if capture.unparsed_lines:
         yield f"{capture.unparsed_lines:,} lines of the log could not be read"
     if clock.timed:

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator
 from itertools import groupby
 
 from syncline_analyzer.results import Analysis, NmtStateRow
-from syncline_analyzer.views.events import CLEARING
+from syncline_analyzer.views.events import CLEARING, RESET
 from syncline_analyzer.views.html import Html, element, joined
 from syncline_analyzer.views.lanes import cells, lanes_of
 from syncline_analyzer.views.palette import STATE_LETTERS, URGENCY
@@ -23,7 +23,7 @@ def timeline(analysis: Analysis) -> Html:
     span = max(analysis.capture.duration_ns, 1)
     labels = names_of(analysis.nodes)
     several = len(analysis.capture.buses) > 1
-    lanes = [_findings_lane(analysis, clock, span)] if analysis.findings else []
+    lanes = [*_finding_lanes(analysis, clock, span)]
     if analysis.capture.gaps:
         lanes.append(_gaps_lane(analysis, clock, span))
     for (bus, node), rows in lanes_of(analysis).items():
@@ -94,7 +94,7 @@ def _emcy(analysis: Analysis, bus: str, node: int, clock: Clock) -> Iterator[Htm
     moments = [
         (row.t_ns, row.transition in CLEARING)
         for row in analysis.emcy
-        if (row.bus, row.node) == (bus, node)
+        if (row.bus, row.node) == (bus, node) and row.transition != RESET
     ][:MAX_INTERVALS]
     for clears, name in ((True, "clear"), (False, "emcy")):
         steps = [
@@ -104,15 +104,16 @@ def _emcy(analysis: Analysis, bus: str, node: int, clock: Clock) -> Iterator[Htm
             yield element("path", d="".join(steps), class_=f"m-{name}")
 
 
-def _findings_lane(analysis: Analysis, clock: Clock, span: int) -> Html:
-    order = ("info", "warning", "error")
-    rows = sorted(analysis.findings, key=lambda row: order.index(row.severity))
-    bars = (
-        _bar(row.severity, row.start_ns - clock.first_ns, row.end_ns - clock.first_ns, row.text)
-        for row in rows
-    )
-    link = element("a", "Findings", href="#findings")
-    return _lane(link, f"{len(rows)} findings over time", bars, span)
+def _finding_lanes(analysis: Analysis, clock: Clock, span: int) -> Iterator[Html]:
+    for severity, name in (("error", "Errors"), ("warning", "Warnings"), ("info", "Notes")):
+        rows = [row for row in analysis.findings if row.severity == severity]
+        bars = (
+            _bar(severity, row.start_ns - clock.first_ns, row.end_ns - clock.first_ns, row.text)
+            for row in rows
+        )
+        if rows:
+            link = element("a", name, href="#findings")
+            yield _lane(link, f"{len(rows)} findings of severity {severity}", bars, span)
 
 
 def _gaps_lane(analysis: Analysis, clock: Clock, span: int) -> Html:

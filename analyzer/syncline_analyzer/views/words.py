@@ -151,10 +151,9 @@ class Clock:
         return f"{str(np.datetime64(t_ns, 'ns').astype('datetime64[us]')).replace('T', ' ')} UTC"
 
     def stretch(self, start_ns: int, end_ns: int) -> str:
-        """A stretch in capture time; one moment when it has no length."""
-        if end_ns <= start_ns or not self.timed:
-            return self.short(start_ns)
-        return f"{self.short(start_ns)} to {self.short(end_ns)}"
+        """A stretch in capture time; one moment where it is shorter than can be written."""
+        start, end = self.short(start_ns), self.short(end_ns)
+        return start if end_ns <= start_ns or start == end else f"{start} to {end}"
 
 
 def names_of(nodes: list[NodeRow]) -> dict[tuple[str, int], str]:

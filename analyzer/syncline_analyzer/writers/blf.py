@@ -55,7 +55,8 @@ _FD: Final = np.dtype(
         ("data", "u1", (64,)),
     ]
 )
-_FD_CODES: Final = np.searchsorted([1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64], range(65))
+_FD_LENGTHS: Final = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)
+_FD_CODES: Final = np.searchsorted(_FD_LENGTHS, range(65))
 
 
 class BlfWriter(LogWriter):

@@ -2,10 +2,12 @@
 
 import contextlib
 import logging
+from dataclasses import replace
 from time import time_ns
 from typing import Any
 
 import can
+from can.util import load_config
 
 from syncline_logger.batcher import FrameBuffer
 from syncline_logger.bus_options import BusOptions
@@ -62,11 +64,12 @@ class PythonCanSource:
     """A bus behind python-can; it is only ever read."""
 
     def __init__(self, options: BusOptions) -> None:
+        options = _configured(options)
         self._options = options
         self._bus: can.BusABC | None = None
         self._owned = True
         self._offset_ns: int | None = None
-        interface = options.interface or str(can.rc.get("interface", ""))
+        interface = options.interface or ""
         self.facts = SourceFacts(
             name=options.name,
             interface=interface,
@@ -92,6 +95,8 @@ class PythonCanSource:
         """Open the bus. Raises SourceError."""
         if self._bus is not None:
             return
+        if self.facts.interface not in can.VALID_INTERFACES:
+            raise SourceError(self._what_interface())
         try:
             self._bus = can.Bus(**self._bus_arguments())
         except Exception as error:  # drivers raise whatever they like
@@ -123,27 +128,21 @@ class PythonCanSource:
         """Put what has come into the buffer. Raises SourceError when the adapter is gone."""
         if self._bus is None:
             raise SourceError(f"bus '{self.facts.name}' is not open")
-        receive, append = self._bus.recv, buffer.append
+        receive, append, utc_ns = self._bus.recv, buffer.append, self._utc_ns
         count = 0
         try:
             message = receive(timeout_s)
             while message is not None:
-                flags = _flags(message)
                 data, length = message.data, message.dlc
+                flags = _flags(message)
                 if flags & _REMOTE:
                     data = _NO_DATA
                 elif length != len(data):
                     if flags & _FD or length <= 8 or len(data) != 8:
                         flags |= _DLC_INVALID
                     length = len(data)
-                append(
-                    self._utc_ns(message.timestamp),
-                    bus,
-                    message.arbitration_id & 0x1FFF_FFFF,
-                    flags,
-                    length & 0xFF,
-                    data,
-                )
+                can_id = message.arbitration_id & 0x1FFF_FFFF
+                append(utc_ns(message.timestamp), bus, can_id, flags, length & 0xFF, data)
                 count += 1
                 message = receive(0) if count < MESSAGES_PER_READ else None
         except Exception as error:
@@ -167,27 +166,43 @@ class PythonCanSource:
             with contextlib.suppress(Exception):
                 bus.shutdown()
 
+    def _what_interface(self) -> str:
+        known = ", ".join(sorted(can.VALID_INTERFACES))
+        if not self.facts.interface:
+            return (
+                "no bus is given: name it with -i INTERFACE -c CHANNEL or --bus, or in python-can's"
+                f" configuration file; interfaces: {known}"
+            )
+        return f"there is no interface '{self.facts.interface}'; python-can knows {known}"
+
     def _what_failed(self, what: str, error: Exception) -> str:
         place = f"{self.facts.interface or 'interface'} {self.facts.channel}".strip()
         reason = str(error).strip() or type(error).__name__
         return f"bus '{self.facts.name}' ({place}): {what}: {reason}"
 
 
+def _configured(options: BusOptions) -> BusOptions:
+    """With interface and channel from python-can's configuration, where the options leave them."""
+    if options.interface:
+        return options
+    try:
+        found = load_config()
+    except Exception:  # noqa: BLE001 - without a usable configuration `open` says what is missing
+        return options
+    channel = options.channel if options.channel is not None else found.get("channel")
+    return replace(options, interface=found["interface"], channel=channel)
+
+
 def _flags(message: can.Message) -> int:
     flags = _EXTENDED if message.is_extended_id else 0
-    if not message.is_rx:
-        flags |= _TX
     if message.is_remote_frame:
         flags |= _REMOTE
+    if message.is_fd:
+        flags |= _FD | (_BRS if message.bitrate_switch else 0)
+        flags |= _ESI if message.error_state_indicator else 0
     if message.is_error_frame:
         flags |= _ERROR
-    if message.is_fd:
-        flags |= _FD
-        if message.bitrate_switch:
-            flags |= _BRS
-        if message.error_state_indicator:
-            flags |= _ESI
-    return flags
+    return flags if message.is_rx else flags | _TX
 
 
 def quiet_python_can() -> None:

@@ -1,5 +1,7 @@
 """ifm JN2100, firmware 2.1.0: two-axis inclinometer and vibration sensor (sheet ifm-jn2100.md)."""
 
+from functools import partial
+
 from syncline_samples.devices.common import const, error_list, serve_error_list, serve_storage
 from syncline_samples.motion import Tilt
 from syncline_samples.node import Node, State
@@ -128,9 +130,15 @@ class Jn2100(Node):
         objects.on_write(0x2049, 0, self._change_filter)
         objects.on_write(0x4004, 1, self._self_test)
         for index, axis in ((0x6010, 0), (0x6020, 1), (0x6110, 0), (0x6120, 1)):
-            objects.on_read(index, 0, lambda axis=axis: self._counts(self.now_ns)[axis])  # type: ignore[misc]
+            objects.on_read(index, 0, partial(self._axis, axis))
         for index, part in ((0x5C10, 0), (0x5C11, 1)):
-            objects.on_read(index, 0, lambda part=part: self._vibration(self.now_ns)[part])  # type: ignore[misc]
+            objects.on_read(index, 0, partial(self._vibration_part, part))
+
+    def _axis(self, axis: int) -> int:
+        return self._counts(self.now_ns)[axis]
+
+    def _vibration_part(self, part: int) -> int:
+        return self._vibration(self.now_ns)[part]
 
     def _reset(self) -> None:
         self.restart(self.boot_ns, commanded=False)

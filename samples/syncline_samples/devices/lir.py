@@ -1,6 +1,7 @@
 """SKB IS LIR-DA158 (old) and LIR-DA158A, LIR-MA158K, LIR-918 (new): sheets skbis-lir-*.md."""
 
 from dataclasses import dataclass
+from functools import partial
 
 from syncline_samples.devices.common import const, error_list, serve_error_list, serve_storage
 from syncline_samples.motion import Shaft
@@ -206,7 +207,7 @@ class Lir(Node):
             objects.on_write(0x6000, 0, lambda value: self._set_offset(0))
         serve_storage(self, groups)
         for number in (1, 2):
-            objects.on_write(0x17FF + number, 1, lambda value, n=number: self._switch_pdo(n, value))  # type: ignore[misc]
+            objects.on_write(0x17FF + number, 1, partial(self._switch_pdo, number))
 
     def _bits(self, name: str) -> int:
         bits = 0

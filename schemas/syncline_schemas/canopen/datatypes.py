@@ -68,9 +68,10 @@ def type_name(code: int | None) -> str:
 
 
 def decode_value(code: int | None, data: bytes) -> Value:
-    """Value of `data` in a data type; surplus bytes are ignored, as size-less SDO answers have them.
+    """Value of `data` in a data type.
 
-    Data that are too short for the type, and types that are not known, come back as bytes.
+    Surplus bytes are ignored, as size-less SDO answers have them. Data that are
+    too short for the type, and types that are not known, come back as bytes.
 
     >>> decode_value(0x06, bytes.fromhex("01000000")), decode_value(0x03, bytes([254, 255]))
     (1, -2)

@@ -71,7 +71,7 @@ ABORT_CODES: dict[int, str] = {
     0x08000023: "object dictionary not present or its generation failed",
     0x08000024: "no data available",
 }
-"""Words for the abort codes of CiA 301; 0601 0004..6 are those of its ETG.1000 relatives."""
+"""Words for the abort codes of CiA 301, and for 0601 0003..6 that devices took from ETG.1000."""
 
 
 def abort_meaning(code: int) -> str:

@@ -21,7 +21,9 @@ _FIRST_OBJECT = 0x20
 
 @dataclass(frozen=True, slots=True)
 class MappedObject:
-    """One entry of a mapping: `bits` long, from bit `offset` of the PDO on (bit 0 = first byte, lowest).
+    """One entry of a mapping: `bits` long, from bit `offset` of the PDO on.
+
+    Bit 0 is the lowest of the first byte.
 
     `unit` and `scale` give the engineering value raw * scale. `scale_assumed` says that the scale
     rests on an object that nobody has read. A dummy entry (index below 20h) carries nothing.

@@ -159,7 +159,7 @@ def _payload(data: Bytes, expedited: Mask, segment: Mask) -> Bytes:
 
 
 def _addressed(kind: Bytes, command: Bytes, request: Mask) -> Mask:
-    """Initiate frames, aborts, and the initiates of block transfers (CiA 301 7.2.4.3.9, 7.2.4.3.12)."""
+    """Initiates, aborts, and the initiates of block transfers (CiA 301 7.2.4.3.9 and .12)."""
     plain = np.isin(
         kind,
         [SdoKind.DOWNLOAD_REQUEST, SdoKind.DOWNLOAD_ANSWER, SdoKind.UPLOAD_REQUEST,

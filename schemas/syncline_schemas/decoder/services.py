@@ -70,7 +70,7 @@ def decode_error_control(data: Bytes, dlc: Bytes, remote: Mask) -> ErrorControlC
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TimeColumns:
-    """ms (n,) uint32 after midnight, days (n,) uint16 since 1984-01-01, t_ns (n,) int64, valid (n,)."""
+    """ms (n,) uint32 of the day, days (n,) uint16 since 1984-01-01, t_ns (n,) int64, valid (n,)."""
 
     ms: NDArray[np.uint32]
     days: NDArray[np.uint16]
@@ -94,7 +94,7 @@ def decode_time(data: Bytes, dlc: Bytes) -> TimeColumns:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LssColumns:
-    """command (n,) uint8 (names: `canopen.lss.COMMANDS`), request (n,) bool, argument (n, 7) uint8."""
+    """command (n,) uint8 (named in `canopen.lss`), request (n,) bool, argument (n, 7) uint8."""
 
     command: Bytes
     request: Mask

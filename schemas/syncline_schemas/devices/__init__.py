@@ -8,6 +8,9 @@ from syncline_schemas.devices.build import (
     device_from_files as device_from_files,
 )
 from syncline_schemas.devices.catalog import (
+    ABSENT as ABSENT,
+)
+from syncline_schemas.devices.catalog import (
     device_names as device_names,
 )
 from syncline_schemas.devices.catalog import (
@@ -54,4 +57,7 @@ from syncline_schemas.devices.model import (
 )
 from syncline_schemas.devices.model import (
     register_bits as register_bits,
+)
+from syncline_schemas.devices.profile import (
+    configured as configured,
 )

@@ -2,7 +2,8 @@
 
 import difflib
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from functools import lru_cache
 from importlib.resources import files as package_files
 from pathlib import Path
@@ -15,6 +16,10 @@ from syncline_schemas.errors import DescriptionError
 FOLDER_VARIABLE = "SYNCLINE_DEVICES"
 """Environment variable that names folders of the user's own device files."""
 _SUFFIXES = (".toml", *EDS_SUFFIXES)
+
+
+ABSENT = b"absent"
+"""In the evidence of `identify`: the node refused the object as not existing (0602 0000)."""
 
 
 def user_folders() -> tuple[Path, ...]:
@@ -34,7 +39,8 @@ def load_device(
     """Device by catalogue name or from an .eds, .dcf or .toml file; a Device is returned as it is.
 
     Raises:
-        DescriptionError: there is no such device (with the nearest names) or its files are unusable.
+        DescriptionError: there is no such device (with the nearest names), or its files are
+            unusable.
     """
     if isinstance(name_or_path, Device):
         return name_or_path
@@ -62,7 +68,12 @@ def _unknown(name: str, catalog: Iterable[str]) -> str:
 
 def _catalog(folders: tuple[Path, ...]) -> dict[str, Path]:
     """File by device name; a user's file hides a built-in one of the same name."""
-    found = {path.stem: path for path in sorted(_built_in().glob("*.toml"))}
+    return {path.stem: path for path in sorted(_built_in().glob("*.toml"))} | _own(folders)
+
+
+def _own(folders: tuple[Path, ...]) -> dict[str, Path]:
+    """File by device name in the user's folders; a TOML file hides its EDS."""
+    found: dict[str, Path] = {}
     for folder in folders:
         for suffix in reversed(_SUFFIXES):
             found |= {path.stem: path for path in sorted(folder.glob(f"*{suffix}"))}
@@ -76,15 +87,16 @@ def _built_in() -> Path:
 def _from_path(path: Path) -> Device:
     group = [path]
     if path.suffix.lower() == ".toml":
-        group = [p for p in path.parent.glob("*") if p == path or p.suffix.lower() in EDS_SUFFIXES]
+        group += [p for p in path.parent.glob("*") if p.suffix.lower() in EDS_SUFFIXES]
     return _cached(path, tuple((p, *_stamp(p)) for p in sorted(group)))
 
 
 def _stamp(path: Path) -> tuple[int, int]:
     try:
         status = path.stat()
-    except OSError as error:
-        raise DescriptionError(f"{path} cannot be read: {error.strerror}") from error
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise DescriptionError(f"{path} cannot be read: {reason}") from error
     return status.st_mtime_ns, status.st_size
 
 
@@ -114,31 +126,30 @@ class _Folder(dict[str, bytes]):
 
 
 def identify(
-    known: Mapping[Key, int | bytes | None], folders: tuple[Path, ...] | None = None
+    known: Mapping[Key, int | bytes], folders: tuple[Path, ...] | None = None
 ) -> Device | None:
-    """Device by what a node answered: (index, sub) -> value; None = the object was refused.
+    """Device by what a node answered: (index, sub) -> value, or ABSENT.
 
-    A device is named only when the evidence fits one device alone. "L158" in 1008h fits the old
-    LIR-DA158 and the new LIR-DA158A; 1015h, 6200h or 1010h:0 must tell which (sheet
-    skbis-lir-canopen, trap 20). "MAGA" needs 3000h or 3001h as well (sheet haomiao-38, trap 14).
+    A device is named only when the evidence fits one device alone; the user's own come first.
+    "L158" in 1008h fits the old LIR-DA158 and the new LIR-DA158A; 1015h, 6200h or 1010h:0 must tell
+    which (sheet skbis-lir-canopen, trap 20). "MAGA" needs 3000h or 3001h as well (sheet haomiao-38,
+    trap 14).
     """
     name = _text_of(known.get((0x1008, 0)))
     if name is None and (0x1018, 2) not in known:
         return None
-    devices = _usable(user_folders() if folders is None else folders)
-    fitting = [device for device in devices if _fits(device.identity, known, name)]
-    return fitting[0] if len(fitting) == 1 else None
+    for catalog in (_own(user_folders() if folders is None else folders), _catalog(())):
+        fitting = [d for d in _usable(catalog.values()) if _fits(d.identity, known, name)]
+        if fitting:
+            return fitting[0] if len(fitting) == 1 else None
+    return None
 
 
-def _usable(folders: tuple[Path, ...]) -> list[Device]:
-    """All devices of the catalogue; a user's file that is broken is told when it is asked for."""
-    devices: list[Device] = []
-    for path in _catalog(folders).values():
-        try:
-            devices.append(_from_path(path))
-        except DescriptionError:
-            continue
-    return devices
+def _usable(paths: Iterable[Path]) -> Iterator[Device]:
+    """Devices of files; a user's file that is broken is told when it is asked for."""
+    for path in paths:
+        with suppress(DescriptionError):
+            yield _from_path(path)
 
 
 def _text_of(value: int | bytes | None) -> str | None:
@@ -147,9 +158,7 @@ def _text_of(value: int | bytes | None) -> str | None:
     return value.decode("latin-1").rstrip("\0 ") if value is not None else None
 
 
-def _fits(
-    rules: Mapping[str, Any], known: Mapping[Key, int | bytes | None], name: str | None
-) -> bool:
+def _fits(rules: Mapping[str, Any], known: Mapping[Key, int | bytes], name: str | None) -> bool:
     if not rules:
         return False
     named = "name" in rules and name == rules["name"]
@@ -168,10 +177,10 @@ def _fits(
     return not any(_holds(rule, known) for rule in rules.get("excluded_by", ()))
 
 
-def _holds(rule: Mapping[str, Any], known: Mapping[Key, int | bytes | None]) -> bool:
+def _holds(rule: Mapping[str, Any], known: Mapping[Key, int | bytes]) -> bool:
     if rule["object"] not in known:
         return False
     value = known[rule["object"]]
     if isinstance(rule["is"], str):
-        return (value is None) == (rule["is"] == "absent")
+        return (value == ABSENT) == (rule["is"] == "absent")
     return value in rule["is"]

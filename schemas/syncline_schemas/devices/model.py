@@ -97,12 +97,12 @@ class Jump:
 
 @dataclass(frozen=True, slots=True)
 class Quirks:
-    """Where a device deviates from CiA 301, or what the standard leaves open; all are facts, not errors."""
+    """Where a device deviates from CiA 301, or what the standard leaves open; facts, not errors."""
 
     bootup_bytes: tuple[int, ...] = (0x00,)
     """State bytes that a boot-up may carry; 7Fh where heartbeat runs from the start."""
     empty_heartbeat_after_rtr: bool = False
-    """After a remote frame on 700h+n heartbeats come with byte 00h or without data until a reset."""
+    """After a remote frame on 700h+n heartbeats have byte 00h or no data until a reset."""
     reset_quiet_ms: int = 0
     """Silence after an NMT reset that is normal, before or after the boot-up."""
     type_0: Literal["acyclic", "off", "once_per_change", "unknown"] = "acyclic"
@@ -187,12 +187,20 @@ GENERIC_QUIRKS = Quirks()
 
 @dataclass(frozen=True, slots=True)
 class Override:
-    """A setting that a user may give per node, with the values it takes."""
+    """A setting that a user may give per node, with the values it takes.
+
+    `quirk` names the quirk that it changes, `means` the quirk's value by the text of the setting,
+    `factor` that of a number; `object` is the object whose scale it gives. "auto" changes nothing.
+    """
 
     name: str
     default: Any = None
     choices: tuple[Any, ...] = ()
     meaning: str = ""
+    quirk: str = ""
+    means: Mapping[str, Any] = field(default_factory=dict)
+    factor: int = 1
+    object: Key | None = None
 
 
 @dataclass(frozen=True, slots=True)

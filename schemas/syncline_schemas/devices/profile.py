@@ -7,6 +7,7 @@ from typing import Any, cast
 
 from syncline_schemas.devices.model import (
     BitField,
+    Device,
     EmcyField,
     Jump,
     Key,
@@ -74,6 +75,12 @@ def _number(value: Any) -> float:
     return float(value)
 
 
+def _bit(value: Any) -> int:
+    read = integer(value)
+    _need(0 <= read < 64, value, "bit number from 0 to 63")
+    return read
+
+
 def _text(value: Any) -> str:
     _need(isinstance(value, str), value, "text")
     return cast("str", value)
@@ -97,6 +104,15 @@ def _list(item: Convert) -> Convert:
     def convert(value: Any) -> tuple[Any, ...]:
         _need(isinstance(value, list), value, "list")
         return tuple(item(part) for part in value)
+
+    return convert
+
+
+def _pair(item: Convert) -> Convert:
+    def convert(value: Any) -> tuple[Any, ...]:
+        read: tuple[Any, ...] = _list(item)(value)
+        _need(len(read) == 2, value, "pair")
+        return read
 
     return convert
 
@@ -126,7 +142,9 @@ def _record(
 
 
 def _bit_fields(value: Any) -> tuple[BitField, ...]:
-    table = _table(_text, _list(integer))(value)
+    table = _table(_text, _list(_bit))(value)
+    for bits in table.values():
+        _need(len(bits) > 0 and bits[0] <= bits[-1], bits, "range of bits, like [0, 15]")
     return tuple(BitField(name, bits[0], bits[-1]) for name, bits in table.items())
 
 
@@ -188,7 +206,7 @@ _QUIRKS: dict[str, Convert] = {
     "unspecified_size_writes": _truth,
     "termination": object_key,
 }
-_BIT = _record({"object": object_key, "bit": integer})
+_BIT = _record({"object": object_key, "bit": _bit})
 _MEASUREMENT: dict[str, Convert] = {
     "position": _KEYS,
     "counts_per_turn": object_key,
@@ -209,9 +227,9 @@ _MEASUREMENT: dict[str, Convert] = {
             {
                 "value": integer,
                 "name": _text,
-                "axes": _list(_text),
-                "low": _list(_number),
-                "high": _list(_number),
+                "axes": _pair(_text),
+                "low": _pair(_number),
+                "high": _pair(_number),
                 "corrected": _list(integer),
             },
             {"singular": _text},
@@ -222,14 +240,14 @@ _MEASUREMENT: dict[str, Convert] = {
 _EMCY: dict[str, Convert] = {
     "codes": _table(lambda text: int(text, 16), _text),
     "groups": _table(lambda text: int(text, 16), _text),
-    "register": _table(integer, _text),
+    "register": _table(_bit, _text),
     "register_codes": _table(integer, _list(lambda text: int(text, 16))),
     "fields": _list(
         _record(
-            {"name": _text, "start": integer, "length": integer},
+            {"name": _text, "start": _bit, "length": _bit},
             {
-                "bits": _table(integer, _text),
-                "codes": _table(integer, lambda text: int(text, 16)),
+                "bits": _table(_bit, _text),
+                "codes": _table(_bit, lambda text: int(text, 16)),
             },
         )
     ),
@@ -256,7 +274,7 @@ _OBJECT: dict[str, Convert] = {
     "scale_object": object_key,
     "meaning": _text,
     "values": _table(integer, _text),
-    "bits": _table(integer, _text),
+    "bits": _table(_bit, _text),
     "fields": _bit_fields,
     "text": _text,
     "persisted": _one_of("yes", "no", "?", "-"),
@@ -265,6 +283,10 @@ _OVERRIDE: dict[str, Convert] = {
     "default": lambda v: v,
     "choices": tuple,
     "meaning": _text,
+    "quirk": _one_of(*_QUIRKS),
+    "means": _table(_text, lambda value: value),
+    "factor": integer,
+    "object": object_key,
 }
 _TOP: dict[str, Convert] = {
     "title": _text,
@@ -304,7 +326,8 @@ class _Reader:
             facts = self.table(f"objects.{name}", value, _OBJECT)
             try:
                 found |= dict.fromkeys(_key_range(name), facts)
-            except ValueError as error:
+                facts.get("text", "").format(**{f.name: 0 for f in facts.get("fields", ())})
+            except (ValueError, LookupError, AttributeError) as error:
                 self.errors.append(f"objects.{name}: {error}")
         return found
 
@@ -346,8 +369,62 @@ def read_profile(text: str, where: str) -> Profile:
 _PARTS = ("identity", "quirks", "emcy", "measurement", "objects", "overrides")
 
 
+def configured(device: Device, given: Mapping[str, Any]) -> Device:
+    """The device with a user's settings in its quirks, limits, scales and EMCY fields.
+
+    Raises:
+        DescriptionError: there is no such setting, or it does not take the value; all at once.
+    """
+    errors: list[str] = []
+    changed: dict[str, Any] = {}
+    facts = dict(device.facts)
+    for name, value in given.items():
+        setting = device.overrides.get(name)
+        if setting is None:
+            errors.append(f"{name}: there is no such setting, but {', '.join(device.overrides)}")
+            continue
+        try:
+            _suits(setting, value)
+            if setting.quirk and value != "auto":
+                changed[setting.quirk] = _QUIRKS[setting.quirk](_quirk_value(setting, value))
+            if setting.object in facts and value != "auto":
+                facts[setting.object] = replace(facts[setting.object], scale=float(value))
+        except (ValueError, TypeError) as error:
+            errors.append(f"{name}: {error}")
+    if errors:
+        raise DescriptionError(f"settings of {device.name}: " + "; ".join(errors))
+    numbers = {k: float(v) for k, v in given.items() if k in device.limits and v != "auto"}
+    return replace(
+        device,
+        facts=facts,
+        quirks=replace(device.quirks, **changed),
+        limits={**device.limits, **numbers},
+        emcy_fields=() if given.get("emcy_layout") == "none" else device.emcy_fields,
+    )
+
+
+def _suits(setting: Override, value: Any) -> None:
+    """Raise ValueError where the value is none that the setting takes."""
+    if setting.choices:
+        choices = ", ".join(str(choice) for choice in setting.choices)
+        if value not in setting.choices:
+            raise ValueError(f"{value!r} is none of {choices}")
+    elif isinstance(setting.default, bool):
+        _truth(value)
+    elif value != "auto" and (
+        isinstance(setting.default, int | float) or setting.default == "auto"
+    ):
+        _number(value)
+
+
+def _quirk_value(setting: Override, value: Any) -> Any:
+    if setting.means:
+        return setting.means[str(value).lower()]
+    return int(value * setting.factor) if setting.factor != 1 else value
+
+
 def with_profile(facts: dict[Key, ObjectFacts], profile: Profile) -> dict[Key, ObjectFacts]:
-    """Facts from the EDS with those of the profile added; objects that no EDS lists are left out."""
+    """Facts from the EDS with those of the profile added; what the EDS lacks is left out."""
     known = {f.name for f in fields(ObjectFacts)}
     return {
         key: replace(fact, **cast("dict[str, Any]", {k: v for k, v in more.items() if k in known}))

@@ -1,0 +1,268 @@
+"""Each rule on the control side: a case that triggers it, and a near miss that does not."""
+
+import pytest
+
+from syncline_analyzer.results import Finding
+from syncline_schemas.batch import FrameFlag, Gap
+from syncline_schemas.devices import load_device
+from tests.analyzer.control_runs import MS, Row, Run, frame, remote, run
+from tests.analyzer.test_nmt_fold import guarding, heartbeats, ordered
+
+OTHER = heartbeats(0, 4000, node=9)
+READ = "4000100000000000"
+ANSWER = "4300100001000000"
+
+
+def one(result: Run, rule: str) -> Finding:
+    """The only finding of a rule, which names its evidence and what to do."""
+    (finding,) = [f for f in result.findings() if f.id == rule]
+    assert finding.evidence or rule == "capture.gap"
+    assert finding.text.endswith(".")
+    assert finding.cause
+    assert finding.check_next
+    return finding
+
+
+def test_a_healthy_bus_is_silent() -> None:
+    start = [frame(5, 0x705, "00"), frame(10, 0x000, "0105"), frame(15, 0x085, "0000000000000000")]
+    sdo = [frame(20, 0x605, READ), frame(21, 0x585, ANSWER)]
+    pdos = [frame(t, 0x185, "01") for t in range(150, 4000, 20)]
+    result = run(*ordered(start, sdo, pdos, heartbeats(100, 4000), OTHER))
+    assert result.findings() == []
+
+
+def test_node_lost() -> None:
+    result = run(*ordered(heartbeats(0, 1000), heartbeats(2000, 4000), OTHER))
+    finding = one(result, "nmt.node_lost")
+    assert (finding.node, finding.start_ns, finding.end_ns) == (5, 900 * MS, 2000 * MS)
+    assert "without a boot-up" in finding.text
+    near = run(*ordered(heartbeats(0, 1000), heartbeats(1040, 4000), OTHER))
+    assert near.ids() == []
+
+
+def test_node_lost_until_the_end() -> None:
+    finding = one(run(*ordered(heartbeats(0, 1000), OTHER)), "nmt.node_lost")
+    assert "up to the end" in finding.text
+
+
+def test_the_whole_bus_switched_off_is_one_finding() -> None:
+    off = ordered(heartbeats(0, 1000), heartbeats(0, 1000, node=9))
+    on = ordered(
+        [frame(5000, 0x705, "00"), frame(5001, 0x709, "00")],
+        heartbeats(5100, 6000),
+        heartbeats(5100, 6000, node=9),
+    )
+    finding = one(run(*off, *on), "nmt.node_lost")
+    assert (finding.node, finding.severity) == (None, "warning")
+    assert "nodes 5, 9" in finding.text
+
+
+def test_unexpected_reset() -> None:
+    crash = [frame(1050, 0x705, "00"), *heartbeats(1100, 4000, state="7F")]
+    finding = one(run(*ordered(heartbeats(0, 1000), crash, OTHER)), "nmt.unexpected_reset")
+    assert finding.evidence == [row_seq(ordered(heartbeats(0, 1000), crash, OTHER), 1050)]
+    commanded = [frame(1010, 0x000, "8100")]
+    assert run(*ordered(heartbeats(0, 1000), commanded, crash, OTHER)).ids() == []
+
+
+def row_seq(rows: list[Row], t_ms: int) -> int:
+    return next(n for n, row in enumerate(rows) if row[0] == t_ms * MS)
+
+
+def test_a_pair_of_boot_ups_is_one_restart() -> None:
+    pair = [frame(1050, 0x705, "00"), frame(1095, 0x705, "00"), *heartbeats(1100, 4000)]
+    finding = one(run(*ordered(heartbeats(0, 1000), pair, OTHER)), "nmt.unexpected_reset")
+    assert "two boot-up frames" in finding.text
+
+
+def test_the_first_boot_up_of_a_capture_is_no_restart() -> None:
+    assert run(*ordered([frame(50, 0x705, "00")], heartbeats(100, 4000), OTHER)).ids() == []
+
+
+def test_a_reset_by_sdo_is_not_spontaneous() -> None:
+    """JN29: 2002h = 1 restarts a JN2100 without an NMT command."""
+    write = [frame(1005, 0x605, "2F02200001000000"), frame(1006, 0x585, "6002200000000000")]
+    rows = ordered(heartbeats(0, 1000), write, [frame(1050, 0x705, "00")], heartbeats(1100, 4000))
+    assert run(*ordered(rows, OTHER), devices={5: load_device("jn2100")}).ids() == []
+    assert run(*ordered(rows, OTHER)).ids() == ["nmt.unexpected_reset"]
+
+
+def test_command_ignored() -> None:
+    stop = [frame(1010, 0x000, "0205")]
+    finding = one(run(*ordered(heartbeats(0, 4000), stop, OTHER)), "nmt.command_ignored")
+    assert "OPERATIONAL" in finding.text
+    slow = ordered(heartbeats(0, 1100), stop, heartbeats(1100, 4000, state="04"), OTHER)
+    assert run(*slow).ids() == []
+
+
+def test_a_broadcast_is_not_ignored_by_the_master_itself() -> None:
+    stop = [frame(1010, 0x000, "0200")]
+    slave = [*heartbeats(0, 1100), *heartbeats(1100, 4000, state="04")]
+    assert run(*ordered(slave, stop, OTHER)).ids() == []
+
+
+def test_pdo_outside_operational() -> None:
+    bind = [frame(1, 0x605, "4000180100000000"), frame(2, 0x585, "4300180185010000")]
+    pdos = [frame(t, 0x185, "01") for t in range(1000, 2000, 100)]
+    preop = heartbeats(10, 4000, state="7F")
+    finding = one(run(*ordered(bind, preop, pdos, OTHER)), "nmt.pdo_outside_operational")
+    assert "185h" in finding.text
+    assert run(*ordered(preop, pdos, OTHER)).ids() == []
+    asked = [remote(t - 1, 0x185) for t in range(1000, 2000, 100)]
+    assert run(*ordered(bind, preop, pdos, asked, OTHER)).ids() == []
+
+
+def test_guarding_lost_is_one_story_rooted_at_the_master() -> None:
+    """JN12: no request for 300 ms, EMCY 8130h, back to PRE-OPERATIONAL."""
+    story = ordered(
+        guarding(0, 1000),
+        [frame(1205, 0x085, "3081110000000000")],
+        guarding(1400, 3000, state=0x7F),
+        OTHER,
+    )
+    result = run(*story)
+    finding = one(result, "nmt.guarding_lost")
+    assert result.ids() == ["nmt.guarding_lost"]
+    assert "305 ms" in finding.text
+    assert "PRE-OPERATIONAL" in finding.text
+    assert len(finding.evidence) == 3
+    assert "not at node 5" in finding.cause
+    assert run(*ordered(guarding(0, 1000), guarding(1400, 3000), OTHER)).ids() == []
+
+
+def test_heartbeat_master_that_dies_is_the_root() -> None:
+    master = heartbeats(0, 1000, node=1)
+    slave = [*heartbeats(50, 1450), *heartbeats(1450, 4000, state="7F")]
+    emcy = [frame(1400, 0x085, "3081110000000000")]
+    result = run(*ordered(master, slave, emcy, OTHER))
+    assert result.ids() == ["nmt.guarding_lost"]
+    assert "master (node 1)" in one(result, "nmt.guarding_lost").cause
+
+
+def test_leaving_operational_without_a_command() -> None:
+    """1029h:1 = 2: a LIR goes to STOPPED after a bus error and is mute (trap 16)."""
+    emcy = [frame(1050, 0x085, "1043010000000000")]
+    beats = [*heartbeats(0, 1100), *heartbeats(1100, 4000, state="04")]
+    result = run(*ordered(beats, emcy, OTHER))
+    finding = one(result, "nmt.left_operational")
+    assert "STOPPED" in finding.text
+    assert "4310h" in finding.text
+    commanded = [frame(1060, 0x000, "0205")]
+    assert "nmt.left_operational" not in run(*ordered(beats, emcy, commanded, OTHER)).ids()
+    self_start = [*heartbeats(0, 1100, state="7F"), *heartbeats(1100, 4000)]
+    assert run(*ordered(self_start, OTHER)).ids() == []
+
+
+def test_duplicate_node_id_by_cadence_and_by_state() -> None:
+    twins = ordered(heartbeats(0, 4000), heartbeats(30, 4000))
+    assert "nmt.duplicate_node_id" in run(*ordered(twins, OTHER)).ids()
+    states = ordered(heartbeats(0, 4000), heartbeats(1033, 4000, every_ms=170, state="7F"))
+    assert run(*ordered(states, OTHER)).ids() == ["nmt.duplicate_node_id"]
+    shaky = [frame(t * 100 + (t * 37) % 20, 0x705, "05") for t in range(40)]
+    assert run(*ordered(shaky, OTHER)).ids() == []
+
+
+def test_guard_toggle_stuck() -> None:
+    stuck = [row if row[3] else frame(row[0] / MS, 0x705, "05") for row in guarding(0, 1000)]
+    assert run(*ordered(stuck, heartbeats(0, 1000, node=9))).ids() == ["nmt.guard_toggle"]
+
+
+def test_heartbeat_slower_than_1017h() -> None:
+    def written(ms: int) -> Run:
+        data = "2B171000" + ms.to_bytes(2, "little").hex() + "0000"
+        write = [frame(1, 0x605, data), frame(2, 0x585, "6017100000000000")]
+        return run(*ordered(write, heartbeats(10, 4000, every_ms=500), OTHER))
+
+    assert written(100).ids() == ["nmt.heartbeat_slow"]
+    assert written(500).ids() == []
+
+
+def test_rtr_on_a_heartbeat_node() -> None:
+    ask = [remote(2050, 0x705)]
+    assert run(*ordered(heartbeats(0, 4000), ask, OTHER)).ids() == ["config.rtr_on_heartbeat_node"]
+    assert run(*ordered(guarding(0, 4000), OTHER)).ids() == []
+
+
+def test_sdo_abort_of_a_search_is_information_and_of_a_write_a_warning() -> None:
+    beats = ordered(heartbeats(0, 4000), OTHER)
+    search = [frame(5, 0x605, READ), frame(6, 0x585, "8000100000000206")]
+    finding = one(run(*ordered(search, search, beats)), "sdo.abort")
+    assert finding.severity == "info"
+    write = [frame(5, 0x605, "2B171000FA000000"), frame(6, 0x585, "8017100002000106")]
+    finding = one(run(*ordered(write, beats)), "sdo.abort")
+    assert finding.severity == "warning"
+    assert "read-only" in finding.text
+    good = [frame(5, 0x605, READ), frame(6, 0x585, ANSWER)]
+    assert run(*ordered(good, beats)).ids() == []
+
+
+def test_sdo_no_answer_only_from_nodes_that_are_there() -> None:
+    beats = ordered(heartbeats(0, 4000), OTHER)
+    asked = [frame(500, 0x605, READ), frame(700, 0x605, READ)]
+    finding = one(run(*ordered(asked, beats)), "sdo.no_answer")
+    assert "2 SDO requests" in finding.text
+    nobody = [frame(500, 0x606, READ), frame(700, 0x606, READ)]
+    timed_out = [frame(900, 0x606, "8000100000000405")]
+    assert run(*ordered(nobody, timed_out, beats)).ids() == []
+
+
+def test_sdo_requests_to_a_lost_node_belong_to_its_loss() -> None:
+    asked = [frame(1500, 0x605, READ), frame(1700, 0x605, READ)]
+    rows = ordered(heartbeats(0, 1000), heartbeats(2500, 4000), asked, OTHER)
+    assert run(*rows).ids() == ["nmt.node_lost"]
+
+
+def test_emcy_active_at_the_end_is_an_error_and_over_a_warning() -> None:
+    beats = ordered(heartbeats(0, 4000), OTHER)
+    raised = [frame(500, 0x085, "1043010000000000")]
+    assert one(run(*ordered(raised, beats)), "emcy.active").severity == "error"
+    cleared = [*raised, frame(900, 0x085, "0000000000000000")]
+    finding = one(run(*ordered(cleared, beats)), "emcy.active")
+    assert finding.severity == "warning"
+    assert "400 ms" in finding.text
+    nothing = [frame(500, 0x085, "0000000000000000")]
+    assert run(*ordered(nothing, beats)).ids() == []
+
+
+def test_bus_off_told_by_the_node_explains_its_silence() -> None:
+    told = [frame(2001, 0x085, "4081110000000000"), frame(2050, 0x085, "0000000000000000")]
+    rows = ordered(heartbeats(0, 1000), told, heartbeats(2100, 4000), OTHER)
+    result = run(*rows)
+    assert result.ids() == ["error.bus_off"]
+    assert one(result, "error.bus_off").start_ns == 900 * MS
+
+
+def test_bus_off_of_the_recorder() -> None:
+    off = frame(500, 0x40, "0000000000000000", flags=int(FrameFlag.ERROR))
+    finding = one(run(*ordered([off], heartbeats(0, 4000))), "error.bus_off")
+    assert finding.node is None
+    passive = frame(500, 0x04, "0010000000000000", flags=int(FrameFlag.ERROR))
+    assert run(*ordered([passive], heartbeats(0, 4000))).ids() == []
+
+
+@pytest.mark.parametrize(("back_ms", "severity"), [(500.0, "warning"), (0.05, "info")])
+def test_clock_step_back(back_ms: float, severity: str) -> None:
+    rows = [*heartbeats(0, 1000), *heartbeats(900 - back_ms, 2000 - back_ms)]
+    assert one(run(*rows), "clock.step_back").severity == severity
+    assert run(*heartbeats(0, 2000)).ids() == []
+
+
+def test_buses_have_their_own_order_of_stamps() -> None:
+    rows = [
+        frame(t + (20 if bus else 0), 0x705, "05", bus=bus)
+        for t in range(0, 2000, 100)
+        for bus in (1, 0)
+    ]
+    assert run(*rows).ids() == []
+
+
+def test_capture_gap() -> None:
+    gap = Gap(1000 * MS, 3000 * MS, "queue overrun", 12)
+    finding = one(run(*heartbeats(0, 1000), gap, *heartbeats(3000, 4000)), "capture.gap")
+    assert (finding.severity, finding.start_ns) == ("info", 1000 * MS)
+    assert "12 frames" in finding.text
+
+
+def test_untimed_captures_yield_no_finding_about_time() -> None:
+    rows = [frame(0, 0x705, "05")] * 5 + [frame(0, 0x705, "00"), frame(0, 0x605, READ)]
+    assert run(*rows, timed=False).ids() == []

@@ -1,0 +1,103 @@
+"""Statistics in bounded memory against numpy on all values."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from syncline_analyzer.distribution import EXACT_LIMIT, RELATIVE_ERROR, Distribution
+from syncline_analyzer.series import Thinner, extreme_rows
+
+
+def distribution(values: np.ndarray, size: int = 1000) -> Distribution:
+    made = Distribution()
+    for at in range(0, len(values), size):
+        made.add(values[at : at + size])
+    return made
+
+
+def samples(kind: str, count: int) -> np.ndarray:
+    rng = np.random.default_rng(7)
+    match kind:
+        case "narrow":
+            return rng.normal(20_000_000, 5_000, count).astype(np.int64)
+        case "wide":
+            return np.exp(rng.uniform(0, 25, count)).astype(np.int64)
+        case "drifting":
+            return np.linspace(1e5, 1e8, count).astype(np.int64)
+        case _:
+            return np.full(count, 1_000_000)
+
+
+@pytest.mark.parametrize("kind", ["narrow", "wide", "drifting", "constant"])
+@pytest.mark.parametrize("count", [1, 100, EXACT_LIMIT, 60_000])
+def test_agrees_with_numpy(kind: str, count: int) -> None:
+    values = samples(kind, count)
+    made = distribution(values)
+    assert made.count == count
+    assert (made.minimum, made.maximum) == (values.min(), values.max())
+    assert made.mean == pytest.approx(values.mean())
+    assert made.std == pytest.approx(values.std(), rel=1e-6, abs=1e-3)
+    for share in (0.01, 0.25, 0.5, 0.75, 0.99):
+        got, truth = made.quantile(share), float(np.quantile(values, share))
+        if count <= EXACT_LIMIT:
+            assert got == truth
+        else:
+            assert got == pytest.approx(truth, rel=2 * RELATIVE_ERROR, abs=2)
+
+
+def test_the_error_is_far_smaller_where_most_values_lie() -> None:
+    values = samples("narrow", 100_000)
+    made = distribution(values)
+    for share in (0.01, 0.5, 0.99):
+        assert abs(made.quantile(share) - np.quantile(values, share)) < 50
+
+
+@pytest.mark.parametrize("count", [10, 50_000])
+def test_the_histogram_holds_every_value(count: int) -> None:
+    values = samples("narrow", count)
+    values[-1] *= 40
+    counts, edges = distribution(values).histogram()
+    assert counts.sum() == count
+    assert len(edges) == len(counts) + 1
+    assert (np.diff(edges) > 0).all()
+    assert edges[0] <= values.min()
+    assert edges[-1] >= values.max()
+
+
+def test_nothing_added() -> None:
+    made = Distribution()
+    assert made.quantiles(1000) is None
+    assert np.isnan(made.quantile(0.5))
+    assert made.histogram()[0].tolist() == []
+
+
+@given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=300), st.integers(2, 20))
+@settings(max_examples=100, deadline=None)
+def test_each_run_keeps_its_extremes(values: list[float], run: int) -> None:
+    column = np.array(values)
+    rows = extreme_rows(column, run)
+    assert (np.diff(rows) > 0).all()
+    for at in range(0, len(values), run):
+        kept = rows[(rows >= at) & (rows < at + run)]
+        assert len(kept) <= 2
+        assert column[kept].min() == column[at : at + run].min()
+        assert column[kept].max() == column[at : at + run].max()
+
+
+def test_a_thinner_keeps_everything_up_to_its_limit_and_every_peak_beyond() -> None:
+    thinner = Thinner("value", 1000)
+    value = np.sin(np.arange(50_000) / 100)
+    value[33_333], value[44_444] = 50.0, -60.0
+    for at in range(0, 50_000, 500):
+        part = np.arange(at, at + 500)
+        thinner.add({"value": value[part], "row": part})
+        if at == 500:
+            assert thinner.stride == 1
+            assert len(thinner.columns()["row"]) == 1000
+    columns = thinner.columns()
+    assert thinner.stride > 1
+    assert len(columns["row"]) <= 1000
+    assert {33_333, 44_444} <= set(columns["row"].tolist())
+    assert (np.diff(columns["row"]) > 0).all()
+    np.testing.assert_array_equal(value[columns["row"]], columns["value"])

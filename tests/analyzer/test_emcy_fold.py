@@ -1,0 +1,113 @@
+"""EMCY transitions after CiA 301 7.2.7.2 and the devices' own tables."""
+
+import pytest
+
+from syncline_analyzer.results import EmcyRow
+from syncline_schemas.devices import load_device
+from tests.analyzer.control_runs import MS, Run, frame, run
+
+ALIVE = frame(0, 0x705, "05")
+
+
+def lir(*messages: str) -> Run:
+    """A LIR-DA158A on node 5 sends EMCYs 100 ms apart, from 100 ms on."""
+    rows = [frame(100 * (n + 1), 0x085, data) for n, data in enumerate(messages)]
+    return run(ALIVE, *rows, devices={5: load_device("lir-da158a")})
+
+
+def transitions(result: Run) -> list[str]:
+    return [row.transition for row in result.analysis.emcy]
+
+
+def first(result: Run) -> EmcyRow:
+    return result.analysis.emcy[0]
+
+
+def test_raised_and_all_cleared() -> None:
+    result = lir("2073010100000000", "0000000000000000")
+    assert transitions(result) == ["raised", "all cleared"]
+    (error,) = result.analysis.errors
+    assert (error.code, error.status, error.count) == (0x7320, "cleared", 1)
+    assert (error.raised_ns, error.cleared_ns) == (100 * MS, 200 * MS)
+    assert first(result).meaning == "position error"
+    assert first(result).registers == ["general"]
+    assert first(result).details["alarms"] == 1
+
+
+def test_a_clear_with_bits_left_tells_which_errors_stay() -> None:
+    """LA20: 0000h with register 80h: the EEPROM error is still there."""
+    result = lir("2073010100000000", "3055810100000000", "0000800000000000")
+    assert transitions(result) == ["raised", "further", "partly cleared"]
+    by_code = {error.code: error.status for error in result.analysis.errors}
+    assert by_code == {0x7320: "cleared", 0x5530: "still active"}
+
+
+def test_a_boot_up_loses_errors_without_clearing_them() -> None:
+    result = run(ALIVE, frame(100, 0x085, "2073010100000000"), frame(200, 0x705, "00"))
+    assert transitions(result) == ["raised", "reset"]
+    (error,) = result.analysis.errors
+    assert (error.status, error.cleared_ns) == ("lost at reset", None)
+    assert result.nodes[5].emcy == 1
+
+
+@pytest.mark.parametrize("length", range(8))
+def test_short_messages_are_malformed_and_raise_nothing(length: int) -> None:
+    result = run(ALIVE, frame(100, 0x085, "3081110000000000"[: 2 * length]))
+    assert transitions(result) == ["malformed"]
+    assert (result.analysis.errors, result.nodes[5].emcy) == ([], 0)
+
+
+def test_repeats_are_counted_on_one_error() -> None:
+    result = run(ALIVE, *[frame(100 * n, 0x085, "2082110000000000") for n in range(1, 4)])
+    assert transitions(result) == ["raised", "further", "further"]
+    assert [(e.code, e.count) for e in result.analysis.errors] == [(0x8220, 3)]
+
+
+def test_unspecific_codes_are_told_apart_by_the_maker_s_bytes() -> None:
+    """Sevcon: 1000h stands for many faults; the clear names the one it clears."""
+    result = run(
+        ALIVE,
+        frame(100, 0x085, "0010018448000000"),
+        frame(200, 0x085, "001001C445000000"),
+        frame(300, 0x085, "0000008448000000"),
+        frame(400, 0x085, "000000C445000000"),
+    )
+    assert [(e.raised_ns // MS, (e.cleared_ns or 0) // MS) for e in result.analysis.errors] == [
+        (100, 300),
+        (200, 400),
+    ]
+
+
+def test_a_moved_emcy_belongs_to_its_node() -> None:
+    """1014h = 90h on node 5: the message on 090h is not node 16's."""
+    move = [frame(1, 0x605, "2314100090000000"), frame(2, 0x585, "6014100000000000")]
+    result = run(ALIVE, *move, frame(100, 0x090, "1043010000000000"), batch=3)
+    assert [(row.node, row.code) for row in result.analysis.emcy] == [(5, 0x4310)]
+    assert list(result.nodes) == [5]
+
+
+def test_an_error_from_before_the_capture_is_told() -> None:
+    result = lir("0000800000000000")
+    assert transitions(result) == ["partly cleared"]
+    assert result.ids() == ["emcy.active_before"]
+
+
+def test_storm_and_its_near_miss() -> None:
+    def storm(every_ms: int) -> Run:
+        codes = ("2073010100000000", "0000000000000000")
+        rows = [frame(100 + n * every_ms, 0x085, codes[n % 2]) for n in range(30)]
+        return run(ALIVE, *rows, devices={5: load_device("lir-da158a")})
+
+    assert "emcy.storm" in storm(20).ids()
+    assert len(storm(20).tables.emcy.storms) == 1
+    assert storm(20).tables.emcy.storms[0].number == 30
+    assert "emcy.storm" not in storm(101).ids()
+
+
+def test_inhibit_time_counts_only_when_it_is_known() -> None:
+    write = [frame(1, 0x605, "2B151000F4010000"), frame(2, 0x585, "6015100000000000")]
+    pair = [frame(100, 0x085, "2082110000000000"), frame(120, 0x085, "2082110000000000")]
+    assert "emcy.inhibit_time" in run(ALIVE, *write, *pair).ids()
+    assert "emcy.inhibit_time" not in run(ALIVE, *pair).ids()
+    wide = [pair[0], frame(160, 0x085, "2082110000000000")]
+    assert "emcy.inhibit_time" not in run(ALIVE, *write, *wide).ids()

@@ -1,0 +1,333 @@
+"""NMT states, error control and guarding from frames written by hand."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from syncline_analyzer.context import Context
+from syncline_analyzer.fold import IndexedBatch
+from syncline_analyzer.folds.control import ControlFold
+from syncline_analyzer.shadow import Shadow
+from syncline_schemas.batch import FrameBatch, Gap
+from syncline_schemas.devices import load_device
+from tests.analyzer.control_runs import MS, Row, Run, S, frame, remote, run
+
+NODE = 5
+
+
+def heartbeats(
+    begin_ms: float, end_ms: float, *, every_ms: float = 100.0, state: str = "05", node: int = NODE
+) -> list[Row]:
+    """Heartbeats in [begin, end)."""
+    count = round((end_ms - begin_ms) / every_ms)
+    return [frame(begin_ms + k * every_ms, 0x700 + node, state) for k in range(count)]
+
+
+def guarding(
+    begin_ms: float, end_ms: float, *, state: int = 5, answers: bool = True, toggle: int = 0
+) -> list[Row]:
+    """Guard requests every 100 ms, and answers 1 ms later with an alternating toggle bit."""
+    rows = []
+    for number in range(round((end_ms - begin_ms) / 100)):
+        t_ms = begin_ms + 100 * number
+        rows.append(remote(t_ms, 0x700 + NODE))
+        if answers:
+            byte = state | 0x80 * ((toggle + number) % 2)
+            rows.append(frame(t_ms + 1, 0x700 + NODE, f"{byte:02X}"))
+    return rows
+
+
+def ordered(*parts: list[Row]) -> list[Row]:
+    return sorted((row for part in parts for row in part), key=lambda row: row[0])
+
+
+def test_boot_up_command_and_confirmation() -> None:
+    result = run(
+        frame(0, 0x701, "05"),
+        frame(100, 0x705, "00"),
+        *heartbeats(200, 500, state="7F"),
+        frame(530, 0x000, "0105"),
+        *heartbeats(600, 1000),
+    )
+    assert result.states(NODE) == [
+        ("UNKNOWN", 0.0, 0.1),
+        ("PRE-OPERATIONAL", 0.1, 0.53),
+        ("OPERATIONAL", 0.53, 0.9),
+    ]
+    assert [row.certainty for row in result.analysis.nmt_states if row.node == NODE] == [
+        "assumed",
+        "observed",
+        "observed",
+    ]
+    assert result.analysis.nmt_commands[0].confirmed_ms == pytest.approx(70.0)
+    node = result.nodes[NODE]
+    assert (node.boot_ups, node.heartbeats, node.heartbeat_period_ms) == (1, 7, 100.0)
+
+
+def test_a_command_that_nothing_confirms_stays_commanded() -> None:
+    result = run(frame(0, 0x705, "7F"), frame(50, 0x000, "0105"), frame(90, 0x701, "05"))
+    last = [row for row in result.analysis.nmt_states if row.node == NODE][-1]
+    assert (last.state, last.certainty) == ("OPERATIONAL", "commanded")
+    assert result.analysis.nmt_commands[0].confirmed_ms is None
+
+
+def test_reset_until_boot_up_is_initialising() -> None:
+    result = run(
+        *heartbeats(0, 1000),
+        frame(1010, 0x000, "8105"),
+        frame(1310, 0x705, "00"),
+        *heartbeats(1400, 1700, state="7F"),
+    )
+    assert result.states(NODE)[1:3] == [
+        ("INITIALISING", 1.01, 1.31),
+        ("PRE-OPERATIONAL", 1.31, 1.6),
+    ]
+    assert result.analysis.nmt_commands[0].confirmed_ms == pytest.approx(300.0)
+    assert result.ids() == []
+
+
+def test_broadcast_is_confirmed_when_the_last_node_did() -> None:
+    before = ordered(heartbeats(0, 500, state="7F"), heartbeats(20, 500, state="7F", node=6))
+    after = ordered(heartbeats(500, 900), heartbeats(520, 900, node=6))
+    result = run(*before, frame(505, 0x000, "0100"), *after[2:])
+    assert result.analysis.nmt_commands[0].confirmed_ms == pytest.approx(115.0)
+
+
+def test_silence_is_lost_after_one_and_a_half_periods() -> None:
+    other = heartbeats(0, 3000, node=9)
+    result = run(*ordered(heartbeats(0, 1000), other, heartbeats(2000, 3000)))
+    assert result.states(NODE) == [
+        ("OPERATIONAL", 0.0, 1.05),
+        ("LOST", 1.05, 2.0),
+        ("OPERATIONAL", 2.0, 2.9),
+    ]
+    lost = next(row for row in result.analysis.nmt_states if row.state == "LOST")
+    assert "1.5 times its usual period of 100.0 ms" in lost.cause
+
+
+def test_producer_time_and_consumer_time_come_before_the_median() -> None:
+    """1017h read as 400 ms: LOST after 600 ms; node 9 watches with 250 ms: LOST after that."""
+    read = [frame(1, 0x605, "4017100000000000"), frame(2, 0x585, "4B17100090010000")]
+    watch = [frame(3, 0x609, "2316100190010500"), frame(4, 0x589, "6016100100000000")]
+    watch[0] = frame(3, 0x609, "23161001FA000500")
+    beats = ordered(heartbeats(10, 1000, every_ms=100), heartbeats(0, 3000, node=9))
+    by_1017 = run(*read, *beats)
+    state, start, _ = by_1017.states(NODE)[-1]
+    assert state == "LOST"
+    assert start == pytest.approx(0.909 + 0.6, abs=2e-3)
+    by_1016 = run(*ordered(read, watch, beats))
+    lost = by_1016.states(NODE)[-1]
+    assert lost[0] == "LOST"
+    assert lost[1] == pytest.approx(0.91 + 0.25, abs=2e-3)
+
+
+@pytest.mark.parametrize("periods", [2, 3])
+def test_fewer_than_three_periods_prove_no_loss(periods: int) -> None:
+    few = heartbeats(0, 100 * (periods + 1))
+    result = run(*ordered(few, heartbeats(0, 3000, node=9)))
+    assert ("LOST" in [state for state, _, _ in result.states(NODE)]) == (periods >= 3)
+
+
+def test_a_longer_period_is_no_loss() -> None:
+    beats = heartbeats(0, 2000) + heartbeats(2000, 12_000, every_ms=1000)
+    result = run(*ordered(beats, heartbeats(0, 12_000, node=9)))
+    assert [state for state, _, _ in result.states(NODE)] == ["OPERATIONAL"]
+
+
+def test_a_node_that_goes_on_sending_pdos_is_not_lost() -> None:
+    pdos = [frame(t, 0x185, "0102") for t in range(5, 3000, 50)]
+    result = run(*ordered(heartbeats(0, 1000), pdos, heartbeats(0, 3000, node=9)))
+    assert [state for state, _, _ in result.states(NODE)] == ["OPERATIONAL"]
+
+
+def test_the_silence_of_a_whole_bus_is_not_the_node_s() -> None:
+    both = [*heartbeats(0, 1000), *heartbeats(7000, 8000)]
+    result = run(*ordered(both, [(row[0] + MS, 0, 0x709, 0, 1, row[5]) for row in both]))
+    assert [state for state, _, _ in result.states(NODE)] == [
+        "OPERATIONAL",
+        "UNKNOWN",
+        "OPERATIONAL",
+    ]
+    assert result.ids() == []
+
+
+def test_nothing_is_concluded_from_a_gap() -> None:
+    gap = Gap(1050 * MS, 4000 * MS, "adapter lost", 30)
+    beats = ordered(heartbeats(0, 1000), heartbeats(0, 1000, node=9))
+    after = ordered(heartbeats(4000, 5000), heartbeats(4000, 5000, node=9))
+    result = run(*beats, gap, *after)
+    assert result.states(NODE) == [
+        ("OPERATIONAL", 0.0, 1.05),
+        ("UNKNOWN", 1.05, 4.0),
+        ("OPERATIONAL", 4.0, 4.9),
+    ]
+    assert result.ids() == ["capture.gap"]
+
+
+def test_a_node_lost_before_a_gap_is_lost_until_the_gap() -> None:
+    gap = Gap(3000 * MS, 4000 * MS, "adapter lost")
+    result = run(
+        *ordered(heartbeats(0, 1000), heartbeats(0, 3000, node=9)), gap, frame(4000, 0x709, "05")
+    )
+    assert result.states(NODE)[1:] == [("LOST", 1.05, 3.0), ("UNKNOWN", 3.0, 4.0)]
+
+
+def test_untimed_captures_tell_states_but_no_durations() -> None:
+    rows = [frame(0, 0x705, "00"), frame(0, 0x000, "0105"), frame(0, 0x705, "05")]
+    result = run(*rows, timed=False)
+    assert [state for state, _, _ in result.states(NODE)] == ["PRE-OPERATIONAL", "OPERATIONAL"]
+    assert result.analysis.nmt_commands[0].confirmed_ms is None
+    assert result.nodes[NODE].heartbeat_period_ms is None
+
+
+def test_a_step_back_of_the_clock_makes_no_negative_time() -> None:
+    beats = heartbeats(5000, 6000) + heartbeats(2000, 3000)
+    result = run(*beats, end_ms=2900)
+    assert all(row.end_ns >= row.start_ns for row in result.analysis.nmt_states)
+    assert result.nodes[NODE].heartbeat_period_ms == 100.0
+    assert result.ids() == ["clock.step_back"]
+
+
+def test_guarding_is_counted_apart_from_heartbeats() -> None:
+    result = run(*guarding(0, 1000), frame(1000, 0x701, "05"))
+    node = result.nodes[NODE]
+    assert (node.guard_requests, node.guard_answers, node.heartbeats) == (10, 10, 0)
+    assert (node.toggle_errors, result.states(NODE)[-1][0]) == (0, "OPERATIONAL")
+
+
+def test_requests_that_a_logger_stored_as_empty_data_frames() -> None:
+    rows = [frame(row[0] / MS, row[2]) if row[3] else row for row in guarding(0, 1000)]
+    node = run(*rows, frame(1000, 0x701, "05")).nodes[NODE]
+    assert (node.guard_requests, node.guard_answers, node.heartbeats) == (10, 10, 0)
+
+
+def test_nobody_is_proven_by_requests_alone() -> None:
+    stored_empty = [frame(t, 0x702) for t in range(0, 1000, 100)]
+    asked = [remote(t, 0x703) for t in range(0, 1000, 100)]
+    called = [frame(1, 0x000, "8104"), frame(2, 0x604, "4000100000000000")]
+    result = run(*ordered(stored_empty, asked, called, heartbeats(0, 1000, node=1)))
+    assert list(result.nodes) == [1]
+
+
+def test_a_stuck_toggle_bit_is_counted() -> None:
+    rows = [frame(t, 0x705, "05") if t % 10 else remote(t, 0x705) for t in _pairs(1000)]
+    assert run(*rows).nodes[NODE].toggle_errors == 9
+
+
+def _pairs(end_ms: int) -> list[int]:
+    return sorted([*range(0, end_ms, 100), *range(1, end_ms, 100)])
+
+
+def test_a_guarded_node_is_lost_when_it_stops_answering_and_not_when_nobody_asks() -> None:
+    other = heartbeats(0, 3000, node=9)
+    silent = run(*ordered(guarding(0, 1000), guarding(1000, 3000, answers=False), other))
+    assert silent.states(NODE)[-1][0] == "LOST"
+    unasked = run(*ordered(guarding(0, 1000), other))
+    assert unasked.states(NODE)[-1][0] == "OPERATIONAL"
+
+
+def test_boot_up_byte_7fh_of_a_lir_with_heartbeat() -> None:
+    """LB01: with 1017h stored the boot-up carries 7Fh."""
+    rows = [*heartbeats(0, 1000), frame(1010, 0x000, "8105"), frame(3050, 0x705, "7F")]
+    rows += heartbeats(3150, 3500, state="7F")
+    lir = run(*rows, devices={NODE: load_device("lir-ma158k")})
+    assert [(boot.byte, boot.command_ns) for boot in lir.tables.nmt.boot_ups] == [(0x7F, 1010 * MS)]
+    assert (lir.nodes[NODE].boot_ups, lir.nodes[NODE].heartbeats) == (1, 14)
+    assert ("INITIALISING", 1.01, 3.05) in lir.states(NODE)
+    assert run(*rows).nodes[NODE].boot_ups == 0
+
+
+@pytest.mark.parametrize("empty", ["00", ""])
+def test_empty_heartbeats_after_a_remote_frame_are_no_boot_ups(empty: str) -> None:
+    """LB03, LB04."""
+    rows = [*heartbeats(0, 1000), remote(910, 0x705), *heartbeats(1000, 1900, state=empty)]
+    result = run(*rows)
+    node = result.nodes[NODE]
+    assert (node.boot_ups, node.heartbeats, node.final_state) == (0, 10, "UNKNOWN")
+    assert result.tables.nmt.nodes[0, NODE].counts.empty == 9
+    assert result.ids() == ["config.rtr_on_heartbeat_node"]
+
+
+def test_a_pdo_implies_operational_where_nothing_else_is_known() -> None:
+    result = run(frame(0, 0x701, "05"), frame(10, 0x185, "01"), frame(20, 0x185, "02"))
+    state = next(
+        row for row in result.analysis.nmt_states if row.state == "OPERATIONAL" and row.node == NODE
+    )
+    assert (state.certainty, state.start_ns) == ("implied", 10 * MS)
+    assert result.nodes[NODE].proof == ["pdo (guess)"]
+
+
+def test_identifiers_of_a_bus_that_is_not_canopen_make_no_node() -> None:
+    """A car: 181h, 201h, 381h, 581h, 601h, 701h with eight bytes each."""
+    ids = (0x081, 0x181, 0x201, 0x381, 0x581, 0x601, 0x701, 0x72A)
+    rows = [frame(t, can_id, "4F10203040506070") for t in range(0, 500, 10) for can_id in ids]
+    result = run(*rows)
+    analysis = result.analysis
+    assert (analysis.nodes, analysis.nmt_states, analysis.emcy, analysis.sdo) == ([], [], [], [])
+    assert result.findings() == []
+
+
+def test_malformed_commands_are_counted() -> None:
+    result = run(frame(0, 0x000, "01"), frame(1, 0x000, "010500"), frame(2, 0x000, "0105"))
+    assert (len(result.analysis.nmt_commands), result.tables.nmt.malformed) == (1, 2)
+
+
+_FRAMES = st.lists(
+    st.tuples(
+        st.sampled_from([0x000, 0x085, 0x185, 0x585, 0x605, 0x705, 0x706]),
+        st.sampled_from(
+            ["", "00", "05", "7F", "85", "FF", "8105", "0105", "0200", "3081110000000000"]
+        ),
+        st.integers(-20, 400),
+        st.booleans(),
+    ),
+    min_size=1,
+    max_size=60,
+)
+
+
+@given(_FRAMES, st.integers(1, 7))
+@settings(max_examples=100, deadline=None)
+def test_batches_do_not_matter(frames: list[tuple[int, str, int, bool]], batch: int) -> None:
+    t_ms, rows = 0, []
+    for can_id, data, step, asks in frames:
+        t_ms += step
+        rows.append(remote(t_ms, can_id) if asks and can_id > 0x700 else frame(t_ms, can_id, data))
+    end_ms = max(t_ms, 0) + 100
+    whole, pieces = run(*rows, end_ms=end_ms), run(*rows, batch=batch, end_ms=end_ms)
+    for name in ("nmt_states", "nmt_commands", "emcy", "errors", "sdo", "nodes"):
+        assert getattr(whole.analysis, name) == getattr(pieces.analysis, name), name
+    assert all(row.end_ns >= row.start_ns for row in whole.analysis.nmt_states)
+    _tiles(whole)
+
+
+def _tiles(result: Run) -> None:
+    """Intervals of a node leave no time out and do not overlap."""
+    by_node: dict[int, list[tuple[int, int]]] = {}
+    for row in result.analysis.nmt_states:
+        by_node.setdefault(row.node, []).append((row.start_ns, row.end_ns))
+    for spans in by_node.values():
+        assert all(a[1] == b[0] for a, b in pairwise(spans))
+
+
+def test_many_heartbeats_fold_into_few_events() -> None:
+    """A day of one heartbeat every 100 ms in one state stays one interval and few objects."""
+    count = 200_000
+    frames = FrameBatch(
+        np.arange(count, dtype=np.int64) * 100 * MS,
+        np.zeros(count, np.uint8),
+        np.full(count, 0x705, np.uint32),
+        np.zeros(count, np.uint16),
+        np.ones(count, np.uint8),
+        np.full((count, 8), [5, 0, 0, 0, 0, 0, 0, 0], np.uint8),
+    )
+    fold = ControlFold(Context(["can0"], Shadow(lambda _: "can0")))
+    for start in range(0, count, 50_000):
+        fold.update(IndexedBatch(frames[start : start + 50_000], start))
+    tables = fold.finish(int(frames.t_ns[-1]))
+    assert len(tables.nmt.states) == 1
+    assert len(tables.nmt.timelines[0, NODE].history.beats) < 10
+    assert tables.nmt.nodes[0, NODE].heartbeat_period_ns == S // 10

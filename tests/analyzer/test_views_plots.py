@@ -1,0 +1,158 @@
+"""What is plotted: lines by quantity, interrupted where nothing is known, with all their peaks."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from syncline_analyzer.results import GapRow
+from syncline_analyzer.views.events import marks
+from syncline_analyzer.views.histogram import bars_of
+from syncline_analyzer.views.plots import NODES_APART, Panel, panels
+from syncline_analyzer.views.thin import extremes
+from tests.analyzer.analysis_builder import (
+    analysis,
+    at,
+    bad_day,
+    capture_row,
+    responses,
+    series,
+    shaft,
+    tilt,
+)
+
+VALUES = arrays(
+    np.float64,
+    st.integers(0, 300),
+    elements=st.one_of(st.just(np.nan), st.floats(-1e6, 1e6, allow_nan=False)),
+)
+
+
+@given(VALUES, st.integers(2, 100))
+@settings(max_examples=200)
+def test_thinning_keeps_extremes_ends_of_runs_and_holes(value: np.ndarray, points: int) -> None:
+    rows = extremes(value, points)
+    kept = value[rows]
+    assert (np.diff(rows) > 0).all()
+    assert len(rows) <= max(points, 3 * (points // 2))
+    assert np.isnan(kept).any() == np.isnan(value).any()
+    if np.isfinite(value).any():
+        assert np.nanmin(kept) == np.nanmin(value)
+        assert np.nanmax(kept) == np.nanmax(value)
+
+
+def test_panels_go_by_quantity_angles_first() -> None:
+    found = panels(bad_day())
+    assert [panel.label for panel in found] == [
+        "Angle [deg] of node 5 shaft",
+        "Angle [deg] of node 10 boom tilt",
+        "Speed [rpm] of node 5 shaft",
+        "SYNC period [us]",
+        "PDO response [us]",
+        "Bus load [%]",
+    ]
+    names = [line.name for line in found[1].lines]
+    assert names == ["Slope long (6010h:00)", "Slope lateral (6020h:00)"]
+    assert len({line.colour for line in found[1].lines}) == 2
+
+
+def test_line_is_interrupted_at_cut_and_wrap_but_loses_no_sample() -> None:
+    trace = shaft(1000)
+    line = panels(analysis(trace_data=[trace]))[0].lines[0]
+    holes = np.isnan(line.value)
+    cuts = np.flatnonzero(np.diff(trace.segment)) + 1
+    wraps = np.flatnonzero(np.abs(np.diff(trace.columns["angle_deg"])) > 180) + 1
+    np.testing.assert_array_equal(line.value[~holes], trace.columns["angle_deg"])
+    np.testing.assert_array_equal(
+        line.t_ns[holes], np.sort(trace.t_ns[np.union1d(cuts, wraps)]) - 1
+    )
+
+
+def test_no_line_is_drawn_across_a_capture_gap() -> None:
+    capture = capture_row(gaps=[GapRow(at(100), at(200), "adapter lost", None)])
+    load = series("bus load", "%", np.full(601, 30.0))
+    keep = (load.t_ns < at(100)) | (load.t_ns >= at(200))
+    cut = type(load)(load.bus, load.name, load.unit, load.t_ns[keep], load.value[keep])
+    line = panels(analysis(capture=capture, series=[cut]))[0].lines[0]
+    assert line.t_ns[np.isnan(line.value)].tolist() == [at(200) - 1]
+
+
+def test_one_outlier_does_not_flatten_the_jitter_but_angles_show_all() -> None:
+    period = 10_000 + np.random.default_rng(1).normal(0, 10, 1000)
+    period[500] = 90e6
+    panel = panels(analysis(series=[series("SYNC 080h period", "us", period)]))[0]
+    low, high = panel.limits()
+    assert 9_000 < low < 9_990
+    assert 10_010 < high < 11_000
+    slope = tilt(0x601000, "Slope", 40.0)
+    slope.value[7] = 89.0
+    assert panels(analysis(trace_data=[slope]))[0].limits()[1] > 89.0
+
+
+@pytest.mark.parametrize("value", [[], [np.nan], [5.0], [0.0, 0.0]])
+def test_limits_leave_room_also_around_nothing(value: list[float]) -> None:
+    panel = panels(analysis(series=[series("SYNC 080h period", "us", np.array(value))]))[0]
+    low, high = panel.limits()
+    assert low < high
+    assert low <= panel.markers_height() <= high
+
+
+def test_names_tell_the_bus_where_there_are_several() -> None:
+    shown = analysis(capture=capture_row(buses=["can0", "can1"]), responses=[responses(count=10)])
+    assert panels(shown)[0].lines[0].name == "can0 node 10 TPDO1 (18Ah)"
+
+
+def test_bars_have_the_area_of_the_answers_and_leave_out_far_ones_openly() -> None:
+    shown = responses()
+    counts = np.array([0, 0, 9_000, 2_000, 4_000, 0, 0, 0, 1])
+    edges = np.array([0.0, 1, 100, 110, 120, 160, 200, 1_000, 10_000, 6_000_000])
+    bars = bars_of(replace(shown, histogram=counts, edges_us=edges))
+    assert bars.middle_us.tolist() == [105.0, 115.0, 140.0]
+    assert (bars.per_us * bars.width_us).tolist() == [9_000.0, 2_000.0, 4_000.0]
+    assert bars.left_out == 1
+    assert "1 outliers left out" in bars.label
+
+
+def test_bars_of_one_answer_show_it() -> None:
+    bars = bars_of(replace(responses(), histogram=np.array([0, 1, 0]), edges_us=np.arange(4.0)))
+    assert bars.middle_us.tolist() == [1.5]
+    assert bars.left_out == 0
+
+
+def test_answers_are_not_joined_across_a_silence() -> None:
+    shown = responses(count=1_000)
+    keep = (shown.t_ns < at(100)) | (shown.t_ns > at(200))
+    cut = replace(
+        shown, t_ns=shown.t_ns[keep], seq=shown.seq[keep], response_us=shown.response_us[keep]
+    )
+    assert np.isnan(panels(analysis(responses=[cut]))[0].lines[0].value).sum() == 1
+    assert np.isnan(panels(analysis(responses=[shown]))[0].lines[0].value).sum() == 0
+
+
+def test_last_bin_that_only_says_more_is_no_bar() -> None:
+    edges, counts = np.array([0.0, 10, 20, 30, 6_000_000]), np.array([10, 50, 30, 5])
+    bars = bars_of(replace(responses(), histogram=counts, edges_us=edges))
+    assert bars.middle_us.tolist() == [5.0, 15.0, 25.0]
+    assert bars.left_out == 5
+
+
+def test_many_nodes_share_one_plot_that_names_them() -> None:
+    many = [tilt(0x601000, "Slope", 40.0, count=10, node=n) for n in range(1, NODES_APART + 2)]
+    (panel,) = panels(analysis(trace_data=many))
+    assert panel.label == "Angle [deg]"
+    assert panel.lines[2].name == "node 3 Slope (6010h:00)"
+
+
+def test_plot_of_a_node_is_marked_with_its_own_emcy_only() -> None:
+    shaft_plot, tilt_plot, *_, load_plot = panels(bad_day())
+    assert marked(shaft_plot, "EMCY") == 0
+    assert marked(tilt_plot, "EMCY") == 3
+    assert marked(load_plot, "EMCY") == 6
+    assert marked(shaft_plot, "finding: info") == 1
+
+
+def marked(panel: Panel, name: str) -> int:
+    return sum(len(mark.moments) for mark in marks(panel.told(bad_day())) if mark.name == name)

@@ -1,0 +1,118 @@
+"""The live line: rates, load, nodes and their states."""
+
+import json
+
+import pytest
+
+from syncline_logger.bus_condition import BusCondition
+from syncline_logger.live_status import LiveStatus, StatusSnapshot
+from syncline_logger.status_view import status_json, status_line
+from syncline_schemas.batch import FrameBatch, FrameFlag
+from syncline_schemas.capture.layout import BusInfo
+
+S = 1_000_000_000
+
+
+def heartbeat(t_ns: int, byte: int, node: int = 5, flags: int = 0) -> FrameBatch:
+    return FrameBatch.from_rows([(t_ns, 0, 0x700 + node, flags, 1, bytes([byte]))])
+
+
+def snapshot(live: LiveStatus, now_ns: int, *conditions: BusCondition) -> StatusSnapshot:
+    return live.snapshot(now_ns, "x.mcap", 1000, conditions or [BusCondition("virtual")])
+
+
+def states(live: LiveStatus, now_ns: int) -> dict[int, str]:
+    return {node: str(state) for node, state in snapshot(live, now_ns).buses[0].nodes.items()}
+
+
+def one_bus(bitrate: int | None = None) -> LiveStatus:
+    return LiveStatus([BusInfo("a", 0, bitrate)], 0)
+
+
+def test_rates_are_those_of_the_last_period() -> None:
+    live = one_bus()
+    for n in range(100):
+        live.update(heartbeat(n, 5))
+    assert snapshot(live, 2 * S).buses[0].frames_per_s == 50
+    assert snapshot(live, 3 * S).buses[0].frames_per_s == 0
+
+
+def test_bus_load_counts_bits_on_the_wire() -> None:
+    live = one_bus(bitrate=125_000)
+    frame = FrameBatch.from_rows([(0, 0, 0x555, 0, 8, bytes.fromhex("AA" * 8))])
+    for _ in range(100):
+        live.update(frame)
+    load = snapshot(live, S).buses[0].load_percent
+    # 111 bits with intermission and no stuff bit before the CRC; the CRC adds at most three.
+    assert load == pytest.approx(100 * 111 * 100 / 125_000, rel=0.04)
+
+
+def test_without_a_bit_rate_there_is_no_load() -> None:
+    live = one_bus()
+    live.update(heartbeat(0, 5))
+    assert snapshot(live, S).buses[0].load_percent is None
+
+
+@pytest.mark.parametrize(
+    ("byte", "state"),
+    [
+        (0x00, "PRE-OPERATIONAL"),
+        (0x05, "OPERATIONAL"),
+        (0x85, "OPERATIONAL"),
+        (0x7F, "PRE-OPERATIONAL"),
+        (0x04, "STOPPED"),
+        (0x33, "UNKNOWN"),
+    ],
+)
+def test_a_nodes_state(byte: int, state: str) -> None:
+    live = one_bus()
+    live.update(heartbeat(0, byte))
+    assert states(live, S) == {5: state}
+
+
+def test_a_silent_node_is_lost_after_three_periods() -> None:
+    live = one_bus()
+    live.update(heartbeat(0, 5))
+    live.update(heartbeat(S, 5))
+    assert states(live, 4 * S) == {5: "OPERATIONAL"}
+    assert states(live, 4 * S + 1) == {5: "LOST"}
+
+
+def test_a_node_that_only_booted_is_never_lost() -> None:
+    live = one_bus()
+    live.update(heartbeat(0, 0))
+    assert states(live, 1000 * S) == {5: "PRE-OPERATIONAL"}
+
+
+def test_a_guard_request_is_no_sign_of_life() -> None:
+    live = one_bus()
+    live.update(heartbeat(0, 0, flags=int(FrameFlag.REMOTE)))
+    assert states(live, S) == {}
+
+
+def test_buses_are_kept_apart() -> None:
+    live = LiveStatus([BusInfo("a", 0), BusInfo("b", 1)], 0)
+    rows = [(0, 0, 0x705, 0, 1, b"\x05"), (0, 1, 0x706, 0, 1, b"\x04")]
+    live.update(FrameBatch.from_rows(rows))
+    done = snapshot(live, S, BusCondition("virtual"), BusCondition("virtual"))
+    assert [list(bus.nodes) for bus in done.buses] == [[5], [6]]
+
+
+def test_the_line_and_the_json_say_the_same() -> None:
+    live = one_bus(bitrate=500_000)
+    live.update(heartbeat(0, 5))
+    condition = BusCondition("socketcan")
+    condition.frames, condition.dropped_queue, condition.state = 1, 7, "passive"
+    done = snapshot(live, 3661 * S, condition)
+    values = json.loads(status_json(done))
+    assert values["buses"][0]["nodes"] == {"5": "OPERATIONAL"}
+    assert (values["frames"], values["buses"][0]["dropped_frames"]) == (1, 7)
+    line = status_line(done).plain
+    assert line.startswith("01:01:01  1 frames")
+    assert "| a 0/s 0.0 % passive 7 lost  5 OPERATIONAL" in line
+
+
+def test_a_lost_adapter_is_shown() -> None:
+    condition = BusCondition("virtual")
+    condition.adapter_present = False
+    assert "a adapter lost" in status_line(snapshot(one_bus(), S, condition)).plain

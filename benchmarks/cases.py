@@ -18,12 +18,11 @@ def record_syncline(source: Path, out: Path, *, decode: bool = True) -> Callable
     """python-can virtual bus -> our MCAP, with decoded channels."""
     import threading
 
+    from benchmarks.virtual_bus import preloaded_bus
     from syncline_logger.bus_options import BusOptions
     from syncline_logger.recorder import record
     from syncline_logger.recording import RecordOptions
     from syncline_logger.sources.python_can import PythonCanSource
-
-    from benchmarks.virtual_bus import preloaded_bus
 
     bus, frames = preloaded_bus(source)
     stop = threading.Event()
@@ -80,9 +79,9 @@ def record_python_can(source: Path, out: Path) -> Callable[[], int]:
 def record_naive_mcap(source: Path, out: Path) -> Callable[[], int]:
     """python-can virtual bus -> one protobuf message each -> mcap.Writer."""
     from mcap.writer import Writer
-    from syncline_schemas.proto import syncline_pb2
 
     from benchmarks.virtual_bus import preloaded_bus
+    from syncline_schemas.proto import syncline_pb2
 
     bus, frames = preloaded_bus(source)
 
@@ -144,8 +143,8 @@ def analyze_canopen_lens(source: Path, out: Path) -> Callable[[], int]:
 
     def work() -> int:
         log: Any = canopen_lens.open_log(source)
-        list(log.incidents)
-        return int(len(log))
+        log.incidents()
+        return len(log)
 
     return work
 

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+
 from syncline_schemas.batch import FrameBatch
 
 START_NS = 1_760_000_000_000_000_000

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import click
+
 from syncline_logger.cli import cli
 
 TARGET = Path(__file__).parent / "commands.md"

@@ -12,7 +12,10 @@ WITHOUT_EXTRA = importlib.util.find_spec("pandas") is None
 def syncline(*arguments: str) -> subprocess.CompletedProcess[str]:
     """The command in a process of its own."""
     return subprocess.run(
-        [sys.executable, "-m", "syncline_logger", *arguments], capture_output=True, text=True
+        [sys.executable, "-m", "syncline_logger", *arguments],
+        check=False,
+        capture_output=True,
+        text=True,
     )
 
 

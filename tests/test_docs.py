@@ -19,6 +19,7 @@ def test_commands_page_is_the_help_of_the_commands() -> None:
 def test_every_help_ends_with_two_examples() -> None:
     pytest.importorskip("pandas")
     import click
+
     from syncline_logger.cli import cli
 
     root = click.Context(cli, info_name="syncline")
@@ -40,6 +41,7 @@ def test_links_and_paths_in_a_page_exist(page: Path) -> None:
 def test_readme_commands_are_real_commands() -> None:
     pytest.importorskip("pandas")
     import click
+
     from syncline_logger.cli import cli
 
     known = set(cli.list_commands(click.Context(cli)))

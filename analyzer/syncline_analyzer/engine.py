@@ -31,6 +31,7 @@ def analyze(
     description: BusDescription,
     devices: Mapping[int, Device],
     bitrate: int | None = None,
+    origin_ns: int | None = None,
     progress: Progress | None = None,
 ) -> Analysis:
     """Run all folds over a stream of (`seq`, batch or gap) and join what they found.
@@ -42,13 +43,15 @@ def analyze(
         description: what the user says of buses and nodes.
         devices: device by node id, where the description leaves it open.
         bitrate: bit/s of every bus whose bit rate is not told otherwise.
+        origin_ns: first stamp of the whole capture, from which capture time counts; by default
+            the first one of the stream.
     """
     context = _context(facts, buses, description, devices)
     control, timing, angle = ControlFold(context), TimingFold(context), AngleFold(context)
     folds: tuple[Fold, ...] = (control, timing, angle)
     census = _Census()
     for seq, item in stream:
-        _learn_bitrates(context, facts, description, bitrate)
+        _refresh(context, facts, description, bitrate)
         if isinstance(item, Gap):
             for fold in folds:
                 fold.gap(item)
@@ -65,7 +68,7 @@ def analyze(
     timings = timing.finish(end_ns, controls.nmt.states)
     angles = angle.finish(end_ns)
     analysis = Analysis(
-        capture=census.row(facts, context),
+        capture=census.row(facts, context, origin_ns),
         nodes=node_rows(context, controls, timings.pdos),
         nmt_commands=controls.nmt.commands,
         nmt_states=controls.nmt.states,
@@ -102,7 +105,7 @@ def _context(
         buses=buses,
         shadow=Shadow(bus_name, description, dict(devices)),
         timed=_time_base(facts) != "none",
-        resolution_ns=max((each.resolution_ns for each in facts), default=1),
+        description=description,
     )
 
 
@@ -111,13 +114,17 @@ def _time_base(facts: Sequence[CaptureFacts]) -> TimeBase:
     return bases.pop() if len(bases) == 1 else "none"
 
 
-def _learn_bitrates(
+def _refresh(
     context: Context,
     facts: Sequence[CaptureFacts],
     description: BusDescription,
     default: int | None,
 ) -> None:
-    """Bit rates of buses that came up: by the description, the capture, the command line."""
+    """Take over what reading has told meanwhile: step of the stamps, bit rates of new buses.
+
+    A bit rate comes from the description, else from the capture, else from the command line.
+    """
+    context.resolution_ns = max((each.resolution_ns for each in facts), default=1)
     for name in context.buses:
         if name not in context.bitrates:
             recorded = next((f.bitrates[name] for f in facts if name in f.bitrates), None)
@@ -159,7 +166,9 @@ class _Census:
         self._gaps.append(gap)
         self._last_ns = max(self._last_ns, gap.end_ns)
 
-    def row(self, facts: Sequence[CaptureFacts], context: Context) -> CaptureRow:
+    def row(
+        self, facts: Sequence[CaptureFacts], context: Context, origin_ns: int | None
+    ) -> CaptureRow:
         first_ns = self._first_ns or 0
         dated = _time_base(facts) == "utc" and self._first_ns is not None
         return CaptureRow(
@@ -174,7 +183,7 @@ class _Census:
             duration_ns=max(self._last_ns - first_ns, 0) if self.frames else 0,
             buses=list(context.buses),
             gaps=[_gap_row(gap, context) for gap in self._gaps],
-            first_ns=first_ns,
+            first_ns=first_ns if origin_ns is None else origin_ns,
             time_base=_time_base(facts),
             resolution_ns=context.resolution_ns,
             notes=[note for each in facts for note in each.notes],

@@ -42,7 +42,8 @@ class IndexedBatch:
     @cached_property
     def remote(self) -> NDArray[np.bool_]:
         """(n,) True for remote frames."""
-        return np.not_equal(self.frames.flags & FrameFlag.REMOTE, 0)
+        remote: NDArray[np.bool_] = (self.frames.flags & FrameFlag.REMOTE) != 0
+        return remote
 
     @cached_property
     def _by_id(self) -> dict[tuple[int, int], NDArray[np.intp]]:

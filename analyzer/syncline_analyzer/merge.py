@@ -40,6 +40,7 @@ class Merge:
 
     Attributes:
         buses: names by bus number; grows while the stream is read.
+        first_ns: first stamp of all captures, None when they hold nothing.
     """
 
     def __init__(self, readers: Sequence[CaptureReader]) -> None:
@@ -54,6 +55,7 @@ class Merge:
                 " files: analyze it alone"
             )
         self._last_ns: dict[int, int] = {}
+        self.first_ns = min((s.next_ns for s in self._open if s.head is not None), default=None)
 
     def stream(self) -> Iterator[FrameBatch | Gap]:
         """Batches and gaps of all captures in order of time."""

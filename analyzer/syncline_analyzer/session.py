@@ -101,6 +101,7 @@ class Session:
                 description=self._description_of(readers),
                 devices=self._devices,
                 bitrate=self._bitrate,
+                origin_ns=merge.first_ns,
                 progress=progress,
             )
         return self._analysis
@@ -114,8 +115,9 @@ class Session:
         self, start: str | int | None = None, end: str | int | None = None
     ) -> Iterator[FrameBatch]:
         """Batches of the session, or of the half-open range given within it."""
-        stream = _cut(self._stream(Merge(self._readers())), _moment(start), _moment(end))
-        for _, item in stream:
+        merge = Merge(self._readers())
+        stream = self._stream(merge)
+        for _, item in _cut(stream, _moment(start), _moment(end), merge.first_ns or 0):
             if isinstance(item, FrameBatch):
                 yield item
 
@@ -152,7 +154,7 @@ class Session:
             for responses in self.analysis.responses
             if responses.cob_id == cob_id and bus in (None, responses.bus)
         ]
-        return responses_frame(chosen)
+        return responses_frame(chosen, dated=self._dated)
 
     def emcy(self) -> pd.DataFrame:
         """One row per EMCY message."""
@@ -171,13 +173,13 @@ class Session:
         from syncline_analyzer.views.tables import to_frame
 
         rows = [row for row in self.analysis.objects if row.node == node and bus in (None, row.bus)]
-        return to_frame(rows, "objects")
+        return to_frame(rows, "objects", dated=self._dated)
 
     def traces(self) -> pd.DataFrame:
         """One row per sample of every trace."""
         from syncline_analyzer.views.tables import traces_frame
 
-        return traces_frame(self.analysis.trace_data)
+        return traces_frame(self.analysis.trace_data, dated=self._dated)
 
     def bus_load(self) -> pd.DataFrame:
         """One row per bus."""
@@ -187,12 +189,17 @@ class Session:
         """One row per stretch in which the recorder was blind."""
         from syncline_analyzer.views.tables import to_frame
 
-        return to_frame(self.analysis.capture.gaps, "gaps")
+        return to_frame(self.analysis.capture.gaps, "gaps", dated=self._dated)
 
     def _frame(self, table: str) -> pd.DataFrame:
         from syncline_analyzer.views.tables import to_frame
 
-        return to_frame(getattr(self.analysis, table), table)
+        return to_frame(getattr(self.analysis, table), table, dated=self._dated)
+
+    @property
+    def _dated(self) -> bool:
+        """Whether the stamps are UTC, so that they may be shown as dates."""
+        return self.analysis.capture.start_utc_ns is not None
 
     def _readers(self) -> list[CaptureReader]:
         return [open_capture(path) for path in self.paths]
@@ -209,10 +216,12 @@ class Session:
         return BusDescription()
 
     def _stream(self, merge: Merge) -> Iterator[Numbered]:
-        return _cut(_numbered(merge.stream()), self._start, self._end)
+        numbered = _numbered(merge.stream())
+        return _cut(numbered, self._start, self._end, merge.first_ns or 0)
 
 
 Numbered = tuple[int, FrameBatch | Gap]
+_EARLIEST_NS, _LATEST_NS = int(np.iinfo(np.int64).min), int(np.iinfo(np.int64).max)
 
 
 def _moment(value: str | int | None) -> Moment | None:
@@ -229,28 +238,20 @@ def _numbered(stream: Iterator[FrameBatch | Gap]) -> Iterator[Numbered]:
 
 
 def _cut(
-    stream: Iterator[Numbered], start: Moment | None, end: Moment | None
+    stream: Iterator[Numbered], start: Moment | None, end: Moment | None, origin_ns: int
 ) -> Iterator[Numbered]:
     """The rows of a half-open time range; `seq` stays the place in the whole capture."""
     if start is None and end is None:
         yield from stream
         return
-    first_ns: int | None = None
+    low_ns = start.resolved(origin_ns) if start else _EARLIEST_NS
+    high_ns = end.resolved(origin_ns) if end else _LATEST_NS
     for seq, item in stream:
-        begin_ns = item.start_ns if isinstance(item, Gap) else int(item.t_ns[0])
-        first_ns = begin_ns if first_ns is None else first_ns
-        low = start.resolved(first_ns) if start else None
-        high = end.resolved(first_ns) if end else None
         if isinstance(item, Gap):
-            if (high is None or begin_ns < high) and (low is None or item.end_ns > low):
+            if item.start_ns < high_ns and item.end_ns > low_ns:
                 yield seq, item
-            continue
-        inside = np.ones(len(item), np.bool_)
-        if low is not None:
-            inside &= item.t_ns >= low
-        if high is not None:
-            inside &= item.t_ns < high
-        yield from _runs(seq, item, inside)
+        else:
+            yield from _runs(seq, item, (item.t_ns >= low_ns) & (item.t_ns < high_ns))
 
 
 def _runs(seq: int, batch: FrameBatch, inside: np.ndarray) -> Iterator[Numbered]:

@@ -68,9 +68,7 @@ class FrameBatch:
         return cls.from_rows([])
 
     @classmethod
-    def from_rows(
-        cls, rows: Iterable[tuple[int, int, int, int, int, bytes]]
-    ) -> Self:
+    def from_rows(cls, rows: Iterable[tuple[int, int, int, int, int, bytes]]) -> Self:
         """A batch from (t_ns, bus, can_id, flags, dlc, data) tuples; for rare events and tests."""
         listed = list(rows)
         width = 64 if any(len(row[5]) > 8 for row in listed) else 8

@@ -4,17 +4,19 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from syncline_schemas.batch import FrameBatch, Gap
-from syncline_schemas.errors import UsageError
 
 from syncline_analyzer.capture import CaptureFacts
 from syncline_analyzer.merge import BETWEEN_FILES, Merge
+from syncline_schemas.batch import FrameBatch, Gap
+from syncline_schemas.errors import UsageError
 
 
 class Recorded:
     """A capture in memory: frames at these times on one bus, in batches of two."""
 
-    def __init__(self, *times: int, bus: str = "can0", name: str = "a.log", dated: bool = True) -> None:
+    def __init__(
+        self, *times: int, bus: str = "can0", name: str = "a.log", dated: bool = True
+    ) -> None:
         self.facts = CaptureFacts(Path(name), "test", [bus], "utc" if dated else "relative")
         self.times = times
 
@@ -37,7 +39,13 @@ def test_segments_join_in_time_order_with_a_gap_between() -> None:
     merge = Merge([Recorded(50, 60, name="b.log"), Recorded(10, 20, 30)])
     items = list(merge.stream())
     assert [g for g in items if isinstance(g, Gap)] == [Gap(30, 50, BETWEEN_FILES, None, 0)]
-    assert [int(t) for b in items if isinstance(b, FrameBatch) for t in b.t_ns] == [10, 20, 30, 50, 60]
+    assert [int(t) for b in items if isinstance(b, FrameBatch) for t in b.t_ns] == [
+        10,
+        20,
+        30,
+        50,
+        60,
+    ]
     assert merge.buses == ["can0"]
 
 

@@ -21,6 +21,7 @@ from syncline_samples.faults import (
     PdoOutsideOperational,
     PowerLoss,
     Preset,
+    RecorderBusOff,
     RemoteOnHeartbeat,
     SdoAccess,
     SdoRefused,
@@ -64,17 +65,20 @@ FAULTS: tuple[Fault, ...] = (
     SdoSilent(NODE, 12.0),
     SyncJitter(12.0, 6.0, 5000),
     WatchdogReset(NODE, 12.0),
+    RecorderBusOff(12.0, 0.5),
+    RecorderBusOff(12.0, 3.0),
 )
 
 
-ON_HAOMIAO = (AngleJump, WatchdogReset)
-"""Its speed limit is printed, and it says 00h when it boots."""
+ON_HAOMIAO = (AngleJump,)
+"""Its speed limit is printed."""
 
 
-def scenario(*faults: Fault) -> Scenario:
+def scenario(*faults: Fault, device: str = "") -> Scenario:
+    on_haomiao = any(isinstance(each, ON_HAOMIAO) for each in faults)
     spec = DeviceSpec(
         NODE,
-        "haomiao-38" if any(isinstance(each, ON_HAOMIAO) for each in faults) else "lir-ma158k",
+        device or ("haomiao-38" if on_haomiao else "lir-ma158k"),
         "drum",
         Shaft((0, 60), (10, 60), start_turns=100),
         stored_heartbeat_ms=200,
@@ -86,7 +90,20 @@ def scenario(*faults: Fault) -> Scenario:
 
 @pytest.mark.parametrize("fault", FAULTS, ids=repr)
 def test_one_fault_is_one_story(fault: Fault, tmp_path: Path) -> None:
-    run = scenario(fault).run()
+    told_alone(scenario(fault), tmp_path)
+
+
+@pytest.mark.parametrize("device", ["lir-da158", "lir-da158a", "lir-918", "haomiao-38"])
+@pytest.mark.parametrize("boot_ms", [20, 80, 150])
+def test_a_restart_is_told_whatever_the_boot_up_byte(
+    device: str, boot_ms: int, tmp_path: Path
+) -> None:
+    told_alone(scenario(WatchdogReset(NODE, 12.0, boot_ms), device=device), tmp_path)
+
+
+def told_alone(script: Scenario, tmp_path: Path) -> None:
+    """The analyzer tells what was scripted, and nothing else."""
+    run = script.run()
     log, description = tmp_path / "one.log", tmp_path / "one.toml"
     log.write_bytes(candump_log(run))
     description.write_text(run.description_toml, encoding="utf-8")

@@ -259,20 +259,19 @@ class NmtFold:
     def _take_pdos(self, batch: IndexedBatch, owner: NDArray[np.uint16]) -> None:
         asked = batch.rows_of(Service.PDO, remote=True)
         remote_ids = set(batch.frames.can_id[asked].tolist())
-        cuts_of: dict[NodeKey, list[tuple[int, int]]] = {}
+        for key, pdos in self._pdos.items():
+            pdos.cut(self._cuts(batch, key))
         for bus, can_id in batch.ids():
             rows = batch.rows(bus, can_id)
             number = int(owner[rows[0]])
             if not number & 0x7F or batch.service[rows[0]] in _NOT_PDO:
                 continue
             key = (number >> 7, number & 0x7F)
-            pdos = self._pdos.setdefault(key, _Pdos())
-            if key not in cuts_of:
-                cuts_of[key] = self._cuts(batch, key)
-            cuts = cuts_of[key]
-            pdos.take(
-                can_id, rows + batch.seq0, batch.frames.t_ns[rows], cuts, can_id in remote_ids
-            )
+            if key not in self._pdos:
+                self._pdos[key] = _Pdos()
+                self._pdos[key].cut(self._cuts(batch, key))
+            asked_for = can_id in remote_ids
+            self._pdos[key].take(can_id, rows + batch.seq0, batch.frames.t_ns[rows], asked_for)
 
     def _cuts(self, batch: IndexedBatch, key: NodeKey) -> list[tuple[int, int]]:
         """(seq, t_ns) of what may change the node's state in this batch."""
@@ -379,27 +378,26 @@ class _Pdos:
     def __init__(self) -> None:
         self._open: dict[int, PdoSpan] = {}
         self._closed: list[PdoSpan] = []
-        self._cut_ns: int | None = None
+        self._cuts: list[tuple[int, int]] = []
+
+    def cut(self, cuts: list[tuple[int, int]]) -> None:
+        """Take in (seq, t_ns) of what may change the state; only the last one before lives on."""
+        self._cuts = sorted([*self._cuts[-1:], *cuts])
 
     def take(
-        self,
-        can_id: int,
-        seq: NDArray[np.intp],
-        t_ns: NDArray[np.int64],
-        cuts: list[tuple[int, int]],
-        asked: bool,
+        self, can_id: int, seq: NDArray[np.intp], t_ns: NDArray[np.int64], asked: bool
     ) -> None:
         """Take in the rows of one identifier; `asked` when remote frames asked for it."""
-        part = np.searchsorted([cut[0] for cut in cuts], seq)
+        part = np.searchsorted([cut[0] for cut in self._cuts], seq)
         edges = np.flatnonzero(np.diff(part)) + 1
         for rows in np.split(np.arange(len(seq)), edges):
             number = int(part[rows[0]])
-            since = cuts[number - 1] if number else None
+            since = self._cuts[number - 1] if number else None
             begun = self._open.get(can_id)
-            if begun is None or since is not None:
+            if begun is None or since != begun.since:
                 if begun is not None:
                     self._close(begun)
-                begun = PdoSpan(can_id, since[1] if since else None, asked)
+                begun = PdoSpan(can_id, since, asked)
                 self._open[can_id] = begun
             begun.extend(seq[rows], t_ns[rows])
             begun.asked = begun.asked or asked

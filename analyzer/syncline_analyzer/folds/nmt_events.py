@@ -85,12 +85,12 @@ class Command(NamedTuple):
 class PdoSpan:
     """PDOs of one identifier between two events that may change the node's state.
 
-    `late_*` is the first one later than the in-flight time after the event; `asked` when remote
-    frames asked for the PDO.
+    `since` is (seq, t_ns) of the first event; `late_*` is the first PDO later than the in-flight
+    time after it; `asked` when remote frames asked for the PDO.
     """
 
     can_id: int
-    since_ns: int | None
+    since: tuple[int, int] | None
     asked: bool = False
     guess: bool = False
     """Only the predefined identifier says whose PDO it is."""
@@ -108,7 +108,8 @@ class PdoSpan:
             self.first_seq, self.first_ns = int(seq[0]), int(t_ns[0])
         self.count += len(seq)
         self.last_ns = int(t_ns[-1])
-        late = np.flatnonzero(t_ns > (self.since_ns or 0) + IN_FLIGHT_NS)
+        since_ns = self.since[1] if self.since else 0
+        late = np.flatnonzero(t_ns > since_ns + IN_FLIGHT_NS)
         if len(late):
             self.late_count += len(late)
             if self.late_seq is None:

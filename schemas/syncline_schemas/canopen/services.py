@@ -48,7 +48,7 @@ def service_of(batch: FrameBatch) -> NDArray[np.uint8]:
 
     Returns: (n,) uint8 of `Service`.
     """
-    service = SERVICE_OF_ID[batch.can_id & 0x7FF]
+    service: NDArray[np.uint8] = SERVICE_OF_ID[batch.can_id & 0x7FF]
     service[(batch.flags & _NOT_STANDARD) != 0] = Service.NONE
     return service
 

@@ -60,7 +60,7 @@ class ControlFold:
         clock = self._clock.finish()
         sdo = self._sdo.finish(end_ns)
         answering = {bus for (bus, _), count in sdo.counts.items() if count.confirmed}
-        nmt = self._nmt.finish(end_ns, clock, answering)
+        nmt = self._nmt.finish(end_ns, clock, answering, self._emcy.communication_errors())
         buses = {self._context.bus_name(bus) for bus in nmt.canopen}
         sdo = replace(sdo, rows=[row for row in sdo.rows if row.bus in buses])
         emcy = self._emcy.finish(nmt.boot_ups, nmt.canopen)

@@ -20,6 +20,7 @@ STORM_NS = 1_000_000_000
 MAX_MESSAGES = 1_000_000
 """EMCY messages that become rows; the rest is only counted."""
 _EXTENDED = 0x20000000
+_COMMUNICATION = (b"\x75", b"\x81")
 
 Transition = Literal["raised", "further", "partly cleared", "all cleared", "reset", "malformed"]
 NodeKey = tuple[int, int]
@@ -95,6 +96,13 @@ class EmcyFold:
             node = moved.get((bus, can_id), can_id & 0x7F)
             message = _Message(batch.seq(row), int(frames.t_ns[row]), frames.payload(row))
             self._messages.setdefault((bus, node), []).append(message)
+
+    def communication_errors(self) -> dict[NodeKey, list[int]]:
+        """Times of the EMCYs that tell of a communication error (75xxh, 81xxh) by node [ns]."""
+        return {
+            key: [m.t_ns for m in messages if m.data[1:2] in _COMMUNICATION]
+            for key, messages in self._messages.items()
+        }
 
     def finish(self, boot_ups: Sequence[BootUp], buses: Collection[int]) -> EmcyTable:
         """All rows and errors on these buses; a boot-up ends what was active on its node."""

@@ -1,5 +1,6 @@
 """NMT: commands, and the state timeline of every node (analysis.md section 4)."""
 
+from collections.abc import Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
@@ -113,6 +114,7 @@ class NmtFold:
         self._cut_beats: dict[NodeKey, int] = {}
         self._next_seq = 0
         self._bindings = PdoBindings(context.shadow)
+        self._errors: Mapping[NodeKey, Sequence[int]] = {}
 
     def update(self, batch: IndexedBatch) -> list[Reset]:
         """Take in the next frames; tells the resets among them, in order of their rows."""
@@ -143,13 +145,19 @@ class NmtFold:
                 pdos.close()
 
     def finish(
-        self, end_ns: int, clock: ClockTable, canopen: AbstractSet[int] = frozenset()
+        self,
+        end_ns: int,
+        clock: ClockTable,
+        canopen: AbstractSet[int] = frozenset(),
+        errors: Mapping[NodeKey, Sequence[int]] | None = None,
     ) -> NmtTable:
         """Timelines of all nodes, up to the end of the capture.
 
         A PDO identifier alone tells of a node only on a bus that shows CANopen otherwise: by
         error control, NMT commands, SYNC, or because it is one of `canopen` (bus numbers).
+        `errors` are the times of each node's EMCYs that tell of communication errors.
         """
+        self._errors = errors or {}
         for control in self._control.values():
             control.finish(end_ns, self._next_seq)
         alive = {key for key, control in self._control.items() if control.alive}
@@ -314,6 +322,7 @@ class NmtFold:
             first_ns=self._first_ns or 0,
             end_ns=end_ns,
             period_ns=control.median_ns(),
+            communication_errors=self._errors.get(key, ()),
         )
         timeline = Timeline(self._context, history, clock)
         table.timelines[key] = timeline

@@ -1,5 +1,6 @@
 """What a node's error control, commands and PDOs are reduced to, and what is told from it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -131,6 +132,8 @@ class NodeHistory:
     first_ns: int
     end_ns: int
     period_ns: int | None
+    communication_errors: Sequence[int] = ()
+    """Times of its EMCYs that tell of a communication error (75xxh, 81xxh)."""
 
 
 @dataclass(slots=True)

@@ -14,13 +14,13 @@ from syncline_analyzer.folds.nmt_events import (
     Command,
     Ignored,
     Interval,
-    Lateness,
     Lost,
     NodeHistory,
     PdoSpan,
     Silence,
     Violation,
 )
+from syncline_analyzer.folds.nmt_timeout import lateness, silence_limit
 from syncline_schemas.batch import Gap
 from syncline_schemas.canopen.nmt import (
     STATE_AFTER_COMMAND,
@@ -38,8 +38,12 @@ PAIR_NS = 1_000_000_000
 """A second boot-up this soon after the first belongs to the same start [ns]."""
 RESET_WINDOW_NS = 10_000_000_000
 """A boot-up this long after a reset command is still its effect [ns]."""
-LOST_FACTOR = 1.5
-"""Producer heartbeat times without a message after which a node is LOST (analysis.md 4)."""
+REACTION = 0x1029
+"""What a node does after a communication error: subindex 1, 0 for PRE-OPERATIONAL."""
+REACTION_NS = 10_000_000_000
+"""An error explains a fall to PRE-OPERATIONAL this long after it [ns]."""
+TOLD_LATE_NS = 1_000_000_000
+"""A node that was bus-off can tell it this long after its first message [ns]."""
 ALIKE = 3
 """So many long intervals of one length in a row are a period, not silences."""
 BUS_SHARE = 0.8
@@ -76,7 +80,7 @@ class Timeline:
         self.ignored: list[Ignored] = []
         self.changes: list[tuple[int, int, str, str]] = []
         """(seq, t_ns, from, to) of changes that the node reported without a command for them."""
-        self.late = self._lateness()
+        self.late = lateness(context, history)
         self.followed = False
         """Whether the node ever did what a command said; the NMT master itself does not."""
         self._heard = False
@@ -136,7 +140,7 @@ class Timeline:
 
     def _events_of(self, silence: Silence) -> Iterator[tuple[int, int, object]]:
         """Where in the order of `seq` a node gets LOST: commands may come before and after."""
-        timeout = self._timeout(silence)
+        timeout = silence_limit(self._context, self.history, silence)
         if timeout is None or silence.end_ns <= silence.start_ns + timeout[0]:
             return
         lost_ns = silence.start_ns + timeout[0]
@@ -279,7 +283,7 @@ class Timeline:
         return f"{beat.kind} says so, no command seen"
 
     def _is_boot_up(self, beat: Beat) -> bool:
-        """00h as classified; another byte by the device's habit, right after a reset or silence."""
+        """00h as classified; another byte by the device's habit, after a reset, silence or fall."""
         if beat.kind == "boot-up":
             return True
         if beat.kind != "heartbeat" or beat.state not in self._quirks.bootup_bytes:
@@ -287,7 +291,35 @@ class Timeline:
         now = self._now
         if now.state is NmtState.INITIALISING and now.reset is not None:
             return True
+        if now.state in (NmtState.OPERATIONAL, NmtState.STOPPED):
+            return self._fell_by_restart(beat)
         return now.state is NmtState.LOST and beat.t_ns - beat.previous_ns >= 0
+
+    def _fell_by_restart(self, beat: Beat) -> bool:
+        """A fall to PRE-OPERATIONAL that neither a command, an error nor a second device explains.
+
+        LIR protocol manual, sheet skbis-lir-canopen.md traps 1 and 17.
+        """
+        if self.intervals[-1].certainty != "observed" or self._now.command is not None:
+            return False
+        history = self.history
+        known = self._context.shadow.get(history.bus, history.node, REACTION, 1, beat.seq)
+        if known is not None and known.source != "eds-default" and known.value == 0:
+            return False
+        told = any(
+            -TOLD_LATE_NS <= beat.t_ns - t_ns <= REACTION_NS
+            for t_ns in history.communication_errors
+        )
+        return not told and self._stays(beat)
+
+    def _stays(self, beat: Beat) -> bool:
+        """Whether the node says the same state until a command comes; two devices do not."""
+        history = self.history
+        following = history.beats[bisect_right(self._seqs, beat.seq) :]
+        other = next((each.seq for each in following if each.state != beat.state), None)
+        if other is None:
+            return True
+        return any(beat.seq < command.seq < other for command in history.commands)
 
     def _boot_up(self, beat: Beat) -> None:
         now = self._now
@@ -400,62 +432,6 @@ class Timeline:
         cause = f"the recorder was blind ({gap.reason}); nothing heard since"
         self._begin(NmtState.UNKNOWN, gap.start_ns, cause, "assumed", None)
         self._now.command = self._now.reset = self._now.boot_ns = None
-
-    def _timeout(self, silence: Silence) -> tuple[int, str] | None:
-        """Silence after which the node is LOST [ns], and where the number comes from."""
-        if not self._context.timed or silence.kind == "boot-up":
-            return None
-        median = silence.period_ns
-        if median is not None:
-            median = max(median, self.history.period_ns or 0)
-        if silence.kind == "guard answer":
-            if not silence.requests or median is None:
-                return None
-            return round(LOST_FACTOR * median), f"{silence.requests} guard requests not answered"
-        consumer = self._consumer_ns(silence.start_seq)
-        if consumer is not None and (median is None or consumer[0] > median):
-            return consumer
-        known = self._context.shadow.get(
-            self.history.bus, self.history.node, 0x1017, 0, silence.start_seq
-        )
-        if known is not None and isinstance(known.value, int) and known.value > 0:
-            limit = round(LOST_FACTOR * known.value * 1e6)
-            if median is None or limit > median:
-                return limit, f"1.5 times its 1017h of {known.value} ms ({known.source})"
-        if median is None:
-            return None
-        return round(LOST_FACTOR * median), f"1.5 times its usual period of {median / 1e6:.1f} ms"
-
-    def _consumer_ns(self, seq: int) -> tuple[int, str] | None:
-        """The shortest 1016h time of a node that watches this one, as far as the bus told it."""
-        shadow, found = self._context.shadow, []
-        for bus, node in shadow.nodes():
-            if bus != self.history.bus or node == self.history.node:
-                continue
-            if not quirks(shadow.device(bus, node)).consumes_heartbeat:
-                continue
-            for sub in range(1, 128):
-                known = shadow.get(bus, node, 0x1016, sub, seq)
-                if known is None:
-                    break
-                value = known.value if isinstance(known.value, int) else 0
-                if value >> 16 & 0x7F == self.history.node and value & 0xFFFF:
-                    found.append((value & 0xFFFF, node, sub, known.source))
-        if not found:
-            return None
-        ms, node, sub, source = min(found)
-        return ms * 1_000_000, f"the {ms} ms that node {node} allows it (1016h:{sub}, {source})"
-
-    def _lateness(self) -> Lateness | None:
-        """Heartbeats that come at more than 1.5 times 1017h as a rule."""
-        history = self.history
-        known = self._context.shadow.get(history.bus, history.node, 0x1017)
-        if known is None or known.source == "eds-default" or history.period_ns is None:
-            return None
-        value = known.value if isinstance(known.value, int) else 0
-        if value <= 0 or history.period_ns <= LOST_FACTOR * value * 1e6:
-            return None
-        return Lateness(value, history.period_ns / 1e6, known.source)
 
     def _reset_quiet_ns(self) -> int:
         known = self._quirks.reset_quiet_ms * 1_000_000

@@ -3,26 +3,31 @@
 import importlib.util
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 WITHOUT_EXTRA = importlib.util.find_spec("pandas") is None
 
 
-def syncline(*arguments: str) -> subprocess.CompletedProcess[str]:
+def syncline(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
     """The command in a process of its own."""
     return subprocess.run(
         [sys.executable, "-m", "syncline_logger", *arguments],
         check=False,
         capture_output=True,
         text=True,
+        cwd=cwd,
     )
 
 
 @pytest.mark.skipif(not WITHOUT_EXTRA, reason="the analyzer extra is installed")
-@pytest.mark.parametrize("command", ["analyze", "view", "demo"])
-def test_a_command_of_the_extra_says_what_to_install(command: str) -> None:
-    done = syncline(command, "x.mcap") if command != "demo" else syncline(command)
+@pytest.mark.parametrize("words", [("analyze", "--out", "report"), ("view",), ("demo",)])
+def test_what_needs_the_extra_says_what_to_install(words: tuple[str, ...], tmp_path: Path) -> None:
+    log = tmp_path / "line.log"
+    log.write_text("(1700000000.000000) can0 705#05\n", encoding="ascii")
+    capture = () if words == ("demo",) else (str(log),)
+    done = syncline(*words, *capture, cwd=tmp_path)
     assert done.returncode == 2
     assert 'pip install "syncline[analyzer]"' in done.stderr
     assert "Traceback" not in done.stderr

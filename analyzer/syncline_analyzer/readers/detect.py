@@ -18,7 +18,7 @@ from syncline_schemas.batch import FrameBatch, Gap
 from syncline_schemas.errors import CaptureError
 
 KNOWN_FORMATS = (
-    "Syncline and ROS 2 captures (.mcap), candump logs and screen dumps, Vector .asc and .blf, "
+    "Syncline captures (.mcap), candump logs and screen dumps, Vector .asc and .blf, "
     "PEAK .trc, IXXAT MiniMon .trc, CSV logs; each also as .gz or .zst"
 )
 _MCAP_MAGIC = b"\x89MCAP"

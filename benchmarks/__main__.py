@@ -63,6 +63,7 @@ def run_case(name: str, source: Path, out: Path) -> dict[str, float]:
         check=False,
     )
     if done.returncode != 0:
+        print(f"  {name}: {done.stderr.strip().splitlines()[-1]}", file=sys.stderr)
         return {}
     measured: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
     return measured

@@ -184,11 +184,13 @@ def main() -> None:
 
 
 def _peak_mb() -> float | None:
+    """Peak memory of this process alone; `ru_maxrss` would inherit that of the parent."""
     try:
-        import resource
-    except ImportError:  # not on Windows
+        status = Path("/proc/self/status").read_text(encoding="ascii")
+    except OSError:  # only Linux tells
         return None
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    line = next(line for line in status.splitlines() if line.startswith("VmHWM"))
+    return int(line.split()[1]) / 1024
 
 
 if __name__ == "__main__":

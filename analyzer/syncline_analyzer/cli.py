@@ -108,6 +108,8 @@ def analyze(
     Several captures are one session of one machine; gzip files are read as they are. Exits with 1
     when a capture is damaged and could be read only in part, or when --check is not passed.
     """
+    if out is not None:
+        _make_folder(out)
     analysis = _analyzed(selection)
     if form == "json":
         _print_json(analysis)
@@ -187,7 +189,7 @@ def info(ctx: click.Context, captures: tuple[Path, ...]) -> None:
         try:
             found = inspect(path)
         except SynclineError as error:
-            click.echo(f"Error: {error}", err=True)
+            click.echo(f"syncline: {error}", err=True)
             code = max(code, error.exit_code)
             continue
         click.echo(info_text(found))
@@ -231,6 +233,14 @@ def _device(text: str) -> tuple[int, str]:
             " for example 10=jn2100"
         )
     return number, name
+
+
+def _make_folder(folder: Path) -> None:
+    """Make the folder for the results before anything is read. Raises: UsageError."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(f"--out {folder}: cannot be made: {error.strerror or error}") from error
 
 
 def _print_json(analysis: "Analysis") -> None:

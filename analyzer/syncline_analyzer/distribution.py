@@ -12,6 +12,8 @@ RELATIVE_ERROR = 1 / 256
 FINE_BINS = 4096
 """Bins of equal width over the range of most of the first values, so the error there is far less."""
 PLOT_BINS = 64
+TAIL_BINS = 8
+"""Bins that make an octave in the tails of a plot."""
 _MANTISSA_BITS = 7
 _SHIFT = 52 - _MANTISSA_BITS
 _FIRST_KEY = 1023 << _MANTISSA_BITS
@@ -84,14 +86,19 @@ class Distribution:
         )
 
     def histogram(self) -> tuple[NDArray[np.int64], Floats]:
-        """(counts, edges) of all values: 64 bins over the middle 99 %, one bin for each tail."""
+        """(counts, edges) of all values: 64 bins over the middle 99 %, tails in growing bins.
+
+        A bin of a tail is as wide as a middle one or an eighth of an octave, whichever is more, so
+        that a lone value far away is drawn where it is.
+        """
         if not self.count:
             return np.zeros(0, np.int64), np.zeros(1, np.float64)
         low, high = self.quantile(0.005), self.quantile(0.995)
         middle = np.linspace(low, high if high > low else low + 1.0, PLOT_BINS + 1)
-        head = [self.minimum] if self.minimum < low else []
-        tail = [self.maximum] if self.maximum > middle[-1] else []
-        edges = np.concatenate([head, middle, tail])
+        width = float(middle[1] - middle[0])
+        head = _tail(low, min(self.minimum, low), width)
+        tail = _tail(float(middle[-1]), max(self.maximum, float(middle[-1])), width)
+        edges = np.concatenate([head[::-1], middle, tail])
         if self._bins is None:
             return np.histogram(self._exact(), edges)[0].astype(np.int64), edges
         value, weight = self._bins.weighted()
@@ -112,6 +119,23 @@ class Distribution:
         self._sum += float(shifted.sum())
         self._squares += float(np.square(shifted).sum())
         self.count += len(new)
+
+
+def _tail(edge: float, end: float, width: float) -> list[float]:
+    """Edges beyond `edge` until `end` lies within them.
+
+    >>> [round(edge) for edge in _tail(100.0, 150.0, 4.0)]
+    [109, 119, 130, 141, 154]
+    >>> _tail(10.0, 2.5, 4.0)
+    [6.0, 2.0]
+    """
+    edges: list[float] = []
+    upwards = end > edge
+    while edge < end if upwards else edge > end:
+        step = max(width, edge * (2 ** (1 / TAIL_BINS) - 1))
+        edge = edge + step if upwards else max(edge - step, 0.0)
+        edges.append(edge)
+    return edges
 
 
 class _Bins:

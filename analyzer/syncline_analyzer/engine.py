@@ -6,6 +6,7 @@ import numpy as np
 
 from syncline_analyzer.capture import CaptureFacts, TimeBase
 from syncline_analyzer.context import Context
+from syncline_analyzer.deafness import with_deafness
 from syncline_analyzer.findings import find_all
 from syncline_analyzer.fold import Fold, IndexedBatch
 from syncline_analyzer.folds.angle import AngleFold
@@ -50,7 +51,7 @@ def analyze(
     control, timing, angle = ControlFold(context), TimingFold(context), AngleFold(context)
     folds: tuple[Fold, ...] = (control, timing, angle)
     census = _Census()
-    for seq, item in stream:
+    for seq, item in with_deafness(stream):
         _refresh(context, facts, description, bitrate)
         if isinstance(item, Gap):
             for fold in folds:
@@ -63,6 +64,7 @@ def analyze(
             census.update(item)
         if progress:
             progress(census.frames)
+    _refresh(context, facts, description, bitrate)
     end_ns = census.end_ns
     controls = control.finish(end_ns)
     timings = timing.finish(end_ns, controls.nmt.states)
@@ -134,7 +136,11 @@ def _refresh(
 
 
 class _Census:
-    """Counts every frame of the capture, and keeps its gaps."""
+    """Counts every frame of the capture, and keeps its gaps.
+
+    `end_ns` is where the capture ends by `seq`: where the clock stepped back, that is not its
+    latest stamp, and no node was silent until then.
+    """
 
     def __init__(self) -> None:
         self.frames = 0
@@ -142,13 +148,9 @@ class _Census:
         self._error = 0
         self._extended = 0
         self._first_ns: int | None = None
-        self._last_ns = 0
+        self._latest_ns = 0
+        self.end_ns = 0
         self._gaps: list[Gap] = []
-
-    @property
-    def end_ns(self) -> int:
-        """Latest stamp of the capture."""
-        return self._last_ns
 
     def update(self, batch: FrameBatch) -> None:
         if not len(batch):
@@ -159,12 +161,14 @@ class _Census:
         self._remote += int(np.count_nonzero(batch.flags[~error] & FrameFlag.REMOTE))
         self._extended += int(np.count_nonzero(batch.flags[~error] & FrameFlag.EXTENDED))
         if self._first_ns is None:
-            self._first_ns = self._last_ns = int(batch.t_ns[0])
-        self._last_ns = max(self._last_ns, int(batch.t_ns.max()))
+            self._first_ns = self._latest_ns = int(batch.t_ns[0])
+        self._latest_ns = max(self._latest_ns, int(batch.t_ns.max()))
+        self.end_ns = int(batch.t_ns[-1])
 
     def gap(self, gap: Gap) -> None:
         self._gaps.append(gap)
-        self._last_ns = max(self._last_ns, gap.end_ns)
+        self._latest_ns = max(self._latest_ns, gap.end_ns)
+        self.end_ns = gap.end_ns
 
     def row(
         self, facts: Sequence[CaptureFacts], context: Context, origin_ns: int | None
@@ -180,15 +184,28 @@ class _Census:
             extended_frames=self._extended,
             unparsed_lines=sum(each.unparsed_count for each in facts),
             start_utc_ns=first_ns if dated else None,
-            duration_ns=max(self._last_ns - first_ns, 0) if self.frames else 0,
+            duration_ns=self._latest_ns - first_ns if self.frames else 0,
             buses=list(context.buses),
             gaps=[_gap_row(gap, context) for gap in self._gaps],
             first_ns=first_ns if origin_ns is None else origin_ns,
+            cut_ns=self._first_ns if origin_ns not in (None, self._first_ns) else None,
             time_base=_time_base(facts),
             resolution_ns=context.resolution_ns,
-            notes=[note for each in facts for note in each.notes],
+            notes=[note for each in facts for note in each.notes] + _strangers(context),
             damage=[f"{each.path}: {each.damage}" for each in facts if each.damage],
         )
+
+
+def _strangers(context: Context) -> list[str]:
+    """Buses that the description names and the capture does not hold: most likely a slip."""
+    described = {
+        *context.description.bitrates,
+        *(bus for bus, _ in context.description.nodes if bus),
+    }
+    return [
+        f"the bus description names {bus}, which is not in this capture"
+        for bus in sorted(described - set(context.buses))
+    ]
 
 
 def _gap_row(gap: Gap, context: Context) -> GapRow:

@@ -52,11 +52,26 @@ class CaptureRow:
     buses: list[str]
     gaps: list[GapRow]
     first_ns: int = 0
+    """Origin of capture time: first stamp of the whole capture, also where only a range was read."""
     time_base: str = "utc"
     resolution_ns: int = 1
     notes: list[str] = field(default_factory=list)
     damage: list[str] = field(default_factory=list)
     """What could not be read of damaged files; empty when all are whole."""
+    cut_ns: int | None = None
+    """First stamp taken in where only a part of the capture was; capture time stays since `first_ns`."""
+
+    @property
+    def begin_ns(self) -> int:
+        """First stamp that was taken in."""
+        if self.cut_ns is not None:
+            return self.cut_ns
+        return self.first_ns if self.start_utc_ns is None else self.start_utc_ns
+
+    @property
+    def end_ns(self) -> int:
+        """Last stamp that was taken in."""
+        return self.begin_ns + self.duration_ns
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,6 +135,8 @@ class SyncRow:
     period_us: Quantiles | None
     missing: int
     counter_jumps: int
+    backlog: int = 0
+    """Periods that count nowhere: the recorder had kept these frames and delivered them at once."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ from syncline_analyzer.engine import Progress, analyze
 from syncline_analyzer.merge import Merge
 from syncline_analyzer.moments import Moment, parse_moment
 from syncline_analyzer.readers import open_capture
-from syncline_analyzer.results import Analysis, Finding
+from syncline_analyzer.results import Analysis
 from syncline_schemas.batch import FrameBatch, Gap
 from syncline_schemas.description import BusDescription
 from syncline_schemas.devices import Device, load_device
@@ -94,6 +94,7 @@ class Session:
         if self._analysis is None:
             readers = self._readers()
             merge = Merge(readers)
+            self._check_range(readers)
             self._analysis = analyze(
                 self._stream(merge),
                 [reader.facts for reader in readers],
@@ -104,6 +105,8 @@ class Session:
                 origin_ns=merge.first_ns,
                 progress=progress,
             )
+            if merge.first_ns is not None and not self._analysis.capture.frames:
+                raise UsageError("no frame lies between --from and --to of these captures")
         return self._analysis
 
     @cached_property
@@ -121,9 +124,9 @@ class Session:
             if isinstance(item, FrameBatch):
                 yield item
 
-    def findings(self) -> list[Finding]:
-        """What went wrong, the cause first."""
-        return self.analysis.findings
+    def findings(self) -> pd.DataFrame:
+        """One row per finding, the worst first; `analysis.findings` holds them as dataclasses."""
+        return self._frame("findings")
 
     def nodes(self) -> pd.DataFrame:
         """One row per node."""
@@ -195,6 +198,15 @@ class Session:
         from syncline_analyzer.views.tables import to_frame
 
         return to_frame(getattr(self.analysis, table), table, dated=self._dated)
+
+    def _check_range(self, readers: Sequence[CaptureReader]) -> None:
+        """Raises: UsageError where the range cannot hold anything."""
+        start, end = self._start, self._end
+        if start and end and start.relative == end.relative and start.ns >= end.ns:
+            raise UsageError("the range is empty: --from is not before --to")
+        absolute = any(moment and not moment.relative for moment in (start, end))
+        if absolute and any(reader.facts.time_base != "utc" for reader in readers):
+            raise UsageError("these logs have no dates: write times as 90s or 1m30s into them")
 
     @property
     def _dated(self) -> bool:

@@ -161,6 +161,18 @@ def test_sampled_too_slowly_is_ambiguous() -> None:
     assert flagged(fast, "ambiguous") == []
 
 
+def test_no_speed_is_told_where_either_way_would_do() -> None:
+    def speeds(rpm: int) -> np.ndarray[Any, np.dtype[np.float64]]:
+        often = shaft(rpm, 40, 250 * MS, cpr=LIR_RANGE, total=LIR_RANGE)
+        seldom = moved(shaft(rpm, 20, 500 * MS, cpr=LIR_RANGE, total=LIR_RANGE))
+        speed = only(angles(lir(), ordered(often, seldom))).columns["speed_rpm"]
+        return speed[np.isfinite(speed)]
+
+    assert len(speeds(130)) == 0
+    assert len(speeds(55)) == 58
+    assert speeds(55) == pytest.approx(55, rel=0.01)
+
+
 def jumping(at: int = 50, by: int = 40 * 8192) -> list[Row]:
     before = shaft(60, 100, 20 * MS, cpr=8192, total=1 << 25)
     after = shaft(60, 100, 20 * MS, cpr=8192, total=1 << 25, start=by)
@@ -181,6 +193,22 @@ def test_a_jump_beats_the_speed_limit() -> None:
     assert event.after - event.before == pytest.approx(40 * 8192, abs=200)
     assert flagged(only(tables), "jump") == [50]
     assert set(only(tables).segment.tolist()) == {0}
+
+
+def test_a_jump_is_no_speed_in_any_pdo_that_shows_it() -> None:
+    speed = only(angles(multiturn(), ordered(jumping(), moved(jumping())))).columns["speed_rpm"]
+    assert np.flatnonzero(np.isnan(speed)).tolist() == [0, 1, 100, 101]
+    assert np.nanmax(np.abs(speed)) == pytest.approx(60, rel=0.01)
+
+
+def test_frames_in_a_bundle_are_too_near_for_a_speed() -> None:
+    frames = [
+        (T0 + (k // 5 * 100 + 100) * MS + k % 5 * 50_000, *row[1:])
+        for k, row in enumerate(shaft(900, 200, 20 * MS, cpr=8192, total=1 << 25))
+    ]
+    speed = only(angles(multiturn(), FrameBatch.from_rows(frames))).columns["speed_rpm"]
+    assert np.nanmax(np.abs(speed)) < 12_000
+    assert np.isfinite(speed).any()
 
 
 def test_a_fast_shaft_is_no_jump() -> None:

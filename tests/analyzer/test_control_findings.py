@@ -95,6 +95,24 @@ def test_command_ignored() -> None:
     assert run(*slow).ids() == []
 
 
+def test_a_stop_that_is_ignored_is_one_story_with_the_pdos_sent_meanwhile() -> None:
+    bind = [frame(1, 0x605, "4000180100000000"), frame(2, 0x585, "4300180185010000")]
+    pdos = [frame(t, 0x185, "01") for t in range(500, 3000, 20)]
+    stops = [frame(1010, 0x000, "0205"), frame(1035, 0x000, "0205"), frame(1062, 0x000, "0205")]
+    beats = [*heartbeats(0, 1000), *heartbeats(1100, 4000)]
+    result = run(*ordered(bind, beats, pdos, stops, OTHER))
+    assert result.ids() == ["nmt.command_ignored"]
+    finding = one(result, "nmt.command_ignored")
+    assert finding.start_ns == 1010 * MS
+    assert "goes on sending PDOs (185h)" in finding.text
+
+
+def test_a_command_followed_late_is_not_a_fall() -> None:
+    stop = [frame(1010, 0x000, "0205")]
+    late = ordered(heartbeats(0, 1150), stop, heartbeats(1150, 4000, state="04"), OTHER)
+    assert run(*late).ids() == []
+
+
 def test_a_broadcast_is_not_ignored_by_the_master_itself() -> None:
     stop = [frame(1010, 0x000, "0200")]
     slave = [*heartbeats(0, 1100), *heartbeats(1100, 4000, state="04")]
@@ -136,7 +154,7 @@ def test_heartbeat_master_that_dies_is_the_root() -> None:
     emcy = [frame(1400, 0x085, "3081110000000000")]
     result = run(*ordered(master, slave, emcy, OTHER))
     assert result.ids() == ["nmt.guarding_lost"]
-    assert "master (node 1)" in one(result, "nmt.guarding_lost").cause
+    assert "Master (node 1)" in one(result, "nmt.guarding_lost").cause
 
 
 def test_leaving_operational_without_a_command() -> None:
@@ -230,6 +248,45 @@ def test_bus_off_told_by_the_node_explains_its_silence() -> None:
     result = run(*rows)
     assert result.ids() == ["error.bus_off"]
     assert one(result, "error.bus_off").start_ns == 900 * MS
+
+
+def test_bus_off_with_all_that_follows_is_one_story() -> None:
+    """Silent, back, 8140h again and again, and PRE-OPERATIONAL by 1029h:1 = 0."""
+    told = [frame(t, 0x085, "4081110000000000") for t in (2001, 2600)]
+    rows = ordered(heartbeats(0, 1000), told, heartbeats(2100, 4000, state="7F"), OTHER)
+    result = run(*rows)
+    assert result.ids() == ["error.bus_off"]
+    finding = one(result, "error.bus_off")
+    assert "2 times" in finding.text
+    assert "PRE-OPERATIONAL" in finding.text
+    times = [rows[seq][0] // MS for seq in finding.evidence]
+    assert times == [900, 2001, 2100, 2600]
+
+
+def test_losses_that_are_alike_are_one_finding() -> None:
+    """A machine switched off three times, and at the end a pause that accuses nobody."""
+    cycles = [
+        row
+        for begin in (0, 5000, 12_000)
+        for row in [frame(begin, 0x705, "00"), *heartbeats(begin + 100, begin + 2000)]
+    ]
+    result = run(*cycles, frame(20_000, 0x080), frame(21_000, 0x080))
+    lost = [f for f in result.findings() if f.id == "nmt.node_lost"]
+    finding, pause = sorted(lost, key=lambda f: f.start_ns)
+    assert (finding.node, pause.node) == (5, None)
+    assert {finding.severity, pause.severity} == {"warning"}
+    assert "2 times (at +1.900 s, +6.900 s) for 3.1 s to 5.1 s" in finding.text
+    assert len(finding.evidence) == 4
+    shaky = [row for begin in (0, 2000, 5000) for row in heartbeats(begin, begin + 1000)]
+    loose = one(run(*ordered(shaky, heartbeats(0, 6000, node=9))), "nmt.node_lost")
+    assert "lost 2 times (at +0.900 s, +2.900 s) for 1.1 s to 2.1 s" in loose.text
+
+
+def test_a_code_stands_once_in_a_text() -> None:
+    emcy = [frame(1050, 0x085, "0031040000000000")]
+    beats = [*heartbeats(0, 1100), *heartbeats(1100, 4000, state="04")]
+    for finding in run(*ordered(beats, emcy, OTHER)).findings():
+        assert finding.text.count("3100h") == 1, finding.text
 
 
 def test_bus_off_of_the_recorder() -> None:

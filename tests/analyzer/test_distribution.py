@@ -65,6 +65,15 @@ def test_the_histogram_holds_every_value(count: int) -> None:
     assert edges[-1] >= values.max()
 
 
+@pytest.mark.parametrize("far", [30.0, 6_606_500_000.0])
+def test_a_value_far_away_is_drawn_where_it_is(far: float) -> None:
+    values = np.random.default_rng(4).normal(6_000_000, 100_000, 5000)
+    counts, edges = distribution(np.append(values, far)).histogram()
+    at = int(np.searchsorted(edges, far, side="right")) - 1
+    assert counts[at] == 1
+    assert edges[at + 1] - edges[at] <= max(0.1 * far, 20_000)
+
+
 def test_nothing_added() -> None:
     made = Distribution()
     assert made.quantiles(1000) is None

@@ -240,6 +240,95 @@ def test_boot_up_byte_7fh_of_a_lir_with_heartbeat() -> None:
     assert run(*rows).nodes[NODE].boot_ups == 0
 
 
+LIR = {NODE: load_device("lir-ma158k")}
+
+
+@pytest.mark.parametrize("device", ["lir-ma158k", "lir-da158a", "lir-918"])
+def test_an_unasked_fall_to_7fh_is_the_restart_of_a_lir(device: str) -> None:
+    """Sheet skbis-lir-canopen.md, trap 1: the boot-up byte is 7Fh when 1017h is stored."""
+    rows = ordered(heartbeats(0, 1000), heartbeats(1050, 3000, state="7F"), other(3000))
+    result = run(*rows, devices={NODE: load_device(device)})
+    assert result.ids() == ["nmt.unexpected_reset"]
+    assert "7Fh" in result.findings()[0].text
+    assert result.states(NODE)[1:3] == [
+        ("INITIALISING", 0.9, 1.05),
+        ("PRE-OPERATIONAL", 1.05, 2.95),
+    ]
+    assert (result.nodes[NODE].boot_ups, result.nodes[NODE].heartbeats) == (1, 29)
+    old = run(*rows, devices={NODE: load_device("lir-da158")})
+    assert old.ids() == ["nmt.left_operational"]
+
+
+@pytest.mark.parametrize("t_ms", [990, 1055])
+@pytest.mark.parametrize("code", ["3081", "1075", "4081"])
+def test_a_communication_error_explains_the_fall_of_a_lir(code: str, t_ms: int) -> None:
+    """Trap 17: 1029h:1 = 0 looks like a restart; a node may tell its error late."""
+    emcy = frame(t_ms, 0x085, code + "200000000000")
+    beats = ordered(heartbeats(0, 1000), heartbeats(1050, 3000, state="7F"), other(3000), [emcy])
+    assert "nmt.unexpected_reset" not in run(*beats, devices=LIR).ids()
+
+
+@pytest.mark.parametrize(
+    ("value", "found"), [(0, "nmt.left_operational"), (1, "nmt.unexpected_reset")]
+)
+def test_1029h_as_read_tells_a_reaction_from_a_restart(value: int, found: str) -> None:
+    read = [frame(1, 0x605, "4029100100000000"), frame(2, 0x585, f"4F291001{value:02X}000000")]
+    beats = [*heartbeats(10, 1000), *heartbeats(1050, 3000, state="7F")]
+    assert run(*ordered(read, beats, other(3000)), devices=LIR).ids() == [found]
+
+
+def test_two_devices_that_say_7fh_and_05h_in_turn_are_no_restarts() -> None:
+    twins = ordered(heartbeats(0, 3000), heartbeats(533, 3000, every_ms=170, state="7F"))
+    result = run(*ordered(twins, other(3000)), devices=LIR)
+    assert result.ids() == ["nmt.duplicate_node_id"]
+    assert result.nodes[NODE].boot_ups == 0
+
+
+@pytest.mark.parametrize("batch", [1, 50, 1 << 20])
+@pytest.mark.parametrize(("fast", "slow"), [(100, 700), (500, 700), (200, 230), (100, 1300)])
+def test_two_cadences_under_one_number_are_two_devices(fast: int, slow: int, batch: int) -> None:
+    twins = ordered(
+        heartbeats(0, 110 * fast, every_ms=fast),
+        heartbeats(33, 110 * fast, every_ms=slow * 1.003),
+        other(110 * fast),
+    )
+    result = run(*twins, batch=batch)
+    assert result.ids() == ["nmt.duplicate_node_id"]
+    (finding,) = result.findings()
+    assert f"one every {fast} ms, the other every " in finding.text
+    periods = result.tables.nmt.nodes[0, NODE].twins.periods_ns
+    assert periods == pytest.approx((fast * MS, slow * 1.003 * MS), rel=1e-6)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(50, 1000), st.floats(0.0, 1.5), st.booleans())
+@settings(max_examples=150, deadline=None)
+def test_one_device_is_not_taken_for_two(seed: int, period: int, jitter: float, grid: bool) -> None:
+    """However unsteady: late by chance, on the grid of a slow task, with single ones left out."""
+    rng = np.random.default_rng(seed)
+    t_ms = np.arange(400) * period + rng.uniform(0, jitter * period, 400)
+    t_ms = np.sort(t_ms)[rng.uniform(0, 1, 400) > 0.02]
+    t_ms = np.floor(t_ms / (period / 3)) * (period / 3) if grid else t_ms
+    result = run(*(frame(t, 0x705, "05") for t in np.unique(t_ms).tolist()))
+    assert result.tables.nmt.nodes[0, NODE].twins.periods_ns is None
+
+
+def test_a_commanded_fall_to_7fh_is_no_restart() -> None:
+    beats = ordered(heartbeats(0, 1000), heartbeats(1050, 3000, state="7F"), other(3000))
+    for t_ms in (980, 1040):
+        assert run(*ordered(beats, [frame(t_ms, 0x000, "8005")]), devices=LIR).ids() == []
+
+
+def test_a_change_at_the_end_of_a_batch_parts_the_pdos_all_the_same() -> None:
+    rows = [frame(0, 0x185), frame(1, 0x705, "00"), frame(2, 0x185)]
+    whole, pieces = run(*rows), run(*rows, batch=2)
+    assert pieces.analysis.nmt_states == whole.analysis.nmt_states
+
+
+def other(end_ms: float) -> list[Row]:
+    """A second node that is heard all the time."""
+    return heartbeats(0, end_ms, node=9)
+
+
 @pytest.mark.parametrize("empty", ["00", ""])
 def test_empty_heartbeats_after_a_remote_frame_are_no_boot_ups(empty: str) -> None:
     """LB03, LB04."""

@@ -188,6 +188,41 @@ def test_a_default_is_dropped_when_the_frames_contradict_it() -> None:
     assert row_of(same, 0x18A).pdo == "TPDO1"
 
 
+def haomiao_types(sync_ns: list[int], pdo_ns: list[int], timer_ms: int | None = None) -> str:
+    """Where the type of TPDO1 comes from: FEh by the EDS, which tells no event timer."""
+    ctx = context(devices={1: "haomiao-38"})
+    if timer_ms is not None:
+        learn(ctx, 1, 0x1800, 5, timer_ms)
+    pdos = [frame(t, 0x181, DATA) for t in pdo_ns]
+    return row_of(timing(ctx, ordered(syncs(sync_ns), pdos))).type_source
+
+
+def test_a_timer_in_step_with_a_steady_sync_does_not_contradict_the_default() -> None:
+    steady, timer = regular(1001, 20 * MS), regular(200, 100 * MS, 3 * MS)
+    assert haomiao_types(steady, timer) == "eds-default"
+    assert haomiao_types(steady, timer, timer_ms=100) == "eds-default"
+
+
+def test_a_timer_that_is_off_cannot_have_sent_what_comes_with_the_sync() -> None:
+    steady, timer = regular(1001, 20 * MS), regular(200, 100 * MS, 3 * MS)
+    answered = "inferred: synchronous, every 5th SYNC"
+    assert haomiao_types(steady, timer, timer_ms=0) == answered
+    assert haomiao_types(steady, timer, timer_ms=250) == answered
+
+
+def test_frames_that_waver_with_the_sync_answer_it_whatever_the_default() -> None:
+    rng = np.random.default_rng(11)
+    wavering = (np.array(regular(1001, 20 * MS)) + rng.integers(0, 2 * MS, 1001)).tolist()
+    answered = [t + 600 * US + int(late) for t, late in zip(
+        wavering[::5], rng.integers(0, 100 * US, 201), strict=True
+    )]  # fmt: skip
+    assert haomiao_types(wavering, answered) == "inferred: synchronous, every 5th SYNC"
+    timer = [t + int(late) for t, late in zip(
+        regular(200, 100 * MS, 3 * MS), rng.integers(0, 100 * US, 200), strict=True
+    )]  # fmt: skip
+    assert haomiao_types(wavering, timer) == "eds-default"
+
+
 def test_an_extra_pdo_is_counted_but_no_answer() -> None:
     batch = ordered(
         syncs(regular(20, PERIOD)), answers(range(20)), answers([5, 9], after_ns=6 * MS)
@@ -256,6 +291,19 @@ def test_missing_periods_of_a_told_event_timer() -> None:
     assert [hole.missing for hole in tables.holes] == [2, 1]
 
 
+def test_no_period_is_missing_before_the_whole_bus_falls_silent() -> None:
+    """The heartbeat makes the silence known long after the event timer could."""
+    ctx = told_type(0xFE)
+    learn(ctx, 1, 0x1800, 5, 100)
+    pdos = [frame(k * 100 * MS, 0x181, DATA) for k in without(100, *range(50, 90))]
+    rows = [
+        state(1, "OPERATIONAL", 0, 6400 * MS),
+        state(1, "UNKNOWN", 6400 * MS, 9 * SECOND),
+        state(1, "OPERATIONAL", 9 * SECOND, 10 * SECOND),
+    ]
+    assert row_of(timing(ctx, ordered(pdos), states=rows)).missed == 0
+
+
 def test_a_gap_is_no_silence() -> None:
     before = ordered(syncs(regular(30, PERIOD)), answers(range(30)))
     after = ordered(syncs(regular(30, PERIOD, SECOND)), answers(range(102, 129)))
@@ -278,6 +326,31 @@ def test_nothing_is_missed_in_a_backlog_or_before_a_pause() -> None:
         answers(range(300, 349)),
     )
     assert row_of(timing(told_type(1), batch)).missed == 0
+
+
+def test_answers_in_a_backlog_are_not_measured() -> None:
+    """SYNC and answer 0.4 ms apart, back to back, before the regular ones."""
+    wire = [(frame(k * 400 * US, 0x80), frame(k * 400 * US + 350 * US, 0x181)) for k in range(9)]
+    live = [t + 10 * MS for t in regular(100, PERIOD)]
+    regular_part = [row for t in live for row in (frame(t, 0x80), frame(t + 900 * US, 0x181))]
+    batch = ordered([row for pair in wire for row in pair], regular_part)
+    ctx = context(bitrate=250_000)
+    learn(ctx, 1, 0x1800, 2, 1)
+    row = row_of(timing(ctx, batch))
+    assert row.response_us is not None
+    assert (row.response_us.min, row.response_us.max) == (900, 900)
+    assert row.period_us is not None
+    assert row.period_us.min == PERIOD / US
+    assert row.missed == 0
+
+
+def test_a_pdo_after_a_pause_of_the_sync_is_no_answer_to_the_sync_before_it() -> None:
+    later = regular(50, PERIOD, 3 * SECOND)
+    first = frame(3 * SECOND - 2 * MS, 0x181, DATA)
+    batch = ordered(syncs(regular(50, PERIOD)), syncs(later), answers(range(49)), [first])
+    row = row_of(timing(told_type(1), batch))
+    assert row.response_us is not None
+    assert row.response_us.max == 1000
 
 
 def test_a_type_written_later_starts_a_new_rhythm() -> None:

@@ -96,3 +96,8 @@ def test_times_are_those_of_the_independent_program(facts_file: Path) -> None:
 def test_the_bit_rate_in_an_ixxat_header_is_taken() -> None:
     _, facts, _ = read(CAPTURES / "hilch_ixxat1.trc")
     assert facts.bitrates == {"1": 500_000}
+
+
+def test_an_ixxat_trace_that_runs_past_its_stop_time_says_so() -> None:
+    _, facts, _ = read(CAPTURES / "hilch_ixxat1.trc")
+    assert any("66 s later than the stop time" in note for note in facts.notes)

@@ -267,3 +267,12 @@ def test_a_capture_is_the_same_packed(tmp_path: Path) -> None:
     packed = tmp_path / "capture"
     packed.write_bytes(zstandard.compress(path.read_bytes()))
     assert (read(packed)[0].t_ns == read(path)[0].t_ns).all()
+
+
+@pytest.mark.parametrize(("stop", "told"), [("10:49:43", True), ("10:51:00", False), ("", False)])
+def test_ixxat_frames_past_the_stop_time_are_noted(tmp_path: Path, stop: str, told: bool) -> None:
+    head = (
+        f"ASCII Trace IXXAT MiniMon V3\nDate: 28.01.2025\nStart time: 10:47:15\nStop time: {stop}\n"
+    )
+    _, facts = read_text(tmp_path, head + '"00:03:34.48";"389";"Std";"";"D8 "\n')
+    assert any("stop time" in note for note in facts.notes) is told

@@ -65,3 +65,62 @@ def test_mistakes_are_our_errors(tmp_path: Path) -> None:
         open_session(log(tmp_path), devices={10: "jn2101"})
     with pytest.raises(UsageError, match="is no time"):
         open_session(log(tmp_path), start="soon")
+
+
+def test_findings_are_a_frame_and_dataclasses(tmp_path: Path) -> None:
+    session = open_session(log(tmp_path))
+    assert isinstance(session.findings(), pd.DataFrame)
+    assert session.analysis.findings == []
+
+
+@pytest.mark.parametrize(
+    ("start", "end", "what"),
+    [("6s", "5s", "not before"), ("1h", None, "no frame lies")],
+)
+def test_an_empty_range_is_a_mistake(
+    tmp_path: Path, start: str, end: str | None, what: str
+) -> None:
+    with pytest.raises(UsageError, match=what):
+        open_session(log(tmp_path), start=start, end=end).findings()
+
+
+def test_dates_on_an_undated_log_are_a_mistake(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="no dates"):
+        open_session(log(tmp_path, UNDATED), start="2026-03-01T00:00:00Z").findings()
+
+
+@pytest.mark.parametrize("back_s", [1, 5, 30, 60, 3600])
+def test_a_clock_step_back_loses_no_node(tmp_path: Path, back_s: int) -> None:
+    def beat(k: int) -> str:
+        t_ms = 1_700_000_000_000 + k * 100 - (back_s * 1000 if k >= 100 else 0)
+        return "".join(
+            f"({t_ms // 1000}.{t_ms % 1000 + node:03d}000) can0 70{node}#05\n" for node in (5, 6)
+        )
+
+    session = open_session(log(tmp_path, "".join(beat(k) for k in range(200))))
+    assert session.findings()["id"].tolist() == ["clock.step_back"]
+    assert session.nodes()["final_state"].tolist() == ["OPERATIONAL"] * 2
+    assert set(session.nmt_states()["state"]) <= {"OPERATIONAL", "UNKNOWN"}
+
+
+def test_a_steady_rhythm_is_no_coarse_clock(tmp_path: Path) -> None:
+    assert open_session(log(tmp_path)).analysis.capture.resolution_ns == 1000
+
+
+def test_a_described_bus_that_is_not_there_is_said(tmp_path: Path) -> None:
+    description = tmp_path / "bus.toml"
+    description.write_text("[bus.can9]\nbitrate = 125000\n", encoding="utf-8")
+    session = open_session(log(tmp_path), description=description)
+    assert "can9" in session.analysis.capture.notes[-1]
+
+
+def test_a_packed_capture_of_ours(tmp_path: Path) -> None:
+    import gzip
+
+    from syncline_analyzer.convert import convert
+
+    convert([log(tmp_path)], tmp_path / "a.mcap")
+    packed = tmp_path / "a.mcap.gz"
+    packed.write_bytes(gzip.compress((tmp_path / "a.mcap").read_bytes()))
+    capture = open_session(packed).analysis.capture
+    assert (capture.frames, capture.files, capture.damage) == (20, [str(packed)], [])

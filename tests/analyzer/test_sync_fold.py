@@ -10,11 +10,13 @@ from tests.analyzer.timing_builder import (
     MS,
     SECOND,
     T0,
+    US,
     context,
     frame,
     learn,
     ordered,
     regular,
+    state,
     syncs,
     timing,
 )
@@ -183,3 +185,79 @@ def test_a_late_sync_now_and_then_is_no_jitter() -> None:
 def test_a_backlog_that_is_stamped_at_once_is_no_jitter() -> None:
     times = [k * MS for k in range(15)] + regular(500, 20 * MS, 30 * MS)
     assert timing(context(), ordered(syncs(times))).sync_jitter == []
+
+
+def held_up(*rows: tuple[int, str, int, int]) -> TimingTables:
+    """SYNC with a hole from 2 s to 5 s, and what the nodes did."""
+    batch = ordered(syncs(regular(101, 20 * MS) + regular(101, 20 * MS, 5 * SECOND)))
+    return timing(context(), batch, states=[state(*row) for row in rows])
+
+
+@pytest.mark.parametrize("name", ["LOST", "INITIALISING", "UNKNOWN"])
+def test_a_hole_that_the_nmt_explains_is_not_held_against_the_sync_producer(name: str) -> None:
+    tables = held_up((1, "OPERATIONAL", 0, 2100 * MS), (1, name, 2100 * MS, 4900 * MS))
+    assert (only(tables).missing, tables.holes) == (0, [])
+
+
+@pytest.mark.parametrize(
+    "row",
+    [
+        (1, "LOST", 2100 * MS, 3 * SECOND),
+        (1, "LOST", 6 * SECOND, 7 * SECOND),
+        (1, "PRE-OPERATIONAL", 2100 * MS, 4900 * MS),
+        (1, "UNKNOWN", 0, 7 * SECOND),
+    ],
+    ids=["for a part only", "at another time", "a node that is there", "never known"],
+)
+def test_a_hole_that_nothing_explains_is_told(row: tuple[int, str, int, int]) -> None:
+    tables = held_up(row)
+    assert only(tables).missing == 149
+    assert [hole.missing for hole in tables.holes] == [149]
+
+
+BACKLOG = [k * 200 * US for k in range(15)]
+"""At 500 kbit/s frames of 47 bits come every 94 us at best; these are delivered a little slower."""
+
+
+def delivered(
+    first: list[int], *, bitrate: int | None = 250_000, after: int = 500
+) -> tuple[SyncRow, TimingTables]:
+    """SYNCs at the start of the capture, then regular ones from 15 ms after them."""
+    times = first + regular(after, 20 * MS, first[-1] + 15 * MS)
+    tables = timing(context(bitrate=bitrate), ordered(syncs(times)))
+    return only(tables), tables
+
+
+@pytest.mark.parametrize("bitrate", [250_000, None])
+def test_a_backlog_at_the_start_is_counted_and_not_judged(bitrate: int | None) -> None:
+    row, tables = delivered(BACKLOG, bitrate=bitrate)
+    assert (row.count, row.backlog, row.missing) == (515, 15, 0)
+    assert row.period_us is not None
+    assert row.period_us.min == 20_000
+    assert tables.sync_jitter == []
+    assert tables.series[0].value.min() == 20_000
+
+
+def test_a_backlog_after_a_gap_or_a_pause_is_not_judged() -> None:
+    start = 20 * SECOND
+    later = [start + t for t in BACKLOG]
+    again = later + regular(500, 20 * MS, later[-1] + 15 * MS)
+    first, second = ordered(syncs(regular(500, 20 * MS))), ordered(syncs(again))
+    gap = Gap(T0 + 10 * SECOND, T0 + start, "adapter lost")
+    assert only(timing(context(bitrate=250_000), first, gap, second)).backlog == 15
+    assert only(timing(context(bitrate=250_000), first, second)).backlog == 15
+
+
+def test_a_faster_sync_at_the_start_is_no_backlog() -> None:
+    row, _ = delivered([k * MS for k in range(15)])
+    assert row.backlog == 0
+    assert row.period_us is not None
+    assert row.period_us.min == 1000
+
+
+def test_real_jitter_at_the_start_is_still_found() -> None:
+    uneven = [t + (9 * MS if k % 2 else 0) for k, t in enumerate(regular(40, 20 * MS))]
+    row, tables = delivered(uneven)
+    assert row.backlog == 0
+    (jitter,) = tables.sync_jitter
+    assert jitter.start_ns == T0

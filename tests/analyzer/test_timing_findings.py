@@ -10,7 +10,6 @@ from syncline_analyzer.results import (
     Analysis,
     Finding,
     HoleRow,
-    NmtStateRow,
     PdoRow,
     Quantiles,
     Responses,
@@ -119,18 +118,6 @@ def test_many_holes_are_one_finding() -> None:
     holes = [hole(30 * k, 30 * k + 0.1) for k in range(MAX_FINDINGS + 1)]
     finding = only(find(analysis(sync=[sync_row()], holes=holes)))
     assert f"{MAX_FINDINGS + 1} times" in finding.text
-
-
-def lost(start: float, end: float) -> NmtStateRow:
-    return NmtStateRow("can0", 1, "LOST", at(start), at(end), "silence", "observed", 99)
-
-
-def test_a_producer_that_was_switched_off_is_told_by_the_nmt() -> None:
-    long = hole(10, 40, 1500)
-    tables = {"sync": [sync_row()], "holes": [long]}
-    assert find(analysis(**tables, nmt_states=[lost(11, 39)])) == []
-    assert len(find(analysis(**tables, nmt_states=[lost(11, 20)]))) == 1
-    assert len(find(analysis(**tables, nmt_states=[lost(50, 80)]))) == 1
 
 
 def test_a_silence_of_everything_says_so() -> None:

@@ -13,6 +13,8 @@ import pytest
 from syncline_analyzer.results import Analysis
 from syncline_analyzer.views.report_html import report, write_report
 from tests.analyzer.analysis_builder import (
+    SECOND,
+    T0,
     analysis,
     bad_day,
     capture_row,
@@ -127,6 +129,14 @@ def test_loss_of_two_milliseconds_is_drawn_last_and_at_least_a_pixel_wide() -> N
     assert re.search(r"\.s-lost rect\{fill:#e53935;stroke:#e53935\}", page)
 
 
+def test_lanes_of_a_part_begin_at_the_cut_in_capture_time() -> None:
+    page = markup(bad_day(capture=capture_row(first_ns=T0 - 60 * SECOND)))
+    assert 'viewBox="60 0 600 20"' in page
+    assert '"begin":60.0' in page.replace(" ", "")
+    undated = capture_row(first_ns=T0 - 60 * SECOND, start_utc_ns=None, cut_ns=T0)
+    assert 'viewBox="60 0 600 20"' in markup(bad_day(capture=undated))
+
+
 def test_thousands_of_changes_stay_a_small_picture() -> None:
     changes = [(i / 100, "LOST" if i % 2 else "OPERATIONAL", "") for i in range(20_000)]
     shown = analysis(nodes=[node_row()], nmt_states=state_rows(10, *changes))
@@ -174,6 +184,7 @@ def test_captures_without_times_draw_nothing_over_time() -> None:
     page = markup(untimed())
     assert "The log has no times" in page
     assert "<svg" not in page
+    assert "untimed" not in page
 
 
 # -- in a real browser

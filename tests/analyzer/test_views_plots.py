@@ -132,8 +132,9 @@ def test_answers_are_not_joined_across_a_silence() -> None:
     assert np.isnan(panels(analysis(responses=[shown]))[0].lines[0].value).sum() == 0
 
 
-def test_last_bin_that_only_says_more_is_no_bar() -> None:
-    edges, counts = np.array([0.0, 10, 20, 30, 6_000_000]), np.array([10, 50, 30, 5])
+def test_a_bar_far_from_all_others_is_left_out_and_counted() -> None:
+    edges = np.array([0.0, 10, 20, 30, 5_000_000, 6_000_000])
+    counts = np.array([100, 500, 300, 0, 5])
     bars = bars_of(replace(responses(), histogram=counts, edges_us=edges))
     assert bars.middle_us.tolist() == [5.0, 15.0, 25.0]
     assert bars.left_out == 5

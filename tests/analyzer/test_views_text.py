@@ -9,6 +9,8 @@ from syncline_analyzer.results import NmtStateRow
 from syncline_analyzer.views.lanes import cells
 from syncline_analyzer.views.text import console_for, print_summary, summary
 from tests.analyzer.analysis_builder import (
+    SECOND,
+    T0,
     analysis,
     at,
     bad_day,
@@ -142,3 +144,16 @@ def test_boot_up_that_takes_the_error_list_is_no_emcy_message() -> None:
     text = summary(analysis(nodes=[node_row()], emcy=[emcy_row(), gone]))
     assert line_with(text, "EMCY (1)")
     assert line_with(text, "4:20.000", "boot-up, reset")
+
+
+def test_a_part_of_a_capture_keeps_its_capture_time_and_fills_the_lanes() -> None:
+    cut = bad_day(capture=capture_row(first_ns=T0 - 60 * SECOND))
+    whole, part = summary(bad_day()), summary(cut)
+    lanes = [
+        [line for line in text.splitlines() if "PPPO" in line or "OOOO" in line]
+        for text in (whole, part)
+    ]
+    assert lanes[0] == lanes[1]
+    assert "4:10.000" in whole
+    assert "5:10.000" in part
+    assert whole.splitlines()[1] == part.splitlines()[1]

@@ -42,7 +42,7 @@ def test_findings_are_those_of_the_script(sample: Sample) -> None:
         ExpectedFinding(**{**row, "or_as": tuple(row["or_as"])})
         for row in sample.expected["findings"]
     ]
-    outcome = compare(entries, sample.session.findings())
+    outcome = compare(entries, sample.session.analysis.findings)
     assert outcome.missing == []
     assert outcome.unexpected == []
 

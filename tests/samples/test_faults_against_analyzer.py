@@ -93,6 +93,13 @@ def test_one_fault_is_one_story(fault: Fault, tmp_path: Path) -> None:
     told_alone(scenario(fault), tmp_path)
 
 
+@pytest.mark.parametrize("heartbeat_ms", [60, 230, 500, 700])
+def test_a_second_device_is_told_by_its_cadence(heartbeat_ms: int, tmp_path: Path) -> None:
+    """On a Haomiao, whose own heartbeat comes every 200 ms and whose twin runs as it does."""
+    fault = DuplicateNode(NODE, 4.0, heartbeat_ms=heartbeat_ms)
+    told_alone(scenario(fault, device="haomiao-38"), tmp_path)
+
+
 @pytest.mark.parametrize("device", ["lir-da158", "lir-da158a", "lir-918", "haomiao-38"])
 @pytest.mark.parametrize("boot_ms", [20, 80, 150])
 def test_a_restart_is_told_whatever_the_boot_up_byte(
@@ -115,4 +122,4 @@ def told_alone(script: Scenario, tmp_path: Path) -> None:
 def test_without_a_fault_there_is_no_finding(tmp_path: Path) -> None:
     log = tmp_path / "one.log"
     log.write_bytes(candump_log(scenario().run()))
-    assert open_session(log).findings() == []
+    assert open_session(log).analysis.findings == []

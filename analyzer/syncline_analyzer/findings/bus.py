@@ -1,11 +1,15 @@
 """Findings on the bus and the recording itself: bus-off, steps of the clock, gaps."""
 
 from collections.abc import Iterator
+from itertools import groupby
 
 from syncline_analyzer.context import Context
-from syncline_analyzer.findings.stretch import Stretch, seconds
+from syncline_analyzer.deafness import RECORDER_OFF
+from syncline_analyzer.findings.stretch import Stretch, counted, seconds
 from syncline_analyzer.folds.control import ControlTables
-from syncline_analyzer.results import Analysis, Finding
+from syncline_analyzer.folds.nmt_events import Interval, Lost
+from syncline_analyzer.folds.nmt_timeline import Timeline
+from syncline_analyzer.results import Analysis, EmcyRow, Finding
 
 RECOVERED = 0x8140
 """EMCY "recovered from bus-off" (CiA 301 table 27)."""
@@ -53,35 +57,75 @@ def _recorder_off(control: ControlTables) -> Iterator[Finding]:
 
 
 def _node_off(analysis: Analysis, control: ControlTables, context: Context) -> Iterator[Finding]:
-    """A node can tell of its bus-off only when it is back."""
-    for row in analysis.emcy:
-        if row.code is None or row.transition == "malformed":
-            continue
-        if not tells_bus_off(row.code, row.meaning):
-            continue
-        number = context.buses.index(row.bus) if row.bus in context.buses else 0
-        timeline = control.nmt.timelines.get((number, row.node))
-        lost = [
-            stretch
-            for stretch in (timeline.lost if timeline else ())
-            if stretch.last_ns <= row.t_ns and row.t_ns - stretch.end_ns <= TOGETHER_NS
-        ]
-        start = lost[-1].last_ns if lost else row.t_ns
-        away = f"; it had been silent for {seconds(lost[-1].end_ns - start)}" if lost else ""
-        yield Finding(
-            "error.bus_off",
-            "error",
-            row.bus,
-            row.node,
-            start,
-            row.t_ns,
-            f"Node {row.node} says that it was bus-off (EMCY {row.code:04X}h){away}.",
-            "The node's frames were destroyed on the wire: cable, termination, bit rate, or its"
-            " CAN driver. The message comes after the recovery; the fault lies before it.",
-            "Check the stub and plug of this node and the terminating resistors; count error"
-            " frames at that time.",
-            [*([lost[-1].last_seq] if lost else []), row.seq],
+    """A node can tell of its bus-off only when it is back; what belongs together is one story."""
+    rows = [
+        row
+        for row in analysis.emcy
+        if row.code is not None
+        and row.transition not in ("malformed", "reset")
+        and tells_bus_off(row.code, row.meaning)
+    ]
+    rows.sort(key=lambda row: (row.bus, row.node, row.seq))
+    for _, group in groupby(rows, key=lambda row: (row.bus, row.node)):
+        found = list(group)
+        for start, end in Stretch.of([row.t_ns for row in found], TOGETHER_NS):
+            yield _node_off_story(
+                control, context, [row for row in found if start <= row.t_ns <= end]
+            )
+
+
+def _node_off_story(control: ControlTables, context: Context, rows: list[EmcyRow]) -> Finding:
+    """Silence, the node's own word for it, and the state it went to."""
+    first, last = rows[0], rows[-1]
+    number = context.buses.index(first.bus) if first.bus in context.buses else 0
+    timeline = control.nmt.timelines.get((number, first.node))
+    lost = [
+        stretch
+        for stretch in (timeline.lost if timeline else ())
+        if stretch.last_ns <= last.t_ns and first.t_ns - stretch.end_ns <= TOGETHER_NS
+    ]
+    fall = _fall(timeline, rows, lost) if timeline else None
+    often = f" {len(rows)} times" if len(rows) > 1 else ""
+    silent = seconds(sum(stretch.end_ns - stretch.last_ns for stretch in lost))
+    away = f"; it had been silent for {silent}" if lost else ""
+    fell = f"; then it was {fall.state.value} without a command" if fall else ""
+    seqs = {row.seq for row in rows}
+    if fall is not None and fall.evidence is not None:
+        seqs.add(fall.evidence)
+    for stretch in lost:
+        seqs |= (
+            {stretch.last_seq} if stretch.end_seq is None else {stretch.last_seq, stretch.end_seq}
         )
+    return Finding(
+        "error.bus_off",
+        "error",
+        first.bus,
+        first.node,
+        min([first.t_ns, *(stretch.last_ns for stretch in lost)]),
+        max(last.t_ns, fall.start_ns if fall else 0),
+        f"Node {first.node} says{often} that it was bus-off"
+        f" (EMCY {first.code or 0:04X}h){away}{fell}.",
+        "The node's frames were destroyed on the wire: cable, termination, bit rate, or its"
+        " CAN driver. The message comes after the recovery; the fault lies before it.",
+        "Check the stub and plug of this node and the terminating resistors; count error"
+        " frames at that time.",
+        sorted(seqs)[:20],
+    )
+
+
+def _fall(timeline: Timeline, rows: list[EmcyRow], lost: list[Lost]) -> Interval | None:
+    """The state that the node went to from OPERATIONAL by itself, about when it was bus-off."""
+    fallen = {change[0] for change in timeline.changes if change[2] == "OPERATIONAL"}
+    operational = any(stretch.state_before == "OPERATIONAL" for stretch in lost)
+    for interval in timeline.intervals:
+        told = operational and interval.cause.endswith("says so")
+        if (
+            rows[0].t_ns <= interval.start_ns <= rows[-1].t_ns + TOGETHER_NS
+            and interval.state.value in ("PRE-OPERATIONAL", "STOPPED")
+            and (interval.evidence in fallen or told)
+        ):
+            return interval
+    return None
 
 
 def _steps(control: ControlTables) -> Iterator[Finding]:
@@ -109,8 +153,9 @@ def _steps(control: ControlTables) -> Iterator[Finding]:
             None,
             small[0].t_ns,
             small[-1].t_ns,
-            f"{len(small)} frames are stamped up to"
-            f" {max(step.back_ns for step in small) / 1e3:.0f} us before the frame ahead of them.",
+            f"{counted(len(small), 'frame')} {'is' if len(small) == 1 else 'are'} stamped earlier"
+            " than the frame before, by up to"
+            f" {max(step.back_ns for step in small) / 1e3:.0f} us.",
             "The driver handed frames over in another order than it stamped them.",
             "Nothing: states follow the order of the frames.",
             [step.seq for step in small[:20]],
@@ -118,8 +163,16 @@ def _steps(control: ControlTables) -> Iterator[Finding]:
 
 
 def _gaps(analysis: Analysis) -> Iterator[Finding]:
+    """Gaps, but for those that the recorder's own bus-off explains."""
     for gap in analysis.capture.gaps:
-        lost = f"; {gap.lost_frames} frames were lost" if gap.lost_frames else ""
+        if gap.reason == RECORDER_OFF:
+            continue
+        number = gap.lost_frames or 0
+        lost = (
+            f"; {counted(number, 'frame')} {'was' if number == 1 else 'were'} lost"
+            if number
+            else ""
+        )
         yield Finding(
             "capture.gap",
             "info",

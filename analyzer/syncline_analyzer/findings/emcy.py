@@ -5,7 +5,7 @@ from itertools import groupby
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.findings.bus import tells_bus_off
-from syncline_analyzer.findings.stretch import seconds
+from syncline_analyzer.findings.stretch import counted, error_name, seconds
 from syncline_analyzer.folds.control import ControlTables
 from syncline_analyzer.results import Analysis, ErrorRow, Finding
 
@@ -17,13 +17,13 @@ def find(analysis: Analysis, control: ControlTables, context: Context) -> list[F
     """All findings of this family."""
     return [
         *_storms(control),
-        *_active(analysis, context),
+        *_active(analysis, control, context),
         *_before(analysis, control),
         *_too_soon(control),
     ]
 
 
-def _active(analysis: Analysis, context: Context) -> Iterator[Finding]:
+def _active(analysis: Analysis, control: ControlTables, context: Context) -> Iterator[Finding]:
     """Errors by node and code; those still active at the end are apart from those that are over."""
     rows = [row for row in analysis.errors if not _told_elsewhere(analysis, context, row)]
     rows.sort(key=lambda row: (row.bus, row.node, row.code, row.status == "still active"))
@@ -31,31 +31,31 @@ def _active(analysis: Analysis, context: Context) -> Iterator[Finding]:
         rows, key=lambda row: (row.bus, row.node, row.code, row.status == "still active")
     ):
         found = sorted(group, key=lambda row: row.evidence[0])
-        yield _active_finding(analysis, context, bus, node, found, still)
+        yield _active_finding(control, context, bus, node, found, still)
 
 
 def _active_finding(
-    analysis: Analysis, context: Context, bus: str, node: int, rows: list[ErrorRow], still: bool
+    control: ControlTables, context: Context, bus: str, node: int, rows: list[ErrorRow], still: bool
 ) -> Finding:
     first = rows[0]
-    end_ns = analysis.capture.first_ns + analysis.capture.duration_ns
+    end_ns = control.nmt.end_ns
     ends = [row.cleared_ns if row.cleared_ns is not None else row.raised_ns for row in rows]
     count = sum(row.count for row in rows)
-    code = f"{first.code:04X}h"
-    text = f"Node {node} reports {first.meaning}"
-    text += "" if code in first.meaning else f" ({code})"
-    text += f", {count} messages" if count > 1 else ""
+    text = f"Node {node} reports {error_name(first.code, first.meaning)}"
+    text += f" in {count} messages" if count > len(rows) else ""
     lasted = sum((row.cleared_ns or row.raised_ns) - row.raised_ns for row in rows)
     lost = sum(row.status == "lost at reset" for row in rows)
     if still:
         text += "; it is still active at the end of the capture."
     elif lost == len(rows):
-        text += f"; {lost} times" if lost > 1 else ""
-        text += " ended by a restart of the node, not cleared."
+        often = f"it came {lost} times, each time " if lost > 1 else ""
+        text += f"; {often}ended by a restart of the node, not cleared."
     else:
-        text += f"; cleared after {seconds(lasted)}" if context.timed else "; cleared"
-        text += f", {len(rows)} times" if len(rows) > 1 else ""
-        text += f" ({lost} ended by a restart)." if lost else "."
+        often = f"it came {len(rows)} times and was " if len(rows) > 1 else ""
+        text += f"; {often}cleared"
+        text += f" after {seconds(lasted)}" if context.timed else ""
+        text += " altogether" if context.timed and often else ""
+        text += f" ({lost} of them ended by a restart of the node)." if lost else "."
     return Finding(
         "emcy.active",
         "error" if still else "warning",
@@ -123,7 +123,7 @@ def _too_soon(control: ControlTables) -> Iterator[Finding]:
             node,
             found[0].t_ns,
             found[-1].t_ns,
-            f"Node {node} sent {len(found)} EMCYs sooner than its inhibit time 1015h allows"
+            f"Node {node} sent {counted(len(found), 'EMCY')} sooner than its inhibit time 1015h allows"
             f" ({found[0].passed_us:.0f} us after the one before instead of"
             f" {found[0].inhibit_us:.0f} us).",
             "1015h is not in effect, or the recorder's stamps are not exact.",

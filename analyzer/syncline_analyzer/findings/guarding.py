@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from itertools import groupby
 
 from syncline_analyzer.context import Context
-from syncline_analyzer.findings.stretch import Stretch, seconds
+from syncline_analyzer.findings.stretch import Stretch, moment, seconds
 from syncline_analyzer.folds.control import ControlTables
 from syncline_analyzer.folds.nmt import NodeKey
 from syncline_analyzer.results import Analysis, EmcyRow, Finding
@@ -43,7 +43,7 @@ def _guarding_of(
         start = first.t_ns
         if silent is not None:
             who, last_ns, last_seq = silent
-            pieces.append(f"{who} silent from {moment(control, last_ns)} on")
+            pieces.append(f"{who} silent from {moment(analysis, last_ns)} on")
             evidence.insert(0, last_seq)
             start = last_ns
         pieces.append(
@@ -51,7 +51,7 @@ def _guarding_of(
             if silent
             else f"node {node} misses its master"
         )
-        pieces.append(f"EMCY 8130h at {moment(control, first.t_ns)}")
+        pieces.append(f"EMCY 8130h at {moment(analysis, first.t_ns)}")
         if fall is not None:
             pieces.append(f"node {node} goes {fall[1]} and its PDOs stop")
             evidence.append(fall[0])
@@ -64,7 +64,7 @@ def _guarding_of(
             max(end, fall[2] if fall else end),
             " -> ".join(pieces)[:1].upper() + " -> ".join(pieces)[1:] + ".",
             (
-                f"{silent[0]} stopped: the root is there, not at node {node}."
+                f"{silent[0][:1].upper() + silent[0][1:]} stopped: the root is there, not at node {node}."
                 if silent
                 else f"The master stopped guarding or its heartbeat did not reach node {node}; no silence of"
                 " a master stands in the capture."
@@ -101,8 +101,3 @@ def _fall_after(control: ControlTables, key: NodeKey, t_ns: int) -> tuple[int, s
         if before == "OPERATIONAL" and 0 <= change_ns - t_ns <= STORY_NS:
             return seq, after, change_ns
     return None
-
-
-def moment(control: ControlTables, t_ns: int) -> str:
-    """A moment as seconds into the capture."""
-    return f"+{(t_ns - control.nmt.first_ns) / 1e9:.3f} s"

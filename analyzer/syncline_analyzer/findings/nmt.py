@@ -1,15 +1,15 @@
 """Findings on NMT: nodes lost, resets nobody asked for, commands ignored, guarding (analysis.md 4)."""
 
-from collections.abc import Iterator
-from itertools import groupby
+from collections.abc import Iterable, Iterator
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.findings.bus import tells_bus_off
-from syncline_analyzer.findings.guarding import STORY_NS, guarding_stories, moment
-from syncline_analyzer.findings.stretch import seconds
+from syncline_analyzer.findings.guarding import STORY_NS, guarding_stories
+from syncline_analyzer.findings.lost import BOOT_UP_NS, lost_nodes
+from syncline_analyzer.findings.stretch import counted, error_name, moment, seconds
 from syncline_analyzer.folds.control import ControlTables
 from syncline_analyzer.folds.nmt import BootUp, NodeKey
-from syncline_analyzer.folds.nmt_events import Lost
+from syncline_analyzer.folds.nmt_events import Ignored, Violation
 from syncline_analyzer.folds.nmt_timeline import Timeline
 from syncline_analyzer.results import Analysis, EmcyRow, Finding
 from syncline_schemas.canopen.nmt import command_name
@@ -19,6 +19,8 @@ COMMAND_WINDOW_NS = 10_000_000_000
 """A reset this long before a boot-up explains it (analysis.md 4)."""
 FLIPS = 3
 """Returns to OPERATIONAL without a command that no single node makes."""
+Place = tuple[str | None, int | None]
+"""Bus and node of a finding."""
 DOUBLED = 10
 """Alternating heartbeat intervals from which on two producers are believed."""
 
@@ -26,7 +28,7 @@ DOUBLED = 10
 def find(analysis: Analysis, control: ControlTables, context: Context) -> list[Finding]:
     """All findings of this family; causes come before what follows from them."""
     if not context.timed:
-        return [*_both(control, context), *_toggles(analysis, control, context)]
+        return [*_both(control, context), *_toggles(control, context)]
     stories = list(guarding_stories(analysis, control, context))
     doubled = list(_doubled(control, context))
     told = {(f.bus, f.node) for f in [*stories, *doubled]}
@@ -38,124 +40,15 @@ def find(analysis: Analysis, control: ControlTables, context: Context) -> list[F
     ]
     return [
         *stories,
-        *_lost(analysis, control, context, masters),
+        *lost_nodes(analysis, control, context, masters),
         *doubled,
         *(f for f in single if (f.bus, f.node) not in twins),
         *(f for f in _pdo_outside(control, context) if (f.bus, f.node) not in told),
-        *(f for f in _fell(analysis, control, context) if not _within(f, [*stories, *doubled])),
+        *(f for f in _fell(analysis, control, context) if not _within(f, stories, twins)),
         *_both(control, context),
-        *_toggles(analysis, control, context),
-        *_slow(control, context),
+        *_toggles(control, context),
+        *(f for f in _slow(control, context) if (f.bus, f.node) not in twins),
     ]
-
-
-def _lost(
-    analysis: Analysis, control: ControlTables, context: Context, told: set[int]
-) -> Iterator[Finding]:
-    """Nodes that fell silent; one finding where the whole bus did."""
-    losses = sorted(
-        (lost.start_ns, key, lost)
-        for key, timeline in control.nmt.timelines.items()
-        for lost in timeline.lost
-        if lost.last_seq not in told
-    )
-    losses = [entry for entry in losses if not _was_bus_off(analysis, context, *entry[1:])]
-    for _, key, lost in losses:
-        if not lost.whole_bus:
-            yield _lost_alone(control, context, key, lost)
-    whole = [(key, lost) for _, key, lost in losses if lost.whole_bus]
-    for _, group in groupby(
-        whole, key=lambda entry: (entry[0][0], entry[1].last_ns // 1_000_000_000)
-    ):
-        yield _lost_together(control, context, list(group))
-
-
-def _lost_alone(control: ControlTables, context: Context, key: NodeKey, lost: Lost) -> Finding:
-    bus, node = key
-    silent = seconds(lost.end_ns - lost.last_ns)
-    boot = _boot_up_at(control, context, key, lost)
-    if lost.end_seq is None:
-        text = f"Node {node} is silent from {moment(control, lost.last_ns)} on, {silent} up to the end."
-    else:
-        how = "with a boot-up" if boot else "without a boot-up"
-        text = f"Node {node} was lost for {silent} and came back {how}."
-    text += f" It counts as lost after {seconds(lost.timeout_ns)}: {lost.reason}."
-    cause = (
-        "The node lost its supply or restarted: it came back with a boot-up."
-        if boot
-        else "Supply or cable of this node, its CAN interface bus-off, or the node stopped working;"
-        " the other nodes were heard all the time, so the bus itself worked."
-    )
-    return Finding(
-        "nmt.node_lost",
-        "error",
-        context.bus_name(bus),
-        node,
-        lost.last_ns,
-        lost.end_ns,
-        text,
-        cause,
-        "Check plug, cable and supply voltage of the node; look at its error memory (1003h).",
-        [seq for seq in (lost.last_seq, lost.end_seq) if seq is not None],
-    )
-
-
-def _lost_together(
-    control: ControlTables, context: Context, group: list[tuple[NodeKey, Lost]]
-) -> Finding:
-    """All nodes of a bus silent at once, and nobody else to be heard."""
-    nodes = sorted({key[1] for key, _ in group})
-    boots = [key[1] for key, lost in group if _boot_up_at(control, context, key, lost)]
-    start = min(lost.last_ns for _, lost in group)
-    end = max(lost.end_ns for _, lost in group)
-    back = "came back with a boot-up" if boots else "was not heard again before the end"
-    text = f"The whole bus was silent for {seconds(end - start)}; {_names(nodes)} {back}."
-    cause = (
-        "The machine was switched off and on (all nodes started anew)."
-        if boots
-        else "The machine was switched off, the recorder was unplugged, or the bus was broken near it."
-    )
-    return Finding(
-        "nmt.node_lost",
-        "warning" if boots else "error",
-        context.bus_name(group[0][0][0]),
-        nodes[0] if len(nodes) == 1 else None,
-        start,
-        end,
-        text,
-        cause,
-        "Was it switched off on purpose? If not: supply of the whole machine, cable at the recorder.",
-        sorted(
-            seq for _, lost in group for seq in (lost.last_seq, lost.end_seq) if seq is not None
-        ),
-    )
-
-
-def _was_bus_off(analysis: Analysis, context: Context, key: NodeKey, lost: Lost) -> bool:
-    """Whether the node says afterwards that it was bus-off: that finding tells the silence too."""
-    bus = context.bus_name(key[0])
-    return any(
-        (row.bus, row.node) == (bus, key[1])
-        and row.code is not None
-        and tells_bus_off(row.code, row.meaning)
-        and lost.start_ns <= row.t_ns <= lost.end_ns + STORY_NS
-        for row in analysis.emcy
-    )
-
-
-def _boot_up_at(
-    control: ControlTables, context: Context, key: NodeKey, lost: Lost
-) -> BootUp | None:
-    bus = context.bus_name(key[0])
-    return next(
-        (
-            boot
-            for boot in control.nmt.boot_ups
-            if (boot.bus, boot.node) == (bus, key[1])
-            and 0 <= boot.t_ns - lost.end_ns <= 1_000_000_000
-        ),
-        None,
-    )
 
 
 def _unexpected_resets(
@@ -167,7 +60,7 @@ def _unexpected_resets(
         timeline = control.nmt.timelines[key]
         if boot.command_seq is not None or boot.repeated or _first_sign(timeline, boot):
             continue
-        if any(0 <= boot.t_ns - lost.end_ns <= 1_000_000_000 for lost in timeline.lost):
+        if any(0 <= boot.t_ns - lost.end_ns <= BOOT_UP_NS for lost in timeline.lost):
             continue
         if _recent_command(control, boot) or _reset_by_sdo(analysis, context, key, boot):
             continue
@@ -182,8 +75,8 @@ def _unexpected_resets(
             boot.node,
             boot.t_ns,
             boot.t_ns,
-            f"Node {boot.node} restarted at {moment(control, boot.t_ns)} although no reset was"
-            f" commanded in the 10 s before{twice}.",
+            f"Node {boot.node} restarted at {moment(analysis, boot.t_ns)} although no reset was"
+            f" commanded in the 10 s before{twice}.{_disguise(boot)}",
             f"Its watchdog reset it (EMCY {watchdog.code:04X}h)."
             if watchdog
             else "Short break of its supply, watchdog, or a crash of its firmware.",
@@ -191,6 +84,16 @@ def _unexpected_resets(
             " watchdog EMCY after the boot-up.",
             [boot.seq, *(b.seq for b in pair[:1]), *([watchdog.seq] if watchdog else [])],
         )
+
+
+def _disguise(boot: BootUp) -> str:
+    """How a boot-up was told that looks like a heartbeat (sheet skbis-lir-canopen.md, trap 1)."""
+    if boot.byte == 0:
+        return ""
+    return (
+        f" Its boot-up carries {boot.byte:02X}h like a heartbeat, as this device's does when"
+        " 1017h is stored."
+    )
 
 
 def _watchdog_emcy(analysis: Analysis, boot: BootUp) -> EmcyRow | None:
@@ -240,6 +143,7 @@ def _ignored(control: ControlTables, context: Context) -> Iterator[Finding]:
             if ignored.command.node == 0 and not timeline.followed:
                 continue
             name = command_name(ignored.command.specifier)
+            pdos = [v for v in timeline.violations if not v.guess and _during(v, ignored)]
             yield Finding(
                 "nmt.command_ignored",
                 "error",
@@ -248,13 +152,23 @@ def _ignored(control: ControlTables, context: Context) -> Iterator[Finding]:
                 ignored.command.t_ns,
                 ignored.t_ns,
                 f'Node {node} did not follow the command "{name}":'
-                f" {seconds(ignored.t_ns - ignored.command.t_ns)} later it still says {ignored.state}.",
+                f" {seconds(ignored.t_ns - ignored.command.t_ns)} later it still says {ignored.state}"
+                + (f" and goes on sending PDOs ({_identifiers(pdos)})." if pdos else "."),
                 "The node did not get the command, refuses it in its present condition, or another"
                 " node answers under the same number.",
                 "Does it follow when the command is repeated? Look for an EMCY of the node and for"
                 " 1F80h, 1029h.",
-                [ignored.command.seq, ignored.seq],
+                [ignored.command.seq, *(v.seq for v in pdos[:10]), ignored.seq],
             )
+
+
+def _during(violation: Violation, ignored: Ignored) -> bool:
+    """Whether PDOs show that the node did not follow a command."""
+    return violation.start_ns <= ignored.t_ns and violation.end_ns >= ignored.command.t_ns
+
+
+def _identifiers(violations: Iterable[Violation]) -> str:
+    return ", ".join(sorted({f"{v.can_id:03X}h" for v in violations}))
 
 
 def _pdo_outside(control: ControlTables, context: Context) -> Iterator[Finding]:
@@ -264,15 +178,11 @@ def _pdo_outside(control: ControlTables, context: Context) -> Iterator[Finding]:
             violation
             for violation in timeline.violations
             if not violation.guess
-            and not any(
-                ignored.command.t_ns <= violation.start_ns <= ignored.t_ns
-                for ignored in timeline.ignored
-            )
+            and not any(_during(violation, ignored) for ignored in timeline.ignored)
         ]
         if not found:
             continue
         first = found[0]
-        ids = ", ".join(sorted({f"{v.can_id:03X}h" for v in found}))
         known = "by command" if first.certainty == "commanded" else "by its own word"
         yield Finding(
             "nmt.pdo_outside_operational",
@@ -281,8 +191,8 @@ def _pdo_outside(control: ControlTables, context: Context) -> Iterator[Finding]:
             node,
             first.start_ns,
             max(v.end_ns for v in found),
-            f"Node {node} sent {sum(v.number for v in found)} PDOs ({ids}) while it was"
-            f" {first.state} {known}.",
+            f"Node {node} sent {counted(sum(v.number for v in found), 'PDO')}"
+            f" ({_identifiers(found)}) while it was {first.state} {known}.",
             "A second device under the same number, a device that does not keep to CiA 301, or a"
             " command that it did not follow.",
             "Switch the node off: do the PDOs stop? Compare with its heartbeat.",
@@ -305,7 +215,11 @@ def _fell(analysis: Analysis, control: ControlTables, context: Context) -> Itera
                 and row.code >> 8
                 and 0 <= t_ns - row.t_ns <= STORY_NS
             ]
-            told = f" after its EMCY {emcy[-1].code:04X}h ({emcy[-1].meaning})" if emcy else ""
+            last = emcy[-1] if emcy else None
+            if last is not None and tells_bus_off(last.code or 0, last.meaning):
+                continue
+            named = error_name(last.code or 0, last.meaning) if last else ""
+            told = f" after it reported {named}" if last else ""
             yield Finding(
                 "nmt.left_operational",
                 "error",
@@ -313,7 +227,7 @@ def _fell(analysis: Analysis, control: ControlTables, context: Context) -> Itera
                 node,
                 emcy[-1].t_ns if emcy else t_ns,
                 t_ns,
-                f"Node {node} went from OPERATIONAL to {after} at {moment(control, t_ns)} without a"
+                f"Node {node} went from OPERATIONAL to {after} at {moment(analysis, t_ns)} without a"
                 f" command{told}.",
                 "Its own reaction to an error (1029h:1)."
                 if emcy
@@ -327,10 +241,15 @@ def _fell(analysis: Analysis, control: ControlTables, context: Context) -> Itera
 def _doubled(control: ControlTables, context: Context) -> Iterator[Finding]:
     """Two devices under one number: two interleaved cadences, or two states told in turn."""
     for (bus, node), nmt in control.nmt.nodes.items():
-        if nmt.counts.doubled >= DOUBLED:
-            start, end = nmt.doubled_span
-            how = f"short and long intervals alternate {nmt.counts.doubled} times"
-            evidence = nmt.doubled_at
+        if nmt.twins.periods_ns is not None:
+            start, end = nmt.twins.span
+            fast, slow = nmt.twins.periods_ns
+            how = f"one every {seconds(fast)}, the other every {seconds(slow)}"
+            evidence = nmt.twins.at
+        elif nmt.doubles.count >= DOUBLED:
+            start, end = nmt.doubles.span
+            how = f"short and long intervals alternate {nmt.doubles.count} times"
+            evidence = nmt.doubles.at
         elif flips := _flips(control.nmt.timelines[bus, node]):
             start, end = flips[0][1], flips[-1][1]
             states = " and ".join(sorted({flip[3] for flip in flips}))
@@ -366,7 +285,7 @@ def _both(control: ControlTables, context: Context) -> Iterator[Finding]:
             continue
         seq, t_ns = nmt.both_at
         empty = nmt.counts.empty
-        effect = f" Since then {empty} heartbeats carried no state." if empty else ""
+        effect = f" Since then {counted(empty, 'heartbeat')} carried no state." if empty else ""
         yield Finding(
             "config.rtr_on_heartbeat_node",
             "warning",
@@ -383,7 +302,7 @@ def _both(control: ControlTables, context: Context) -> Iterator[Finding]:
         )
 
 
-def _toggles(analysis: Analysis, control: ControlTables, context: Context) -> Iterator[Finding]:
+def _toggles(control: ControlTables, context: Context) -> Iterator[Finding]:
     for (bus, node), nmt in control.nmt.nodes.items():
         if nmt.counts.toggle_errors < 2:
             continue
@@ -392,8 +311,8 @@ def _toggles(analysis: Analysis, control: ControlTables, context: Context) -> It
             "warning",
             context.bus_name(bus),
             node,
-            analysis.capture.first_ns,
-            analysis.capture.first_ns + analysis.capture.duration_ns,
+            control.nmt.first_ns,
+            control.nmt.end_ns,
             f"The toggle bit of node {node}'s guard answers did not alternate"
             f" {nmt.counts.toggle_errors} times.",
             "The node does not keep to CiA 301, two devices answer, or frames were not recorded.",
@@ -422,14 +341,10 @@ def _slow(control: ControlTables, context: Context) -> Iterator[Finding]:
         )
 
 
-def _within(finding: Finding, stories: list[Finding]) -> bool:
-    """Whether a story of the same node tells a finding already."""
-    return any(
+def _within(finding: Finding, stories: list[Finding], twins: set[Place]) -> bool:
+    """Whether a story of the same node tells a finding already, or it is none of one node."""
+    return (finding.bus, finding.node) in twins or any(
         (finding.bus, finding.node) == (story.bus, story.node)
         and story.start_ns <= finding.end_ns <= story.end_ns
         for story in stories
     )
-
-
-def _names(nodes: list[int]) -> str:
-    return f"node {nodes[0]}" if len(nodes) == 1 else "nodes " + ", ".join(map(str, nodes))

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from itertools import groupby
 
 from syncline_analyzer.context import Context
-from syncline_analyzer.findings.stretch import Stretch, seconds
+from syncline_analyzer.findings.stretch import Stretch, counted, seconds
 from syncline_analyzer.folds.control import ControlTables
 from syncline_analyzer.results import Analysis, Finding, SdoRow
 from syncline_schemas.canopen.sdo import abort_meaning
@@ -90,11 +90,8 @@ def _unanswered(analysis: Analysis, control: ControlTables, context: Context) ->
                 node,
                 start,
                 max(row.end_ns for row in part),
-                f"Node {node} did not answer {len(part)} SDO request{'s'[: len(part) > 1]}"
-                f" ({named}) within {seconds(end - start)}."
-                if end > start
-                else f"Node {node} did not answer {len(part)} SDO request{'s'[: len(part) > 1]}"
-                f" ({named}).",
+                f"Node {node} did not answer {counted(len(part), 'SDO request')} ({named})"
+                + (f" within {seconds(end - start)}." if end > start else "."),
                 "The node was busy or restarting, its SDO server moved (1200h), or it is STOPPED.",
                 "Look at its state at that time; repeat the request.",
                 [row.seq for row in part[:20]],

@@ -1,7 +1,12 @@
-"""Words for durations, and events gathered into stretches."""
+"""Words for times, durations and numbers, and events gathered into stretches."""
 
 from collections.abc import Iterable
 from itertools import pairwise
+
+from syncline_analyzer.results import Analysis
+
+LISTED = 10
+"""Moments that a text names one by one."""
 
 
 def seconds(ns: int) -> str:
@@ -12,7 +17,44 @@ def seconds(ns: int) -> str:
     """
     if abs(ns) < 1_000_000_000:
         return f"{ns / 1e6:.4g} ms"
-    return f"{ns / 1e9:.4g} s" if abs(ns) < 600_000_000_000 else f"{ns / 60e9:.1f} min"
+    if abs(ns) < 600_000_000_000:
+        return f"{ns / 1e9:.4g} s"
+    return f"{ns / 60e9:.1f} min" if abs(ns) < 7_200_000_000_000 else f"{ns / 3600e9:.1f} h"
+
+
+def moment(analysis: Analysis, t_ns: int) -> str:
+    """A moment as seconds into the capture."""
+    return f"+{(t_ns - analysis.capture.first_ns) / 1e9:.3f} s"
+
+
+def counted(number: int, noun: str) -> str:
+    """A number of things.
+
+    >>> counted(1, "SDO request"), counted(3, "EMCY")
+    ('1 SDO request', '3 EMCYs')
+    """
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def error_name(code: int, meaning: str) -> str:
+    """An EMCY code in words, with the code once.
+
+    >>> error_name(0x3100, "mains voltage (3100h)"), error_name(0x1000, "generic error")
+    ('mains voltage (3100h)', 'generic error (1000h)')
+    """
+    return meaning if f"{code:04X}h" in meaning else f"{meaning} ({code:04X}h)"
+
+
+def several(moments: list[str]) -> str:
+    """How often and when, followed by a blank; nothing for a single time.
+
+    >>> several(["+1.000 s"]), several(["+1.000 s", "+2.000 s"])
+    ('', '2 times (at +1.000 s, +2.000 s) ')
+    """
+    if len(moments) < 2:
+        return ""
+    more = ", ..." if len(moments) > LISTED else ""
+    return f"{len(moments)} times (at {', '.join(moments[:LISTED])}{more}) "
 
 
 class Stretch:

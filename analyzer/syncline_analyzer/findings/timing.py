@@ -24,12 +24,9 @@ def find(analysis: Analysis) -> list[Finding]:
 
 
 def _sync_missing(analysis: Analysis) -> Iterator[Finding]:
-    """SYNCs that did not come, unless their producer may have been switched off."""
+    """SYNCs that did not come while nothing else explains it."""
     for row in analysis.sync:
-        holes = [
-            hole for hole in _holes(analysis, "sync", row) if not _node_was_off(analysis, hole)
-        ]
-        for group in _together(holes):
+        for group in _together(_holes(analysis, "sync", row)):
             yield _missing_syncs(row, group)
 
 
@@ -168,19 +165,6 @@ def _together(holes: Sequence[HoleRow]) -> list[list[HoleRow]]:
         else:
             groups.append([hole])
     return groups if len(groups) <= MAX_FINDINGS else [list(holes)]
-
-
-def _node_was_off(analysis: Analysis, hole: HoleRow) -> bool:
-    """Whether a node was lost or restarted for most of a long silence: then the NMT tells it."""
-    length = hole.end_ns - hole.start_ns
-    if length < _LONG_SILENCE_NS:
-        return False
-    return any(
-        row.bus == hole.bus
-        and row.state in ("LOST", "INITIALISING")
-        and 2 * (min(row.end_ns, hole.end_ns) - max(row.start_ns, hole.start_ns)) > length
-        for row in analysis.nmt_states
-    )
 
 
 def _evidence(group: Sequence[HoleRow]) -> list[int]:

@@ -6,11 +6,10 @@ from typing import NamedTuple
 import numpy as np
 
 from syncline_analyzer.context import Context
+from syncline_analyzer.deafness import BUS_OFF, RESTARTED
 from syncline_analyzer.fold import IndexedBatch
 from syncline_schemas.batch import FrameFlag
 
-BUS_OFF = 0x40
-RESTARTED = 0x100
 MAX_EVENTS = 10_000
 
 

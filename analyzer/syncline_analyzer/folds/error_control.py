@@ -6,29 +6,31 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from syncline_analyzer.folds.cadence import (
+    CANDIDATE_RATIO,
+    MIN_PERIODS,
+    Doubles,
+    Int64s,
+    Mask,
+    Periods,
+    Twins,
+    longer_than_before,
+)
 from syncline_analyzer.folds.nmt_events import Beat, BeatKind, Counts, Pause, Silence
 
 GUARD_ANSWER_NS = 100_000_000
 """A guard answer follows its request within this time; a later frame is a heartbeat [ns]."""
 WINDOW = 15
 """Periods whose median a silence is held against."""
-MIN_PERIODS = 3
-"""Periods that must have been seen before silence means anything (analysis.md 4)."""
-CANDIDATE_RATIO = 1.2
-"""Intervals this much longer than the median are looked at again at the end."""
 MAX_EVENTS = 100_000
 """State changes kept per node; more than that is counted only."""
 KEPT_AFTER_MARK = 3
 """State messages kept after an NMT command or a gap, also when they change nothing."""
 
-Int64s = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 _HEARTBEAT, _ANSWER, _BOOT_UP, _EMPTY, _REQUEST, _ODD = range(6)
 _KINDS: tuple[BeatKind, ...] = ("heartbeat", "guard answer", "boot-up", "empty")
 _STATE_BYTES = np.isin(np.arange(256), (0x04, 0x05, 0x7F, 0x80, 0x84, 0x85, 0xFF))
 """State bytes of heartbeats and guard answers (CiA 301 7.2.8.3.2); 00h is looked at apart."""
-_BIN = 1e-3
-"""Relative width of a bin of the period statistics."""
 
 
 class Columns(NamedTuple):
@@ -96,10 +98,10 @@ class ErrorControl:
     silences: list[Silence] = field(default_factory=list)
     both_at: tuple[int, int] | None = None
     """(seq, t_ns) of the first remote frame to a node that sends heartbeats."""
-    doubled_at: list[int] = field(default_factory=list)
-    """`seq` of the first heartbeats in two interleaved cadences."""
-    doubled_span: tuple[int, int] | None = None
-    """Time of the first and the last of them."""
+    doubles: Doubles = field(default_factory=Doubles)
+    """Heartbeats of one period in two interleaved cadences."""
+    twins: Twins = field(default_factory=Twins)
+    """The same with two periods."""
     pauses: list[Pause] = field(default_factory=list)
     """Stretches without a guard request that are longer than usual."""
     toggle_seqs: list[int] = field(default_factory=list)
@@ -128,10 +130,7 @@ class ErrorControl:
     """Time of the node's last frame."""
     _heard_before: int | None = None
     """The same ahead of the row that is held back, if there is one."""
-    _trail: Int64s = field(default_factory=lambda: np.zeros((4, 0), np.int64))
-    """(length, regular, seq, t_ns) of the last two intervals."""
-    _bins: dict[int, tuple[int, float]] = field(default_factory=dict)
-    """Number and sum of the periods in each bin."""
+    _periods: Periods = field(default_factory=Periods)
 
     def feed(self, rows: Columns, life: tuple[Int64s, Int64s], marks: list[int]) -> None:
         """Take in the frames of a batch.
@@ -164,6 +163,7 @@ class ErrorControl:
         self.finish(start_ns, next_seq)
         self._life = self._last = self._request_ns = None
         self._heard = self._heard_before = None
+        self.twins.cut()
         self._state = self._toggle = -1
         self._keep = KEPT_AFTER_MARK
         self._in_row = self._waiting = 0
@@ -180,13 +180,11 @@ class ErrorControl:
 
     def median_ns(self) -> int | None:
         """Median of all regular periods [ns], to one part in a thousand."""
-        total = sum(count for count, _ in self._bins.values())
-        seen = 0
-        for _, (count, length) in sorted(self._bins.items()):
-            seen += count
-            if 2 * seen >= total:
-                return round(length / count)
-        return None
+        return self._periods.median_ns()
+
+    def slowest_ns(self) -> int | None:
+        """The same, but the slower one of two periods [ns]."""
+        return self.twins.periods_ns[1] if self.twins.periods_ns else self.median_ns()
 
     @property
     def alive(self) -> bool:
@@ -332,8 +330,11 @@ class ErrorControl:
         regular = (all_kinds[1:] == all_kinds[:-1]) & (all_kinds[1:] != _BOOT_UP) & (passed > 0)
         recent = np.concatenate((self._recent, passed[regular]))
         known = len(self._recent) + np.cumsum(regular) - regular
-        self._note_doubles(beats, regular, passed)
-        rows = _longer_than_before(passed, recent, known)
+        ends = slice(n - len(passed), None)
+        steady = regular & (all_kinds[1:] == _HEARTBEAT)
+        self.doubles.note(beats.seq[ends], beats.t_ns[ends], passed, steady)
+        self.twins.note(beats.seq[ends], beats.t_ns[ends], steady)
+        rows = longer_than_before(passed, recent, known)
         offset = n - len(passed)
         done = 0
         life_seq, life_ns = life
@@ -346,7 +347,7 @@ class ErrorControl:
                 beats, kinds, row + offset, life_seq, life_ns, requests, period, done
             )
         self._hear_rest(beats, kinds, life_seq, life_ns, requests)
-        self._add_periods(passed[regular])
+        self._periods.add(passed[regular])
         self._recent = recent[-WINDOW:]
 
     def _follow_requests(self, seq: Int64s, t_ns: Int64s) -> None:
@@ -357,7 +358,7 @@ class ErrorControl:
         passed = np.diff(times)
         known = np.arange(len(passed))
         fresh = known >= len(self._asked[0]) - 1
-        for row in _longer_than_before(passed, passed, known).tolist():
+        for row in longer_than_before(passed, passed, known).tolist():
             if fresh[row] and row >= MIN_PERIODS and len(self.pauses) < MAX_EVENTS:
                 self.pauses.append(Pause(int(seqs[row]), int(times[row]), int(times[row + 1])))
         self._asked = (seqs[-MIN_PERIODS - 1 :], times[-MIN_PERIODS - 1 :])
@@ -428,43 +429,6 @@ class ErrorControl:
             )
         )
 
-    def _note_doubles(self, beats: Columns, regular: Mask, passed: Int64s) -> None:
-        """Two producers of one period under one number: short and long intervals alternate."""
-        ends = slice(len(beats.seq) - len(passed), None)
-        news = np.stack((passed, regular.astype(np.int64), beats.seq[ends], beats.t_ns[ends]))
-        rows = np.concatenate((self._trail, news), axis=1)
-        self._trail = rows[:, -2:]
-        if rows.shape[1] < 3:
-            return
-        length, even = rows[0], rows[1] != 0
-        pair = (length[:-2] + length[1:-1]).astype(np.float64)
-        alternating = (
-            even[:-2]
-            & even[1:-1]
-            & even[2:]
-            & (np.abs(length[2:] - length[:-2]) < 0.05 * pair)
-            & (np.abs(length[1:-1] - length[:-2]) > 0.1 * pair)
-        )
-        found = rows[2:, 2:][:, alternating]
-        if not found.size:
-            return
-        self.counts.doubled += found.shape[1]
-        self.doubled_at.extend(found[0, : max(0, 10 - len(self.doubled_at))].tolist())
-        first = self.doubled_span[0] if self.doubled_span else int(found[1, 0])
-        self.doubled_span = (first, int(found[1, -1]))
-
-    def _add_periods(self, periods: Int64s) -> None:
-        if not len(periods):
-            return
-        numbers = np.floor(np.log(periods) / _BIN).astype(np.int64)
-        bins, place, counts = np.unique(numbers, return_inverse=True, return_counts=True)
-        sums = np.bincount(place, weights=periods)
-        for number, count, length in zip(
-            bins.tolist(), counts.tolist(), sums.tolist(), strict=True
-        ):
-            before = self._bins.get(number, (0, 0.0))
-            self._bins[number] = (before[0] + count, before[1] + length)
-
     def _keep_beats(
         self,
         beats: Columns,
@@ -518,14 +482,3 @@ def reset_mark(seq: int) -> int:
 
 def _seq_of(mark: int) -> int:
     return mark if mark >= 0 else -mark - 1
-
-
-def _longer_than_before(passed: Int64s, recent: Int64s, known: Int64s) -> NDArray[np.intp]:
-    """Rows whose interval is clearly longer than the shortest of the three periods before."""
-    early = known < MIN_PERIODS
-    if not len(recent):
-        return np.flatnonzero(early)
-    before = np.stack(
-        [recent[np.maximum(known - back, 0).clip(max=len(recent) - 1)] for back in (1, 2, 3)]
-    )
-    return np.flatnonzero(early | (passed > CANDIDATE_RATIO * before.min(axis=0)))

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.fold import IndexedBatch
+from syncline_analyzer.folds.cadence import Doubles, Twins
 from syncline_analyzer.folds.clock import ClockTable
 from syncline_analyzer.folds.error_control import Columns, ErrorControl, reset_mark
 from syncline_analyzer.folds.nmt_events import (
@@ -67,8 +68,8 @@ class NodeNmt:
     final_state: str = NmtState.UNKNOWN.value
     alive: bool = False
     both_at: tuple[int, int] | None = None
-    doubled_at: list[int] = field(default_factory=list)
-    doubled_span: tuple[int, int] = (0, 0)
+    doubles: Doubles = field(default_factory=Doubles)
+    twins: Twins = field(default_factory=Twins)
     pauses: list[Pause] = field(default_factory=list)
     toggle_seqs: list[int] = field(default_factory=list)
     violations: list[Violation] = field(default_factory=list)
@@ -87,7 +88,9 @@ class NmtTable:
     boot_ups: list[BootUp] = field(default_factory=list)
     nodes: dict[NodeKey, NodeNmt] = field(default_factory=dict)
     first_ns: int = 0
-    """Time of the first frame of the capture."""
+    """Time of the first frame."""
+    end_ns: int = 0
+    """Time of the end."""
     canopen: frozenset[int] = frozenset()
     """Numbers of the buses on which something shows CANopen."""
     malformed: int = 0
@@ -163,7 +166,10 @@ class NmtFold:
         alive = {key for key, control in self._control.items() if control.alive}
         shown = set(canopen) | {bus for bus, _ in alive} | self._commanded_buses() | self._synced
         table = NmtTable(
-            first_ns=self._first_ns or 0, malformed=self._malformed, canopen=frozenset(shown)
+            first_ns=self._first_ns or 0,
+            end_ns=end_ns,
+            malformed=self._malformed,
+            canopen=frozenset(shown),
         )
         spans = self._spans(shown)
         for key in sorted(alive | set(spans)):
@@ -321,7 +327,7 @@ class NmtFold:
             ),
             first_ns=self._first_ns or 0,
             end_ns=end_ns,
-            period_ns=control.median_ns(),
+            period_ns=control.slowest_ns(),
             communication_errors=self._errors.get(key, ()),
         )
         timeline = Timeline(self._context, history, clock)
@@ -345,8 +351,8 @@ class NmtFold:
             final_state=timeline.intervals[-1].state.value if timeline.intervals else "UNKNOWN",
             alive=control.alive,
             both_at=control.both_at,
-            doubled_at=control.doubled_at,
-            doubled_span=control.doubled_span or (0, 0),
+            doubles=control.doubles,
+            twins=control.twins,
             pauses=control.pauses,
             toggle_seqs=control.toggle_seqs,
             violations=timeline.violations,

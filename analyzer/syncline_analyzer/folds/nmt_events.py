@@ -69,8 +69,6 @@ class Counts:
     toggle_errors: int = 0
     empty: int = 0
     odd: int = 0
-    doubled: int = 0
-    """Heartbeats in two interleaved cadences."""
 
 
 class Command(NamedTuple):

@@ -60,6 +60,8 @@ class _Cursor:
     since_ns: int
     command: Command | None = None
     """The last command that nothing has confirmed yet."""
+    first: Command | None = None
+    """The first of equal commands, of which that is the last."""
     boot_ns: int | None = None
     reset: Command | None = None
 
@@ -196,12 +198,14 @@ class Timeline:
         now = self._now
         if command.specifier in _RESETS:
             now.reset = command
+        again = now.command is not None and now.command.specifier == command.specifier
+        first = now.first if again else command
         if now.state is state and state is not NmtState.INITIALISING:
-            now.command = command
+            now.command, now.first = command, first
             return
         if now.state is NmtState.LOST or (command.node == 0 and not self._heard):
             return
-        now.command = command
+        now.command, now.first = command, first
         whom = "all nodes" if command.node == 0 else "the node"
         cause = f'command "{command_name(command.specifier)}" to {whom}'
         self._begin(state, command.t_ns, cause, "commanded", command.seq)
@@ -222,7 +226,7 @@ class Timeline:
         now, last = self._now, self.intervals[-1]
         command = now.command
         if command is not None and STATE_AFTER_COMMAND[command.specifier] is not state:
-            self._note_ignored(command, beat, state)
+            self._note_ignored(now.first or command, beat, state)
         if state is now.state:
             self._confirm(last, beat, state)
             return
@@ -232,6 +236,13 @@ class Timeline:
             if command.specifier in _RESETS and command.node == 0 and len(self.intervals) > 1:
                 self._take_back(state, beat)
                 return
+        elif command is not None and STATE_AFTER_COMMAND[command.specifier] is state:
+            now.command = None
+            name = command_name(command.specifier)
+            self._begin(
+                state, beat.t_ns, f'{beat.kind} follows "{name}" late', "observed", beat.seq
+            )
+            return
         elif now.state not in (NmtState.UNKNOWN, NmtState.LOST):
             self.changes.append((beat.seq, beat.t_ns, now.state.value, state.value))
         self._begin(state, beat.t_ns, self._cause_of(beat, now.state), "observed", beat.seq)
@@ -314,6 +325,8 @@ class Timeline:
 
     def _stays(self, beat: Beat) -> bool:
         """Whether the node says the same state until a command comes; two devices do not."""
+        if any(after == NmtState.OPERATIONAL.value for _, _, _, after in self.changes):
+            return False
         history = self.history
         following = history.beats[bisect_right(self._seqs, beat.seq) :]
         other = next((each.seq for each in following if each.state != beat.state), None)

@@ -23,6 +23,10 @@ OVERDUE = 1.5
 """A cyclic PDO is missing when its period is longer than this many event timers."""
 _SMALL_SPREAD = 0.25
 """Interquartile range of the response, as a share of the SYNC period, of a synchronous PDO."""
+_OTHER_TIMER = 0.1
+"""A period that differs by more than this share from the event timer is not made by it."""
+_KEEPS_TO_SYNC = 3.0
+"""So much more than the response the period must spread: 1.4 come from independent jitter alone."""
 
 
 @dataclass(slots=True)
@@ -66,8 +70,21 @@ class PdoState:
         every = self.rhythm.every()
         if every is None or not self.response.count:
             return None
-        spread = self.response.quantile(0.75) - self.response.quantile(0.25)
-        return every if spread <= _SMALL_SPREAD * sync_period_ns else None
+        return every if _spread(self.response) <= _SMALL_SPREAD * sync_period_ns else None
+
+    def timer_excluded(self, resolution_ns: int) -> bool:
+        """Whether no event timer of the device's own can have sent the frames.
+
+        The timer is known to be off or of another length, or the frames keep to the SYNC while the
+        SYNC itself wavers. A steady SYNC proves nothing: a timer of n periods looks the same.
+        """
+        timer = self.transmission.event_timer_ms if self.transmission else None
+        if timer is not None and isinstance(timer.value, int):
+            timer_ns = timer.value * 1_000_000
+            if abs(self.period.quantile(0.5) - timer_ns) > _OTHER_TIMER * timer_ns:
+                return True
+        kept = max(_spread(self.response), resolution_ns)
+        return _spread(self.period) >= _KEEPS_TO_SYNC * kept
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,7 +123,7 @@ class PdoFold:
         for can_id, state in self._states_of(bus):
             rows = block.batch.rows(bus, can_id)
             if len(rows):
-                self._follow(block, state, rows)
+                self._follow(block, state, rows, syncs.get(state.sync_cob_id))
             self._answer(passing, state, rows)
 
     def gap(self, bus: int | None) -> None:
@@ -157,8 +174,10 @@ class PdoFold:
             state.rhythm.relearn()
             state.changed_seq = (type_now.seq if type_now else None) or 0
 
-    def _follow(self, block: Block, state: PdoState, rows: NDArray[np.intp]) -> None:
-        """Periods of the identifier, SYNC or not."""
+    def _follow(
+        self, block: Block, state: PdoState, rows: NDArray[np.intp], sync: SyncIndex | None
+    ) -> None:
+        """Periods of the identifier, SYNC or not; those in a backlog of SYNCs are none."""
         t_ns, seq = block.frames.t_ns[rows], block.batch.seq0 + rows
         state.frames += len(rows)
         if self._context.timed:
@@ -166,7 +185,11 @@ class PdoFold:
                 t_ns = np.concatenate(([state.last_ns], t_ns))
                 seq = np.concatenate(([state.last_seq], seq))
             periods = np.diff(t_ns)
-            state.period.add(periods[periods >= 0])
+            true = periods >= 0
+            if sync is not None:
+                bundled = np.concatenate(([False], sync.bundled[sync.before[rows]]))
+                true &= ~(bundled[1:] | bundled[:-1])[len(rows) - len(periods) :]
+            state.period.add(periods[true])
             self._find_overdue(state, periods, t_ns[:-1], seq[:-1])
         state.last_ns, state.last_seq = int(t_ns[-1]), int(seq[-1])
 
@@ -216,8 +239,10 @@ class PdoFold:
         """Response and both bounds of the device time (analysis.md section 5)."""
         block, position = passing.block, sync.before[rows]
         response = block.frames.t_ns[rows] - sync.t_ns[position]
-        forward = response >= 0
-        rows, position, response = rows[forward], position[forward], response[forward]
+        # After a pause of the SYNC a PDO answers one that was not heard.
+        to_other = ~sync.usable[position] & (response > sync.cycle_ns)
+        true = (response >= 0) & ~sync.bundled[position] & ~to_other
+        rows, position, response = rows[true], position[true], response[true]
         if not len(rows):
             return
         state.response.add(response)
@@ -275,6 +300,11 @@ class PdoFold:
         seq = block.batch.seq0 + int(rows[-1])
         window_us = self._context.shadow.number(bus, state.owner.node, 0x1007, 0, seq)
         return int((response > window_us * 1000).sum()) if window_us else 0
+
+
+def _spread(values: Distribution) -> float:
+    """Interquartile range."""
+    return values.quantile(0.75) - values.quantile(0.25)
 
 
 def _value(known: object) -> object:

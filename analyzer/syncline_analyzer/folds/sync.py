@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.distribution import Distribution
+from syncline_analyzer.folds.backlog import PAUSE, TOO_SHORT, backlog
 from syncline_analyzer.folds.block import Block
 from syncline_analyzer.folds.unsteady import OFF, Unsteady
 from syncline_analyzer.results import Series, SyncJitterRow, SyncRow
@@ -18,10 +19,6 @@ MAX_HOLES = 1000
 MAX_POINTS = 20_000
 """Points of the SYNC period over time."""
 _MISSING = 1.5
-_PAUSE = 10.0
-"""A period longer than this many medians is a pause of the producer or of the whole bus."""
-_TOO_SHORT = 0.5
-"""A period shorter than this share of the median leaves a PDO no time, or is no true period."""
 _LEARN = 16
 """Periods from which a block's own median is taken."""
 _REGIME = 8
@@ -60,6 +57,8 @@ class SyncIndex:
         before: (n,) position of the last SYNC at or before each row of the block.
         usable: (m + 1,) False where nothing follows from silence: the next SYNC came at once (stamps
             of a backlog), or stayed away for long.
+        cycle_ns: median of the periods, 0 when there is none.
+        bundled: (m + 1,) True from a SYNC to the next where the stamps are those of a backlog.
     """
 
     rows: NDArray[np.intp]
@@ -70,6 +69,8 @@ class SyncIndex:
     bits: NDArray[np.int64]
     before: NDArray[np.int64]
     usable: NDArray[np.bool_]
+    bundled: NDArray[np.bool_]
+    cycle_ns: float
 
     @property
     def first(self) -> int:
@@ -99,6 +100,7 @@ class _State:
     overflow: int = 0
     missing: int = 0
     jumps: int = 0
+    bundled: int = 0
     period: Distribution = field(default_factory=Distribution)
     holes: list[SyncHole] = field(default_factory=list)
     unsteady: Unsteady = field(default_factory=Unsteady)
@@ -124,7 +126,8 @@ class SyncFold:
         if not len(rows) and key not in self._states:
             return None
         state = self._states.setdefault(key, _State())
-        index = self._index(block, state, rows, sent_bits)
+        index = self._index(block, bus, state, rows, sent_bits)
+        state.bundled += int(index.bundled.sum())
         self._measure(state, bus, index)
         lost = self._lost_by_counter(block, bus, state, index)
         unsent = self._missing_by_time(state, index)
@@ -155,39 +158,74 @@ class SyncFold:
         ]
 
     def _index(
-        self, block: Block, state: _State, rows: NDArray[np.intp], sent_bits: NDArray[np.int64]
+        self,
+        block: Block,
+        bus: int,
+        state: _State,
+        rows: NDArray[np.intp],
+        sent_bits: NDArray[np.int64],
     ) -> SyncIndex:
         is_sync = np.zeros(len(block.batch), np.int64)
         is_sync[rows] = 1
         t_ns = np.concatenate(([state.last_ns or 0], block.frames.t_ns[rows]))
+        bits = np.concatenate(([state.last_bits], sent_bits[rows]))
         apart = np.diff(t_ns)
-        known = apart if state.last_ns is not None else apart[1:]
-        median = _median(state, known)
-        usable = np.ones(len(apart), np.bool_)
+        first = 0 if state.last_ns is not None else 1
+        median = _median(state, apart[first:])
+        bundled = np.zeros(len(t_ns), np.bool_)
+        bundled[first:-1] = self._bundled(bus, apart[first:], np.diff(bits)[first:], median, first)
+        usable = ~bundled
         if median > 0:
-            usable = (apart >= _TOO_SHORT * median) & (apart <= _PAUSE * median)
+            usable[:-1] &= (apart >= TOO_SHORT * median) & (apart <= PAUSE * median)
         return SyncIndex(
             rows,
             state.count - 1,
             state.last_ns is not None,
             t_ns,
             np.concatenate(([state.last_seq], block.batch.seq0 + rows)),
-            np.concatenate(([state.last_bits], sent_bits[rows])),
+            bits,
             np.cumsum(is_sync),
-            np.append(usable, True),
+            usable,
+            bundled,
+            median,
+        )
+
+    def _bundled(
+        self,
+        bus: int,
+        periods: NDArray[np.int64],
+        bits: NDArray[np.int64],
+        median: float,
+        first: int,
+    ) -> NDArray[np.bool_]:
+        """Which periods have the stamps of a backlog; `first` is 1 where listening began."""
+        if not self._context.timed:
+            return np.zeros(len(periods), np.bool_)
+        bitrate = self._context.bitrates.get(self._context.bus_name(bus))
+        return backlog(
+            periods,
+            bits,
+            median,
+            begins=first == 1,
+            bit_ns=1e9 / bitrate if bitrate else None,
+            resolution_ns=self._context.resolution_ns,
         )
 
     def _measure(self, state: _State, bus: int, index: SyncIndex) -> None:
         """Periods and their jitter."""
-        t_ns, seq, periods = index.t_ns[index.first :], index.seq[index.first :], index.periods
+        if not self._context.timed:
+            return
+        true = ~index.bundled[index.first : -1]
+        t_ns, seq = index.t_ns[index.first + 1 :][true], index.seq[index.first + 1 :][true]
+        periods = index.periods[true]
         forward = periods >= 0
-        if not self._context.timed or not forward.any():
+        if not forward.any():
             return
         state.period.add(periods[forward])
         state.over_time.add(
-            {"t_ns": t_ns[1:][forward], "value": periods[forward].astype(np.float64) / 1000}
+            {"t_ns": t_ns[forward], "value": periods[forward].astype(np.float64) / 1000}
         )
-        self._find_jitter(state, bus, t_ns[1:], seq[1:], periods)
+        self._find_jitter(state, bus, t_ns, seq, periods)
 
     def _find_jitter(
         self,
@@ -216,7 +254,7 @@ class SyncFold:
         median = _median(state, periods) if self._context.timed else 0.0
         if not len(periods) or not median > 0:
             return np.zeros(len(periods), np.int64)
-        long = periods > _MISSING * median
+        long = (periods > _MISSING * median) & ~index.bundled[index.first : -1]
         missing = np.rint(periods / median).astype(np.int64) - 1
         return np.where(long & ~_sustained(long), missing, 0)
 
@@ -253,7 +291,13 @@ class SyncFold:
     def _table(self, bus: int, cob_id: int, state: _State) -> SyncTable:
         name = self._context.bus_name(bus)
         row = SyncRow(
-            name, cob_id, state.count, state.period.quantiles(1000), state.missing, state.jumps
+            name,
+            cob_id,
+            state.count,
+            state.period.quantiles(1000),
+            state.missing,
+            state.jumps,
+            state.bundled,
         )
         columns = state.over_time.columns()
         series = (

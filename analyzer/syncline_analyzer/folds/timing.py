@@ -1,7 +1,7 @@
 """SYNC, PDO timing and bus load in one pass over the frames."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import groupby, pairwise
 
 import numpy as np
@@ -13,7 +13,7 @@ from syncline_analyzer.folds.block import BLOCK_FRAMES, Block, Blocks
 from syncline_analyzer.folds.load import LoadFold
 from syncline_analyzer.folds.pdo import PdoFold, PdoState
 from syncline_analyzer.folds.rhythm import LEARN, MissedList, Operational
-from syncline_analyzer.folds.sync import SyncFold, SyncTable
+from syncline_analyzer.folds.sync import SyncFold, SyncHole, SyncTable
 from syncline_analyzer.pdo_binding import PdoBindings
 from syncline_analyzer.results import (
     BusLoadRow,
@@ -30,6 +30,8 @@ from syncline_schemas.batch import Gap
 
 MAX_HOLES = 1000
 MAX_EVIDENCE = 100
+LONG_HOLE_NS = 1_000_000_000
+"""A stretch without SYNC as long as a node's restart."""
 START_NS = 10_000_000
 """Time that a node has to act on a start command."""
 _CYCLIC = 0.1
@@ -63,6 +65,7 @@ class TimingFold:
         self._sync = SyncFold(context)
         self._pdo = PdoFold(context, self._bindings, self._sync)
         self._load = LoadFold(context)
+        self._gap_starts: set[int] = set()
 
     def update(self, batch: IndexedBatch) -> None:
         """Take in the next frames."""
@@ -72,6 +75,7 @@ class TimingFold:
     def gap(self, gap: Gap) -> None:
         """Periods, counts and windows start again after a gap."""
         self._flush()
+        self._gap_starts.add(gap.start_ns)
         self._sync.gap(gap.bus)
         self._pdo.gap(gap.bus)
         self._load.gap(gap.bus)
@@ -82,13 +86,14 @@ class TimingFold:
         load, load_series = self._load.finish()
         syncs = self._sync.finish()
         tables = TimingTables(
-            sync=[table.row for table in syncs],
             bus_load=load,
             sync_jitter=[row for table in syncs for row in table.jitter],
             series=[t.series for t in syncs if t.series is not None] + load_series,
         )
         for table in syncs:
-            tables.holes.extend(_sync_holes(table))
+            judged = _judged(table, nmt_states or ())
+            tables.sync.append(judged.row)
+            tables.holes.extend(_sync_holes(judged))
         for (bus, can_id), state in sorted(self._pdo.states.items()):
             if state.frames:
                 self._add_pdo(tables, bus, can_id, state, nmt_states)
@@ -112,7 +117,7 @@ class TimingFold:
         nmt_states: Sequence[NmtStateRow] | None,
     ) -> None:
         sync_ns = self._sync.median_ns(bus, state.sync_cob_id)
-        sending = _sending(state, sync_ns, timed=self._context.timed)
+        sending = _sending(state, sync_ns, self._context)
         missed = self._missed(bus, state, sending, sync_ns, nmt_states)
         name = self._context.bus_name(bus)
         row = _pdo_row(name, can_id, state, sending, missed)
@@ -136,7 +141,7 @@ class TimingFold:
         intervals = None
         if nmt_states is not None and state.owner is not None and self._context.timed:
             name = self._context.bus_name(bus)
-            intervals = _operational(nmt_states, name, state.owner.node)
+            intervals = _operational(nmt_states, name, state.owner.node, self._gap_starts)
         if sending.synchronous:
             again_ns = START_NS + (sending.every * sync_ns if sending.every > 1 else 0.0)
             return state.rhythm.missed.within(intervals, sync_ns, again_ns)
@@ -154,9 +159,9 @@ class _Sending:
     every: int = 1
 
 
-def _sending(state: PdoState, sync_ns: float, *, timed: bool) -> _Sending:
+def _sending(state: PdoState, sync_ns: float, context: Context) -> _Sending:
     """The transmission type as told; a mere default only where the frames do not contradict it."""
-    inferred = _inferred(state, sync_ns) if timed else _Sending(None, "unknown")
+    inferred = _inferred(state, sync_ns) if context.timed else _Sending(None, "unknown")
     known = state.transmission.type if state.transmission else None
     if known is None or not isinstance(known.value, int):
         return inferred
@@ -166,7 +171,13 @@ def _sending(state: PdoState, sync_ns: float, *, timed: bool) -> _Sending:
             told.every == inferred.every or told.type == 0
         )
         event_on_sync = told.type == 0 and not inferred.synchronous
-        return told if agree or event_on_sync else inferred
+        # Frames every n periods of a steady SYNC look the same from a timer of that length.
+        by_timer = (
+            inferred.synchronous
+            and not told.synchronous
+            and not state.timer_excluded(context.resolution_ns)
+        )
+        return told if agree or event_on_sync or by_timer else inferred
     return told
 
 
@@ -199,16 +210,25 @@ def _ordinal(number: int) -> str:
     return f"{number}{ending or 'th'}"
 
 
-def _operational(rows: Sequence[NmtStateRow], bus: str, node: int) -> list[Operational] | None:
-    """When a node was OPERATIONAL; None when nothing at all is known of its state."""
+def _operational(
+    rows: Sequence[NmtStateRow], bus: str, node: int, gap_starts: set[int]
+) -> list[Operational] | None:
+    """When a node was OPERATIONAL; None when nothing at all is known of its state.
+
+    It left that state unless the recorder stopped listening: an UNKNOWN that no gap begins comes
+    from a silence of the whole bus.
+    """
     of_node = [row for row in rows if row.bus == bus and row.node == node]
     if all(row.state == "UNKNOWN" for row in of_node):
         return None
     stretches = [list(group) for _, group in groupby(of_node, key=lambda row: row.state)]
-    follows = [stretch[0].state for stretch in stretches[1:]] + ["UNKNOWN"]
+    left = [
+        after[0].state != "UNKNOWN" or after[0].start_ns not in gap_starts
+        for after in stretches[1:]
+    ]
     return [
-        Operational(stretch[0].start_ns, stretch[-1].end_ns, left=after != "UNKNOWN")
-        for stretch, after in zip(stretches, follows, strict=True)
+        Operational(stretch[0].start_ns, stretch[-1].end_ns, is_left)
+        for stretch, is_left in zip(stretches, [*left, False], strict=False)
         if stretch[0].state == "OPERATIONAL"
     ]
 
@@ -258,6 +278,34 @@ def _responses(row: PdoRow, state: PdoState) -> Responses:
         columns["device_high_us"],
         counts,
         edges / 1000,
+    )
+
+
+def _judged(table: SyncTable, nmt_states: Sequence[NmtStateRow]) -> SyncTable:
+    """The table without the holes in which the producer itself may have been off, or unheard."""
+    bus = table.row.bus
+    off = [
+        row
+        for row in nmt_states
+        if row.bus == bus and row.state in ("LOST", "INITIALISING", "UNKNOWN")
+    ]
+    holes = [hole for hole in table.holes if not _explained(hole, off)]
+    missing = (
+        table.row.missing - sum(h.missing for h in table.holes) + sum(h.missing for h in holes)
+    )
+    return replace(table, row=replace(table.row, missing=missing), holes=holes)
+
+
+def _explained(hole: SyncHole, off: Sequence[NmtStateRow]) -> bool:
+    """Whether a node was off for most of a long hole, or nobody at all was heard: the NMT tells it.
+
+    Only an UNKNOWN that begins within the hole comes from a silence of the whole bus.
+    """
+    length = hole.end_ns - hole.start_ns
+    return length >= LONG_HOLE_NS and any(
+        2 * (min(row.end_ns, hole.end_ns) - max(row.start_ns, hole.start_ns)) > length
+        and (row.state != "UNKNOWN" or row.start_ns > hole.start_ns)
+        for row in off
     )
 
 

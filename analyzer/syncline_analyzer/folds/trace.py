@@ -29,6 +29,12 @@ _SLACK_NS = 1_000_000
 _MINUTE_NS = 60e9
 _ENOUGH = 16
 """Spans from which the usual one is taken anew."""
+_NO_SPEED = 2.0
+"""A speed of so many times what the device can do is one of the stamps, not of the shaft."""
+_TOLD_APART = 0.25
+"""Of a range: beyond, the other way round is not even three times as far, so no speed is told."""
+_SELDOM = 1.5
+"""A source that is heard so much less often than another one takes its speed where it is unsure."""
 WRAP, JUMP, AMBIGUOUS, FROZEN, OUT_OF_RANGE, SCALE_ASSUMED = (1 << k for k in range(6))
 
 Floats = NDArray[np.float64]
@@ -245,6 +251,7 @@ def _speeds(
     speed = np.full(len(piece.seq), np.nan)
     flags = np.zeros(len(piece.seq), np.int64)
     jumps: list[Jump] = []
+    heard: list[tuple[float, NDArray[np.intp], NDArray[np.intp]]] = []
     per_turn, total = scale.counts_per_turn, scale.range_counts
     if not timed or per_turn is None or total is None:
         return speed, jumps, flags
@@ -260,15 +267,32 @@ def _speeds(
             continue
         unsure = forward & (ambiguous_rpm(total, per_turn, 1e-9) < scale.max_rpm * span)
         flags[target[unsure]] = AMBIGUOUS
-        allowed_ns = np.maximum(span, _usual_ns(state, source, span)) + _SLACK_NS
+        speed[target[unsure & (np.abs(step) > _TOLD_APART * total)]] = np.nan
+        usual_ns = _usual_ns(state, source, span)
+        heard.append((usual_ns, target, target[unsure]))
+        allowed_ns = np.maximum(span, usual_ns) + _SLACK_NS
         fastest = np.abs(_rpm(np.maximum(np.abs(step) - 2, 0), allowed_ns, per_turn))
         too_fast = np.flatnonzero(fastest > scale.max_rpm)
+        # A jump is no turning, and frames handed over in a bundle are too near for a speed.
+        speed[target[too_fast]] = np.nan
+        speed[target[np.abs(speed[target]) > _NO_SPEED * scale.max_rpm]] = np.nan
         jumps += [
             Jump(int(target[k]), values[k], values[k + 1], int(span[k]), float(fastest[k]))
             for k in too_fast[:MAX_EVENTS].tolist()
         ]
         flags[target[too_fast[MAX_EVENTS:]]] |= JUMP
+    heard.sort(key=lambda each: each[0])
+    for usual_ns, _, guessed in heard[1:]:
+        often_ns, often, _ = heard[0]
+        if usual_ns > _SELDOM * often_ns:
+            speed[guessed] = _last_before(speed, often, guessed)
     return speed, _first_of_each(jumps, piece, state), flags
+
+
+def _last_before(values: Floats, known: NDArray[np.intp], wanted: NDArray[np.intp]) -> Floats:
+    """For each wanted row the value of the last known row before it, NaN without one."""
+    at = np.searchsorted(known, wanted) - 1
+    return np.where(at >= 0, values[known[np.maximum(at, 0)]], np.nan)
 
 
 def _rpm(step: NDArray[np.int64], span_ns: Floats | NDArray[np.int64], per_turn: int) -> Floats:

@@ -61,8 +61,10 @@ def open_capture(
     head = _head(path)
     if head.startswith(_MCAP_MAGIC):
         from syncline_analyzer.readers.mcap import McapReader
+        from syncline_analyzer.readers.packed import PackedMcapReader
 
-        return McapReader(_unpacked_mcap(path), start_ns, end_ns)
+        kind = PackedMcapReader if _is_packed(path) else McapReader
+        return kind(path, start_ns, end_ns)
     reader = _reader(path, head, block_bytes)
     if start_ns is None and end_ns is None:
         return reader
@@ -122,12 +124,10 @@ def _is_binary(path: Path) -> bool:
     return magic.startswith((_MCAP_MAGIC, b"LOGG", *_FOREIGN_MAGIC))
 
 
-def _unpacked_mcap(path: Path) -> Path:
+def _is_packed(path: Path) -> bool:
     with path.open("rb") as file:
         magic = file.read(4)
-    if magic.startswith(GZIP_MAGIC) or magic == ZSTD_MAGIC:
-        raise CaptureError(f"{path}: a packed .mcap cannot be searched; unpack it first")
-    return path
+    return magic.startswith(GZIP_MAGIC) or magic == ZSTD_MAGIC
 
 
 def _reader(path: Path, head: bytes, block_bytes: int) -> CaptureReader:

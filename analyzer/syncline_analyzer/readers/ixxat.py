@@ -21,6 +21,7 @@ _LINE = re.compile(
     + _HEX
     + rb'{2})*))?\s*"\s*$'
 )
+_DAY_NS = 86_400 * SECOND_NS
 _TITLE = re.compile(rb"ASCII Trace IXXAT")
 _FIELD = re.compile(rb"^(?P<key>[A-Z][\w ]*):[ \t]*(?P<value>[^\r\n]*)", re.MULTILINE)
 
@@ -51,6 +52,21 @@ class IxxatFormat(LineFormat):
             self.facts.bitrates[bus] = int(bitrate[1]) * {"": 1, "k": 1000, "M": 10**6}[bitrate[2]]
         if fields.get("Overruns", "0") not in ("", "0"):
             self.facts.notes.append(f"the recorder lost frames: {fields['Overruns']} overruns")
+
+    def finish(self, last_ns: int | None) -> None:
+        """Say it when the frames run past the time at which the trace was stopped."""
+        fields = self.facts.metadata
+        stop_ns = date_ns(f"{fields.get('Date', '')} {fields.get('Stop time', '')}")
+        if stop_ns is None or last_ns is None or self.facts.time_base != "utc":
+            return
+        if stop_ns < self.origin_ns:
+            stop_ns += _DAY_NS
+        past_ns = last_ns - stop_ns
+        if 0 < past_ns < _DAY_NS and last_ns - self.origin_ns < _DAY_NS:
+            self.facts.notes.append(
+                f"the last frame is {past_ns / SECOND_NS:.0f} s later than the stop time in the"
+                " header: the times do not count from the start time there, so dates may be off"
+            )
 
     def parse(self, line: bytes) -> Parsed:
         """One line: a frame, or the header."""

@@ -39,6 +39,7 @@ MAX_PARSED_LINE = 1024
 MAX_T_NS = 1 << 62
 """Later times, which are none, would not fit into the columns."""
 _SAMPLE = 512
+_DISTANCES = 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,8 +103,8 @@ class LineFormat(ABC):
     def parse(self, line: bytes) -> Parsed:
         """Understand one line without its line end; None when it is none of this format."""
 
-    def finish(self) -> None:  # noqa: B027
-        """Complete the facts after the last line."""
+    def finish(self, last_ns: int | None) -> None:  # noqa: B027
+        """Complete the facts after the last line, of which `last_ns` is the stamp."""
 
 
 class TextReader:
@@ -125,13 +126,14 @@ class TextReader:
         """Batches in file order, with a Gap between them where frames were lost."""
         source = CaptureSource(self._path)
         try:
-            yield from self._read(LineSource(source, self._block_bytes))
+            for item in self._read(LineSource(source, self._block_bytes)):
+                if self.facts.time_base != "none":
+                    self.facts.resolution_ns = self._resolution.step_ns
+                yield item
         finally:
             source.close()
         self.facts.damage = self.facts.damage or source.damage
-        if self.facts.time_base != "none":
-            self.facts.resolution_ns = self._resolution.step_ns
-        self._form.finish()
+        self._form.finish(self._last_ns)
 
     def _read(self, lines: LineSource) -> Iterator[FrameBatch | Gap]:
         self._form.prepare(lines.head)
@@ -310,11 +312,16 @@ class TextReader:
 
 
 class Resolution:
-    """The step of a log's times: the largest power of ten ns that divides those looked at."""
+    """The step of a log's times: the largest power of ten ns that divides those looked at.
+
+    A bus with a steady rhythm looks like a coarse clock: a step above a microsecond is believed
+    only when many different distances between frames are whole numbers of it.
+    """
 
     def __init__(self) -> None:
         self._divisor = 0
         self._count = 0
+        self._distances: set[int] = set()
 
     def sample(self, t_ns: NDArray[np.int64]) -> None:
         """Look at up to 512 of the times."""
@@ -322,14 +329,16 @@ class Resolution:
         some = t_ns[::step]
         self._count += len(some)
         self._divisor = math.gcd(self._divisor, int(np.gcd.reduce(some)) if len(some) else 0)
+        if len(self._distances) < _DISTANCES:
+            self._distances.update(np.unique(np.diff(t_ns))[:_DISTANCES].tolist())
 
     @property
     def step_ns(self) -> int:
         """The step [ns]; 1 when there were too few times to tell."""
         if self._count < 4 or self._divisor == 0:
             return 1
-        step = 1
-        while step < 10**9 and self._divisor % (10 * step) == 0:
+        step, coarsest = 1, 10**9 if len(self._distances) >= _DISTANCES else 1000
+        while step < coarsest and self._divisor % (10 * step) == 0:
             step *= 10
         return step
 

@@ -168,7 +168,7 @@ class TrcFormat(LineFormat):
             digits=digits + number,
         )
 
-    def finish(self) -> None:
+    def finish(self, last_ns: int | None) -> None:
         """Say how many lines told the bus's state."""
         for text, count in self._status.most_common(10):
             self.facts.notes.append(f"{count} status line(s) {text!r}")

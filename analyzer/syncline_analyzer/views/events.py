@@ -114,9 +114,9 @@ def emcy_text(row: EmcyRow) -> str:
 def nmt_events(analysis: Analysis) -> Iterator[Event]:
     """Where the capture starts and ends, capture gaps, changes of NMT states, NMT commands."""
     capture = analysis.capture
-    yield Event(capture.first_ns, 0, "info", "capture starts")
+    yield Event(capture.begin_ns, 0, "info", "capture starts")
     last = max(capture.frames - 1, 0)
-    yield Event(capture.first_ns + capture.duration_ns, last, "info", "capture ends")
+    yield Event(capture.end_ns, last, "info", "capture ends")
     for gap in capture.gaps:
         blind = duration(gap.end_ns - gap.start_ns)
         text = f"{gap.bus or 'all buses'}: recorder blind for {blind}: {printable(gap.reason)}"

@@ -9,8 +9,10 @@ from syncline_analyzer.results import Analysis, Responses
 from syncline_analyzer.views.words import hex_code
 
 MAX_HISTOGRAMS = 12
-_ONLY_MORE = 3.0
 _SHOWN = (0.0005, 0.9995)
+_CORE = (0.01, 0.99)
+_FAR = 4.0
+"""Bars further away than this many widths of the core would squeeze it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,21 +41,27 @@ def histograms(analysis: Analysis) -> list[tuple[Responses, Bars]]:
 
 
 def bars_of(responses: Responses) -> Bars:
-    """Bars of the bins that hold all answers but one in a thousand.
-
-    A last bin that is far wider than all others together, which only says "more", is left out too.
-    """
+    """Bars of the bins that hold all answers but one in a thousand, and lie near most of them."""
+    edges = responses.edges_us
     share = np.cumsum(responses.histogram) / responses.histogram.sum()
-    first = int(np.searchsorted(share, _SHOWN[0], side="right"))
-    last = int(np.searchsorted(share, _SHOWN[1], side="left"))
-    widths = np.diff(responses.edges_us)
-    if last > first and widths[last] > _ONLY_MORE * widths[first:last].sum():
-        last -= 1
+    first, last = _bins(share, _SHOWN)
+    core_first, core_last = _bins(share, _CORE)
+    low, high = float(edges[core_first]), float(edges[core_last + 1])
+    far = _FAR * (high - low)
+    first = max(first, int(np.searchsorted(edges, low - far)))
+    last = min(last, int(np.searchsorted(edges, high + far, side="right")) - 2)
+    widths = np.diff(edges)
     shown = slice(first, last + 1)
     return Bars(
         title=f"{responses.bus} {hex_code(responses.cob_id, 3)} {responses.pdo or 'PDO'}",
-        middle_us=(responses.edges_us[:-1] + widths / 2)[shown],
+        middle_us=(edges[:-1] + widths / 2)[shown],
         width_us=widths[shown],
         per_us=(responses.histogram / widths)[shown],
         left_out=int(responses.histogram.sum() - responses.histogram[shown].sum()),
     )
+
+
+def _bins(share: NDArray[np.float64], shares: tuple[float, float]) -> tuple[int, int]:
+    """First and last bin of those between two shares of all answers."""
+    first = np.searchsorted(share, shares[0], side="right")
+    return int(first), int(np.searchsorted(share, shares[1], side="left"))

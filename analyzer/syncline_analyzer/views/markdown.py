@@ -60,11 +60,12 @@ def where(finding: Finding, labels: dict[tuple[str, int], str]) -> str:
 
 
 def _story(finding: Finding, clock: Clock, labels: dict[tuple[str, int], str]) -> list[str]:
+    when = f"**When** {clock.stretch(finding.start_ns, finding.end_ns)}, " if clock.timed else ""
     return [
         "",
         f"## {_MARKS[finding.severity]}: {_escaped(finding.text)}",
         "",
-        f"**When** {clock.stretch(finding.start_ns, finding.end_ns)}, {_escaped(where(finding, labels))}",
+        f"{when}{_escaped(where(finding, labels))}",
         "",
         f"**Likely cause** {_escaped(finding.cause)}",
         "",

@@ -1,7 +1,7 @@
 "use strict";
 (() => {
   const data = JSON.parse(document.getElementById("report-data").textContent);
-  const whole = [0, data.seconds];
+  const whole = [data.begin, data.begin + data.seconds];
   let range = whole;
   let moving = false;
   const dark = matchMedia("(prefers-color-scheme: dark)");

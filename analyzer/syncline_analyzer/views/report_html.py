@@ -94,6 +94,7 @@ def _scripts(analysis: Analysis, clock: Clock, plots: list[dict[str, Any]]) -> I
     yield data_script(
         "report-data",
         {
+            "begin": (capture.begin_ns - clock.first_ns) / 1e9,
             "seconds": max(capture.duration_ns, 1) / 1e9,
             "start_ms": clock.first_ns / 1e6 if dated else None,
             "bands": bands_of(analysis),
@@ -111,10 +112,8 @@ def _header(analysis: Analysis, clock: Clock, title: str) -> Html:
     worst = next((f.severity for s in _BADGES for f in analysis.findings if f.severity == s), "ok")
     times = None
     if clock.dated and clock.timed:
-        end_ns = analysis.capture.first_ns + analysis.capture.duration_ns
-        times = element(
-            "p", f"{clock.full(analysis.capture.first_ns)} to {clock.full(end_ns)}", class_="dim"
-        )
+        begin, end = analysis.capture.begin_ns, analysis.capture.end_ns
+        times = element("p", f"{clock.full(begin)} to {clock.full(end)}", class_="dim")
     elif not clock.timed:
         times = element("p", "The log has no times.", class_="dim")
     return element(
@@ -186,22 +185,21 @@ def _stories(analysis: Analysis, clock: Clock) -> Iterator[Html]:
 
 def _story(finding: Finding, labels: dict[tuple[str, int], str], clock: Clock) -> Html:
     badge = element("span", _BADGES[finding.severity], class_=f"badge {finding.severity}")
-    stretch = clock.stretch(finding.start_ns, finding.end_ns)
+    when: list[Html | str] = []
     if clock.timed:
-        when: Html | str = element(
+        link = element(
             "a",
-            stretch,
+            clock.stretch(finding.start_ns, finding.end_ns),
             href="#timeline",
             title=f"{clock.full(finding.start_ns)}: show in the timeline",
             data_from=f"{(finding.start_ns - clock.first_ns) / 1e9:.9g}",
             data_to=f"{(finding.end_ns - clock.first_ns) / 1e9:.9g}",
         )
-    else:
-        when = stretch
+        when = [", ", link]
     evidence = ", ".join(map(str, finding.evidence[:8])) or "-"
     return element(
         "article",
-        element("p", badge, " ", _place(finding, labels), ", ", when),
+        element("p", badge, " ", _place(finding, labels), *when),
         element("h3", finding.text),
         element(
             "dl",

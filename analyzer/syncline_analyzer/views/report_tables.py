@@ -111,10 +111,10 @@ def sync_table(rows: list[SyncRow]) -> Iterator[Html]:
     """SYNC producers."""
     listed: list[Sequence[object]] = [
         (row.bus, hex_code(row.cob_id, 3), row.count, spread(row.period_us),
-         number(row.period_us.p99 if row.period_us else None), row.missing, row.counter_jumps)
+         number(row.period_us.p99 if row.period_us else None), row.missing, row.counter_jumps, row.backlog)
         for row in rows
     ]  # fmt: skip
-    heads = ["Bus", "COB-ID", ">SYNCs", ">Period min/median/max [us]", ">p99 [us]", ">Missing", ">Counter jumps"]  # fmt: skip
+    heads = ["Bus", "COB-ID", ">SYNCs", ">Period min/median/max [us]", ">p99 [us]", ">Missing", ">Counter jumps", ">In a backlog (not judged)"]  # fmt: skip
     yield from _limited("SYNC", heads, listed)
 
 

@@ -80,8 +80,8 @@ def _start(analysis: Analysis, clock: Clock) -> Iterator[Text]:
     elif not clock.dated:
         yield Text("The log has no date: times count from its first frame.", style="dim")
     else:
-        end_ns = capture.first_ns + capture.duration_ns
-        yield Text(f"{clock.full(capture.first_ns)} to {clock.full(end_ns)}", style="dim")
+        begin, end = clock.full(capture.begin_ns), clock.full(capture.end_ns)
+        yield Text(f"{begin} to {end}", style="dim")
     for damage in capture.damage:
         yield Text(f"Damaged, read in part: {printable(damage)}", style="bold red")
     if capture.frames and not analysis.nodes:
@@ -96,7 +96,8 @@ def _story(finding: Finding, analysis: Analysis, clock: Clock) -> Iterator[Rende
     head.append(f"{_SEVERITY_WORDS[finding.severity]} ", style=f"bold {colour}")
     head.append(printable(where(finding, names_of(analysis.nodes))), style="bold")
     stretch = clock.stretch(finding.start_ns, finding.end_ns)
-    head.append(f"  {stretch}")
+    if clock.timed:
+        head.append(f"  {stretch}")
     if " to " in stretch:
         head.append(f" ({duration(finding.end_ns - finding.start_ns)})", style="dim")
     yield head
@@ -199,9 +200,8 @@ def _states(analysis: Analysis, width: int) -> Group:
         min_width=width - room - 1, max_width=width // 3, overflow="ellipsis", no_wrap=True
     )
     table.add_column(no_wrap=True)
-    end_ns = capture.first_ns + capture.duration_ns
     for key, rows in lanes.items():
-        table.add_row(Text(heads[key]), _bar(cells(rows, capture.first_ns, end_ns, room)))
+        table.add_row(Text(heads[key]), _bar(cells(rows, capture.begin_ns, capture.end_ns, room)))
     legend = "  ".join(f"{letter} {state}" for state, letter in STATE_LETTERS.items())
     return Group(table, Text(legend, style="dim"))
 
@@ -221,6 +221,8 @@ def _pdos(analysis: Analysis) -> Table:
     table = _grid("bus", "COB-ID", "what", "type", ">frames", "period", "response", "faults")
     for sync in analysis.sync:
         faults = _faults(missing=sync.missing, jumps=sync.counter_jumps)
+        if sync.backlog:
+            faults.append(f" ({sync.backlog} in a backlog, not judged)", style="dim")
         cob_id = hex_code(sync.cob_id, 3)
         _row(table, sync.bus, cob_id, "SYNC", "", sync.count, spread(sync.period_us), "", faults)
     for pdo in analysis.pdos:

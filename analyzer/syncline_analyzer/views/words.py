@@ -137,8 +137,8 @@ class Clock:
         return cls(capture.first_ns, capture.start_utc_ns is not None, capture.time_base != "none")
 
     def short(self, t_ns: int) -> str:
-        """Capture time of a stamp, or "untimed"."""
-        return capture_time(t_ns - self.first_ns) if self.timed else "untimed"
+        """Capture time of a stamp, "-" where there are no times."""
+        return capture_time(t_ns - self.first_ns) if self.timed else "-"
 
     def full(self, t_ns: int) -> str:
         """UTC of a stamp to the microsecond where the capture has a date, else its capture time.

@@ -1,0 +1,198 @@
+"""Periods of a node's error control: their median, and two cadences under one number."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+MIN_PERIODS = 3
+"""Periods that must have been seen before silence means anything (analysis.md 4)."""
+CANDIDATE_RATIO = 1.2
+"""Intervals this much longer than the median are looked at again at the end."""
+KEPT_DOUBLES = 10
+"""Heartbeats in two interleaved cadences whose `seq` is kept."""
+TWIN_WINDOWS = (36, 96)
+"""Heartbeats in a row that must part into two regular series: soon, and for unlike periods."""
+TWIN_SERIES = 5
+"""Heartbeats that the slower series has at least among them."""
+TWIN_TOLERANCE = 0.03
+"""Part of its period by which an interval of such a series may be off."""
+TWIN_RATIO = 16
+"""The slower period is at most about so many of the faster one."""
+TWIN_TRIES = 10_000
+"""Irregular windows that are looked at; a node that is still undecided then is let be."""
+_BIN = 1e-3
+"""Relative width of a bin of the period statistics."""
+
+Int64s = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(slots=True)
+class Periods:
+    """Counts periods in bins of one part in a thousand."""
+
+    _bins: dict[int, tuple[int, float]] = field(default_factory=dict)
+    """Number and sum of the periods in each bin."""
+
+    def add(self, periods: Int64s) -> None:
+        """Take in further periods, all above 0."""
+        if not len(periods):
+            return
+        numbers = np.floor(np.log(periods) / _BIN).astype(np.int64)
+        bins, place, counts = np.unique(numbers, return_inverse=True, return_counts=True)
+        sums = np.bincount(place, weights=periods)
+        for number, count, length in zip(
+            bins.tolist(), counts.tolist(), sums.tolist(), strict=True
+        ):
+            before = self._bins.get(number, (0, 0.0))
+            self._bins[number] = (before[0] + count, before[1] + length)
+
+    def median_ns(self) -> int | None:
+        """Median of all periods [ns], None without any."""
+        total = sum(count for count, _ in self._bins.values())
+        seen = 0
+        for _, (count, length) in sorted(self._bins.items()):
+            seen += count
+            if 2 * seen >= total:
+                return round(length / count)
+        return None
+
+
+@dataclass(slots=True)
+class Doubles:
+    """Two producers of one period under one number: short and long intervals alternate."""
+
+    count: int = 0
+    at: list[int] = field(default_factory=list)
+    """`seq` of the first of them."""
+    span: tuple[int, int] = (0, 0)
+    """Time of the first and the last of them."""
+    _trail: Int64s = field(default_factory=lambda: np.zeros((4, 0), np.int64))
+    """(length, regular, seq, t_ns) of the last two intervals."""
+
+    def note(self, seq: Int64s, t_ns: Int64s, passed: Int64s, regular: Mask) -> None:
+        """Take in the intervals before some messages; `regular` ones are between like messages."""
+        news = np.stack((passed, regular.astype(np.int64), seq, t_ns))
+        rows = np.concatenate((self._trail, news), axis=1)
+        self._trail = rows[:, -2:]
+        if rows.shape[1] < 3:
+            return
+        length, even = rows[0], rows[1] != 0
+        pair = (length[:-2] + length[1:-1]).astype(np.float64)
+        alternating = (
+            even[:-2]
+            & even[1:-1]
+            & even[2:]
+            & (np.abs(length[2:] - length[:-2]) < 0.05 * pair)
+            & (np.abs(length[1:-1] - length[:-2]) > 0.1 * pair)
+        )
+        found = rows[2:, 2:][:, alternating]
+        if not found.size:
+            return
+        first = self.span[0] if self.count else int(found[1, 0])
+        self.count += found.shape[1]
+        self.at.extend(found[0, : max(0, KEPT_DOUBLES - len(self.at))].tolist())
+        self.span = (first, int(found[1, -1]))
+
+
+@dataclass(slots=True)
+class Twins:
+    """Two producers of different periods under one number: two regular series, interleaved."""
+
+    periods_ns: tuple[int, int] | None = None
+    """Of the two series, once they were found."""
+    at: list[int] = field(default_factory=list)
+    """`seq` of the first heartbeats found so."""
+    span: tuple[int, int] = (0, 0)
+    """Time of the first and the last of them."""
+    _rows: dict[int, Int64s] = field(default_factory=dict)
+    """(seq, t_ns) of heartbeats that are not decided yet, by length of the window."""
+    _tries: int = 0
+
+    def note(self, seq: Int64s, t_ns: Int64s, regular: Mask) -> None:
+        """Take in further heartbeats; one that is not `regular` begins anew."""
+        breaks = np.flatnonzero(~regular)
+        rows = np.stack((seq, t_ns))
+        if len(breaks):
+            self.cut()
+            rows = rows[:, breaks[-1] :]
+        for length in TWIN_WINDOWS if self._tries < TWIN_TRIES else ():
+            held = self._rows.get(length, rows[:, :0])
+            self._rows[length] = self._slide(np.concatenate((held, rows), axis=1), length)
+
+    def cut(self) -> None:
+        """Begin anew, as after a gap."""
+        self._rows.clear()
+
+    def _slide(self, rows: Int64s, length: int) -> Int64s:
+        """Look at the windows that are not plainly regular; gives the rows still to decide."""
+        if rows.shape[1] < length:
+            return rows
+        passed = np.diff(rows[1])
+        short = np.concatenate(([0], np.cumsum(passed < 0.8 * np.median(passed))))
+        begins = np.arange(0, rows.shape[1] - length + 1, length // 3)
+        found = short[begins + length - 1] - short[begins] >= TWIN_SERIES
+        for begin in begins[found].tolist():
+            self._look(rows[:, begin : begin + length])
+        return rows[:, begins[-1] + length // 3 :]
+
+    def _look(self, window: Int64s) -> None:
+        self._tries += 1
+        found = _two_series(window[1])
+        if found is None:
+            return
+        if self.periods_ns is None:
+            self.periods_ns, self.at = found, window[0, :KEPT_DOUBLES].tolist()
+            self.span = (int(window[1, 0]), int(window[1, -1]))
+        self.span = (self.span[0], int(window[1, -1]))
+
+
+def _two_series(t_ns: Int64s) -> tuple[int, int] | None:
+    """The two different periods into whose gapless series all these moments part, if they do."""
+    for other in range(1, TWIN_RATIO + 1):
+        period = int(t_ns[other] - t_ns[0])
+        mine = _series(t_ns, period)
+        rest = t_ns[~mine]
+        if len(rest) < TWIN_SERIES or len(t_ns) - len(rest) < TWIN_SERIES:
+            continue
+        lengths = np.diff(rest)
+        second = int(np.median(lengths))
+        even = np.abs(lengths - second).max() <= TWIN_TOLERANCE * second
+        edge = (1 + TWIN_TOLERANCE) * second
+        whole = max(rest[0] - t_ns[0], t_ns[-1] - rest[-1]) <= edge
+        differ = abs(second - period) > 2 * TWIN_TOLERANCE * max(second, period)
+        if even and whole and differ:
+            return min(period, second), max(period, second)
+    return None
+
+
+def _series(t_ns: Int64s, period_ns: int) -> Mask:
+    """Members of the regular series that begins with the first moment; none if it has a hole."""
+    mine = np.zeros(len(t_ns), np.bool_)
+    row = 0
+    while True:
+        mine[row] = True
+        due = int(t_ns[row]) + period_ns
+        if due > t_ns[-1] + TWIN_TOLERANCE * period_ns:
+            return mine
+        row = int(np.abs(t_ns - due).argmin())
+        if mine[row] or abs(int(t_ns[row]) - due) > TWIN_TOLERANCE * period_ns:
+            return np.ones(len(t_ns), np.bool_)
+
+
+def longer_than_before(passed: Int64s, recent: Int64s, known: Int64s) -> NDArray[np.intp]:
+    """Rows whose interval is clearly longer than the shortest of the three periods before.
+
+    Args:
+        passed: (n,) intervals [ns].
+        recent: (m,) regular periods, those of `passed` among them [ns].
+        known: (n,) number of regular periods ahead of each interval.
+    """
+    early = known < MIN_PERIODS
+    if not len(recent):
+        return np.flatnonzero(early)
+    before = np.stack(
+        [recent[np.maximum(known - back, 0).clip(max=len(recent) - 1)] for back in (1, 2, 3)]
+    )
+    return np.flatnonzero(early | (passed > CANDIDATE_RATIO * before.min(axis=0)))

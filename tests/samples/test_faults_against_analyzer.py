@@ -114,7 +114,9 @@ def told_alone(script: Scenario, tmp_path: Path) -> None:
     log, description = tmp_path / "one.log", tmp_path / "one.toml"
     log.write_bytes(candump_log(run))
     description.write_text(run.description_toml, encoding="utf-8")
-    outcome = compare(run.truth.findings, open_session(log, description=description).findings())
+    outcome = compare(
+        run.truth.findings, open_session(log, description=description).analysis.findings
+    )
     assert outcome.missing == []
     assert outcome.unexpected == []
 

@@ -17,6 +17,8 @@ MAPPING: dict[Kind, int] = {"tpdo": 0x1A00, "rpdo": 0x1600}
 PDO_COUNT = 512
 _OFF = 1 << 31
 _FRAME_29_BIT = 1 << 29
+_SERVICE_IDS = {(0x1012, 0), (0x1014, 0)}
+"""Objects that hold the identifiers of TIME and EMCY."""
 _RANK = {"sdo-read": 0, "sdo-write": 0, "bus-description": 1, "eds-default": 2, "predefined": 3}
 
 
@@ -157,6 +159,19 @@ class PdoBindings:
         value = self._shadow.number(bus, node, 0x1005, 0, seq)
         return 0x80 if value is None or value & _FRAME_29_BIT else value & 0x7FF
 
+    def other_services(self, bus: int, seq: int | None = None) -> set[int]:
+        """Identifiers that the nodes of a bus give to EMCY, TIME and SDO (CiA 301 7.5.2)."""
+        found: set[int] = set()
+        for learned_bus, node in self._shadow.nodes():
+            for key in self._shadow.learned(bus, node) if learned_bus == bus else ():
+                if key in _SERVICE_IDS or (0x1200 <= key[0] < 0x1300 and key[1] in (1, 2)):
+                    value = self._shadow.number(bus, node, *key, seq)
+                    if value is not None and not value & (
+                        (0 if key[0] == 0x1012 else _OFF) | _FRAME_29_BIT
+                    ):
+                        found.add(value & 0x7FF)
+        return found
+
     def _mapping_value(self, pdo: Pdo, sub: int, seq: int | None) -> int | None:
         device = self._shadow.device(pdo.bus, pdo.node)
         if device is not None and quirks(device).fixed_mapping:
@@ -192,7 +207,11 @@ class PdoBindings:
         _, number, node = predefined
         if self._shadow.get(bus, node, COMMUNICATION[kind] + number - 1, 1, seq) is not None:
             return None
-        return Pdo(bus, node, kind, number, "predefined")
+        # A mapping seen on the bus proves that the node has this PDO.
+        mapping = self._shadow.get(bus, node, MAPPING[kind] + number - 1, 0, seq)
+        proven = mapping is not None and mapping.source in ("sdo-read", "sdo-write")
+        source = mapping.source if mapping is not None and proven else "predefined"
+        return Pdo(bus, node, kind, number, source)
 
     def _learned_claims(self, bus: int, node: int) -> Iterator[tuple[Kind, int, int]]:
         shadow = self._shadow

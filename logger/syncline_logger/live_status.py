@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from syncline_logger.bus_condition import BusCondition
 from syncline_schemas.batch import FrameBatch, FrameFlag
@@ -14,6 +15,10 @@ from syncline_schemas.wire_length import wire_bits
 
 SILENT_PERIODS = 3
 """A node that sent heartbeats is shown as LOST after so many of its periods."""
+SHORTEST_SILENCE_NS = 500_000_000
+"""Shorter silences come from adapters and machines that hand frames over late."""
+STAMPS_KEPT = 5
+"""Of a node's latest heartbeats, to know its period."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,17 +59,35 @@ class StatusSnapshot:
 class _Node:
     state: NmtState
     seen_ns: int
-    period_ns: int | None = None
+    stamps_ns: NDArray[np.int64]
 
-    def state_at(self, now_ns: int) -> NmtState:
-        if self.period_ns and now_ns - self.seen_ns > SILENT_PERIODS * self.period_ns:
+    def state_at(self, heard_ns: int, listening_ns: int) -> NmtState:
+        """LOST after too long a silence; only the time in which somebody listened counts."""
+        period_ns = _longest_period(np.diff(self.stamps_ns).tolist())
+        silence_ns = heard_ns - max(self.seen_ns, listening_ns)
+        if period_ns and silence_ns > max(SILENT_PERIODS * period_ns, SHORTEST_SILENCE_NS):
             return NmtState.LOST
         return self.state
+
+
+def _longest_period(intervals_ns: Sequence[int]) -> int:
+    """The longest since the node was last silent for too long; 0 when there is none.
+
+    >>> _longest_period([20, 21, 19, 20]), _longest_period([20, 20, 60_000, 20])
+    (21, 20)
+    """
+    longest_ns = 0
+    for interval_ns in intervals_ns:
+        was_lost = 0 < SILENT_PERIODS * longest_ns < interval_ns
+        longest_ns = 0 if was_lost else max(longest_ns, interval_ns)
+    return longest_ns
 
 
 @dataclass(slots=True)
 class _Bus:
     info: BusInfo
+    listening_ns: int
+    heard_ns: int
     frames: int = 0
     bits: int = 0
     nodes: dict[int, _Node] = field(default_factory=dict)
@@ -74,17 +97,25 @@ class LiveStatus:
     """Counts of the running period and the last sign of life of each node."""
 
     def __init__(self, buses: Sequence[BusInfo], start_ns: int) -> None:
-        self._buses = {bus.number: _Bus(bus) for bus in buses}
+        self._buses = {bus.number: _Bus(bus, start_ns, start_ns) for bus in buses}
         self._start_ns = self._period_start_ns = start_ns
 
-    def update(self, frames: FrameBatch) -> None:
-        """Take in frames of any bus."""
+    def update(self, frames: FrameBatch, log_ns: NDArray[np.int64]) -> None:
+        """Take in frames of any bus. log_ns: (n,) int64, never decreasing."""
         for number, bus in self._buses.items():
-            mine = frames if len(self._buses) == 1 else frames[frames.bus == number]
+            rows = np.flatnonzero(frames.bus == number)
+            mine = frames[rows]
             bus.frames += len(mine)
             if bus.info.bitrate:
                 bus.bits += int(wire_bits(mine).sum())
-            _take_error_control(bus.nodes, mine)
+            _take_error_control(bus.nodes, mine, log_ns[rows])
+
+    def listened(self, bus: int, begin_ns: int, end_ns: int) -> None:
+        """All frames that a bus gave in [begin_ns, end_ns) of log time are taken in.
+
+        Nothing is known of the time before `begin_ns`, the recorder's start or the end of a gap.
+        """
+        self._buses[bus].listening_ns, self._buses[bus].heard_ns = begin_ns, end_ns
 
     def snapshot(
         self, now_ns: int, path: str, bytes_written: int, conditions: Sequence[BusCondition]
@@ -93,28 +124,41 @@ class LiveStatus:
         period_ns = max(now_ns - self._period_start_ns, 1)
         self._period_start_ns = now_ns
         buses = tuple(
-            _snapshot(bus, condition, period_ns, now_ns)
+            _snapshot(bus, condition, period_ns)
             for bus, condition in zip(self._buses.values(), conditions, strict=True)
         )
         return StatusSnapshot(now_ns, now_ns - self._start_ns, path, bytes_written, buses)
 
 
-def _take_error_control(nodes: dict[int, _Node], frames: FrameBatch) -> None:
+def _take_error_control(
+    nodes: dict[int, _Node], frames: FrameBatch, log_ns: NDArray[np.int64]
+) -> None:
     heard = (service_of(frames) == Service.ERROR_CONTROL) & (frames.dlc == 1)
     heard &= (frames.flags & FrameFlag.REMOTE) == 0
-    for row in np.flatnonzero(heard):
-        number, t_ns = int(frames.can_id[row]) & 0x7F, int(frames.t_ns[row])
-        byte = int(frames.data[row, 0]) & 0x7F
-        state = NmtState.PRE_OPERATIONAL if byte == 0 else STATE_OF_BYTE.get(byte)
-        node = nodes.get(number)
-        if node is None:
-            nodes[number] = _Node(state or NmtState.UNKNOWN, t_ns)
-            continue
-        node.period_ns = t_ns - node.seen_ns if byte else None
-        node.seen_ns, node.state = t_ns, state or NmtState.UNKNOWN
+    rows = np.flatnonzero(heard)
+    numbers = frames.can_id[rows] & 0x7F
+    for number in np.unique(numbers).tolist():
+        mine = rows[numbers == number]
+        boot_ups = np.flatnonzero(frames.data[mine, 0] & 0x7F == 0)
+        before = nodes.get(number)
+        if len(boot_ups):
+            stamps_ns = frames.t_ns[mine[boot_ups[-1] :]]
+        elif before is None:
+            stamps_ns = frames.t_ns[mine]
+        else:
+            stamps_ns = np.concatenate([before.stamps_ns, frames.t_ns[mine]])
+        state = _state_of(int(frames.data[mine[-1], 0]))
+        nodes[number] = _Node(state, int(log_ns[mine[-1]]), stamps_ns[-STAMPS_KEPT:])
 
 
-def _snapshot(bus: _Bus, condition: BusCondition, period_ns: int, now_ns: int) -> BusSnapshot:
+def _state_of(byte: int) -> NmtState:
+    """The state that a heartbeat's byte tells; a node that boots is on its way there."""
+    if byte & 0x7F == 0:
+        return NmtState.PRE_OPERATIONAL
+    return STATE_OF_BYTE.get(byte & 0x7F, NmtState.UNKNOWN)
+
+
+def _snapshot(bus: _Bus, condition: BusCondition, period_ns: int) -> BusSnapshot:
     load = None
     if bus.info.bitrate:
         load = 100 * bus.bits * 1e9 / (bus.info.bitrate * period_ns)
@@ -129,5 +173,8 @@ def _snapshot(bus: _Bus, condition: BusCondition, period_ns: int, now_ns: int) -
         adapter_present=condition.adapter_present,
         error_frames=condition.error_frames,
         dropped_frames=condition.dropped_queue + condition.dropped_controller,
-        nodes={number: node.state_at(now_ns) for number, node in sorted(bus.nodes.items())},
+        nodes={
+            number: node.state_at(bus.heard_ns, bus.listening_ns)
+            for number, node in sorted(bus.nodes.items())
+        },
     )

@@ -245,9 +245,13 @@ def _terminal_line(stack: ExitStack) -> "Callable[[StatusSnapshot], None]":
 
 
 def _say_result(result: "RecordResult") -> None:
+    from syncline_logger.status_view import counted
+
     for problem in result.problems:
         click.echo(problem, err=True)
-    lost = f", {result.lost_frames} frames lost" if result.lost_frames else ""
-    click.echo(
-        f"{result.path}: {result.frame_count} frames, {result.gap_count} gaps{lost}", err=True
-    )
+    for bus, count in result.frames.items():
+        if count == 0:
+            click.echo(f"{bus}: nothing was heard; check the bit rate and the wiring", err=True)
+    frames, gaps = counted(result.frame_count, "frame"), counted(result.gap_count, "gap")
+    lost = f", {counted(result.lost_frames, 'frame')} lost" if result.lost_frames else ""
+    click.echo(f"{result.path}: {frames}, {gaps}{lost}", err=True)

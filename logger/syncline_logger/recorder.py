@@ -178,7 +178,13 @@ class SourceEvent:
 
 
 class SourceThread(threading.Thread):
-    """Reads one source into the buffer, and opens it again when it was lost."""
+    """Reads one source into the buffer, and opens it again when it was lost.
+
+    Attributes:
+        bus: its number.
+        listening_ns: since when it has listened without a gap [ns, log time].
+        heard_ns: what came before this is in the buffer [ns, log time].
+    """
 
     def __init__(
         self,
@@ -190,11 +196,12 @@ class SourceThread(threading.Thread):
     ) -> None:
         super().__init__(name=f"syncline read {source.facts.name}", daemon=True)
         self._source = source
-        self._bus = bus
+        self.bus = bus
         self._buffer = buffer
         self._clock = clock
         self._events = events
         self._stop_reading = threading.Event()
+        self.listening_ns = self.heard_ns = clock.now_ns()
 
     def stop(self) -> None:
         """Make the thread end after what it is reading."""
@@ -202,16 +209,15 @@ class SourceThread(threading.Thread):
 
     def run(self) -> None:
         """Read until stopped."""
-        heard_ns = self._clock.now_ns()
         while not self._stop_reading.is_set():
             try:
-                self._source.read(self._buffer, self._bus, READ_TIMEOUT_S)
-                heard_ns = self._clock.now_ns()
+                self._source.read(self._buffer, self.bus, READ_TIMEOUT_S)
+                self.heard_ns = self._clock.now_ns()
             except SourceError as error:
-                self._reopen(heard_ns, str(error))
-                heard_ns = self._clock.now_ns()
+                self._reopen(str(error))
+                self.listening_ns = self.heard_ns = self._clock.now_ns()
 
-    def _reopen(self, heard_ns: int, reason: str) -> None:
+    def _reopen(self, reason: str) -> None:
         self._tell(present=False, text=reason)
         self._source.close()
         back = False
@@ -221,11 +227,11 @@ class SourceThread(threading.Thread):
                 back = True
             except SourceError:
                 continue
-        gap = Gap(heard_ns, self._clock.now_ns(), reason, None, self._bus)
+        gap = Gap(self.heard_ns, self._clock.now_ns(), reason, None, self.bus)
         self._tell(present=back, text="listening again" if back else "", gap=gap)
 
     def _tell(self, *, present: bool, text: str, gap: Gap | None = None) -> None:
-        self._events.put(SourceEvent(self._bus, self._clock.now_ns(), present, text, gap))
+        self._events.put(SourceEvent(self.bus, self._clock.now_ns(), present, text, gap))
 
 
 class LiveRecorder:
@@ -259,6 +265,12 @@ class LiveRecorder:
         decoder = LiveDecoder({bus.number: bus.name for bus in buses}, options.description)
         self._worker = DecodeWorker(decoder) if options.decode else None
         self._decode_was_behind = False
+        self._readers = [
+            SourceThread(source, bus, self._buffer, self._clock, self._events)
+            for bus, source in enumerate(self._sources)
+        ]
+        self._clock_step_ns = self._start_ns
+        self._waiting: list[Collected] = []
 
     @property
     def path(self) -> Path:
@@ -273,24 +285,20 @@ class LiveRecorder:
         status_period_ns: int,
     ) -> RecordResult:
         """Record; returns when the file is closed."""
-        readers = [
-            SourceThread(source, bus, self._buffer, self._clock, self._events)
-            for bus, source in enumerate(self._sources)
-        ]
-        for reader in readers:
+        for reader in self._readers:
             reader.start()
         try:
             why = self._loop(stop, duration_ns, on_status, status_period_ns)
-            for reader in readers:
+            for reader in self._readers:
                 reader.stop()
-            for reader in readers:
+            for reader in self._readers:
                 reader.join(timeout=2)
             result = self._close(why)
         except BaseException:
             self._recording.file.abandon()
             raise
         finally:
-            for reader in readers:
+            for reader in self._readers:
                 reader.stop()
             self._close_sources()
         if on_status:
@@ -317,31 +325,50 @@ class LiveRecorder:
             if now_ns >= next_chunk_ns:
                 self._write_period(now_ns)
                 next_chunk_ns = now_ns + self._options.period_ns
-            elif self._buffer.filled.is_set():
+            elif self._buffer.filled.is_set() or self._chunk_is_full:
                 self._write_chunk(now_ns)
             if on_status and now_ns >= next_view_ns:
-                on_status(self._recording.snapshot(now_ns))
+                self._take()
+                on_status(self._recording.snapshot(self._clock.now_ns()))
                 next_view_ns = now_ns + status_period_ns
             due_ns = min(each for each in (next_chunk_ns, next_view_ns, end_ns) if each is not None)
             wait_s = min(max((due_ns - self._clock.now_ns()) / 1e9, 0), TICK_S)
             self._buffer.filled.wait(wait_s)
 
+    @property
+    def _chunk_is_full(self) -> bool:
+        return sum(len(each) for each in self._waiting) >= self._options.chunk_frames
+
     def _write_period(self, now_ns: int) -> None:
-        self._recording.add_clock(self._clock.sample(), now_ns)
+        reading = self._clock.sample()
+        self._recording.add_clock(reading, now_ns)
+        if reading.step_ns > 0:
+            self._clock_step_ns = self._clock.now_ns()
         self._write_chunk(now_ns, status=True)
 
-    def _write_chunk(self, now_ns: int, *, status: bool = False, last: bool = False) -> None:
+    def _take(self) -> None:
+        """Count what has come in; it waits for the next chunk."""
         self._note_events()
+        # Read before the buffer is: what a thread heard until then is in it.
+        heard_ns = [(each.bus, each.listening_ns, each.heard_ns) for each in self._readers]
         collected = self._buffer.take()
-        frames, log_ns = collected.frames, collected.log_ns
         self._note_losses(collected)
-        self._recording.take_frames(frames, log_ns)
+        self._recording.take_frames(collected.frames, collected.log_ns)
+        for bus, begin_ns, end_ns in heard_ns:
+            self._recording.live.listened(bus, max(begin_ns, self._clock_step_ns), end_ns)
+        self._waiting.append(collected)
+
+    def _write_chunk(self, now_ns: int, *, status: bool = False, last: bool = False) -> None:
+        self._take()
+        frames = FrameBatch.concat([collected.frames for collected in self._waiting])
+        log_ns = np.concatenate([collected.log_ns for collected in self._waiting])
+        self._waiting.clear()
         if status:
             self._recording.add_all_status(max(now_ns, int(log_ns[-1]) if len(log_ns) else 0))
         decoded = []
         if self._worker:
             if len(frames):
-                self._submit(self._worker, collected, now_ns)
+                self._submit(self._worker, frames, log_ns, now_ns)
             wait_s = DECODE_WAIT * self._options.period_ns / 1e9
             decoded = (
                 self._worker.finish(LAST_DECODE_WAIT_S) if last else self._worker.results(wait_s)
@@ -367,9 +394,11 @@ class LiveRecorder:
             self._recording.add_gap(gap, gap.end_ns)
             self._recording.add_status(bus, gap.end_ns, f"{OVERFLOW}; {loss.frames} frames lost")
 
-    def _submit(self, worker: DecodeWorker, collected: Collected, now_ns: int) -> None:
+    def _submit(
+        self, worker: DecodeWorker, frames: FrameBatch, log_ns: NDArray[np.int64], now_ns: int
+    ) -> None:
         """Give frames to the decoder; say once that it fell behind, and once what it missed."""
-        behind = not worker.submit(collected.frames, collected.log_ns)
+        behind = not worker.submit(frames, log_ns)
         if behind and not self._decode_was_behind:
             text = "decoding is behind; frames are recorded but not decoded"
             self._recording.add_status(0, now_ns, text)

@@ -189,7 +189,7 @@ class Recording:
             rows = np.flatnonzero(frames.bus == bus)
             for change in condition.update(frames[rows], log_ns[rows]):
                 self.add_status(bus, change.log_ns, change.text)
-        self.live.update(frames)
+        self.live.update(frames, log_ns)
 
     def write(
         self, frames: FrameBatch, log_ns: NDArray[np.int64], decoded: Iterable[Decoded] = ()

@@ -69,11 +69,15 @@ def targets(captures: tuple[Path, ...], output: Path | None) -> list[Path]:
 
 
 def _say(capture: Path, result: "RecoverResult") -> None:
+    from syncline_logger.status_view import counted
+
     state = "was whole" if result.whole else "repaired"
-    click.echo(f"{capture}: {state}, {result.frames} frames saved", err=True)
+    click.echo(f"{capture}: {state}, {counted(result.frames, 'frame')} saved", err=True)
     for damage in result.damage:
         click.echo(f"  {damage}", err=True)
     if result.lost_chunks or result.lost_frames:
         click.echo(
-            f"  lost: {result.lost_chunks} chunks, at least {result.lost_frames} frames", err=True
+            f"  lost: {counted(result.lost_chunks, 'chunk')},"
+            f" at least {counted(result.lost_frames, 'frame')}",
+            err=True,
         )

@@ -31,8 +31,13 @@ from syncline_schemas.proto import syncline_pb2
 _UNREGISTERED = -1
 _FIRST_REQUEST = 0x600
 
-Messages = Sequence[Message | bytes | None]
+Messages = Sequence[Message | None]
 """One per frame; None where the frame is no well-formed message of the service."""
+
+Encode = Callable[[FrameBatch, NDArray[np.int64], Device | None], MessageBlock]
+"""Makes the messages of frames of one identifier, taken at these log times."""
+
+_NO_MESSAGE = -1
 
 
 @dataclass(frozen=True)
@@ -43,24 +48,27 @@ class ServiceEncoder:
         name: last part of the topic.
         of_node: whether the topic is a node's or the bus's.
         message_type: the protobuf class.
-        messages: one message per frame of one identifier.
+        encode: makes the messages.
     """
 
     name: Any
     of_node: bool
     message_type: type[Message]
-    messages: Callable[[FrameBatch, Device | None], Messages]
+    encode: Encode
 
     @cached_property
     def schema(self) -> MessageSchema:
         """The channel's schema."""
         return schema_of(self.message_type.DESCRIPTOR)
 
+
+def _one_by_one(messages_of: Callable[[FrameBatch, Device | None], Messages]) -> Encode:
+    """For services that are rare on a bus."""
+
     def encode(
-        self, frames: FrameBatch, log_ns: NDArray[np.int64], device: Device | None
+        frames: FrameBatch, log_ns: NDArray[np.int64], device: Device | None
     ) -> MessageBlock:
-        """The messages of frames of one identifier."""
-        messages = self.messages(frames, device)
+        messages = messages_of(frames, device)
         rows = [row for row, message in enumerate(messages) if message is not None]
         return MessageBlock.of_messages(
             _UNREGISTERED,
@@ -68,6 +76,36 @@ class ServiceEncoder:
             frames.t_ns[rows],
             [message for message in messages if message is not None],
         )
+
+    return encode
+
+
+def _looked_up(
+    messages: Sequence[Message], numbers_of: Callable[[FrameBatch], NDArray[np.intp]]
+) -> Encode:
+    """For services with few different messages and many frames: each frame's number in a table."""
+    payloads = [message.SerializeToString() for message in messages]
+    lengths = np.array([len(payload) for payload in payloads], np.int64)
+    width = int(lengths.max())
+    table = np.frombuffer(b"".join(each.ljust(width, b"\0") for each in payloads), np.uint8)
+    table = table.reshape(len(payloads), width)
+    used = np.arange(width) < lengths[:, np.newaxis]
+
+    def encode(
+        frames: FrameBatch, log_ns: NDArray[np.int64], device: Device | None
+    ) -> MessageBlock:
+        numbers = numbers_of(frames)
+        rows = np.flatnonzero(numbers != _NO_MESSAGE)
+        numbers = numbers[rows]
+        return MessageBlock(
+            _UNREGISTERED,
+            log_ns[rows],
+            frames.t_ns[rows],
+            lengths[numbers],
+            table[numbers][used[numbers]],
+        )
+
+    return encode
 
 
 def _nmt(frames: FrameBatch, device: Device | None) -> Messages:
@@ -80,15 +118,13 @@ def _nmt(frames: FrameBatch, device: Device | None) -> Messages:
     ]
 
 
-_SYNC = syncline_pb2.Sync().SerializeToString()
-_SYNC_COUNTED = [syncline_pb2.Sync(counter=n).SerializeToString() for n in range(256)]
+_SYNCS = [*(syncline_pb2.Sync(counter=n) for n in range(256)), syncline_pb2.Sync()]
+_SYNC_WITHOUT_COUNTER = 256
 
 
-def _sync(frames: FrameBatch, device: Device | None) -> Messages:
-    return [
-        _SYNC_COUNTED[counter] if length == 1 else _SYNC if length == 0 else None
-        for counter, length in zip(frames.data[:, 0].tolist(), frames.dlc.tolist(), strict=True)
-    ]
+def _sync_number(frames: FrameBatch) -> NDArray[np.intp]:
+    without = np.where(frames.dlc == 0, _SYNC_WITHOUT_COUNTER, _NO_MESSAGE)
+    return np.where(frames.dlc == 1, frames.data[:, 0], without)
 
 
 def _time(frames: FrameBatch, device: Device | None) -> Messages:
@@ -120,26 +156,22 @@ def _lss(frames: FrameBatch, device: Device | None) -> Messages:
     ]
 
 
-def _heartbeat_message(byte: int) -> bytes:
+def _heartbeat(byte: int) -> syncline_pb2.Heartbeat:
     state = byte & 0x7F
     known = STATE_OF_BYTE.get(state)
-    message = syncline_pb2.Heartbeat(
+    return syncline_pb2.Heartbeat(
         state=state,
         state_name="boot-up" if byte == 0 else known.value if known else f"unknown {state:02X}h",
         toggle=byte >> 7,
         boot_up=byte == 0,
     )
-    return message.SerializeToString()
 
 
-_HEARTBEATS = [_heartbeat_message(byte) for byte in range(256)]
+_HEARTBEATS = [_heartbeat(byte) for byte in range(256)]
 
 
-def _heartbeat(frames: FrameBatch, device: Device | None) -> Messages:
-    return [
-        _HEARTBEATS[byte] if length == 1 else None
-        for byte, length in zip(frames.data[:, 0].tolist(), frames.dlc.tolist(), strict=True)
-    ]
+def _heartbeat_number(frames: FrameBatch) -> NDArray[np.intp]:
+    return np.where(frames.dlc == 1, frames.data[:, 0].astype(np.intp), _NO_MESSAGE)
 
 
 def _emcy(frames: FrameBatch, device: Device | None) -> Messages:
@@ -232,7 +264,7 @@ def _sdo_message(sdo: SdoColumns, row: int, device: Device | None) -> syncline_p
     value = f" = {message.data.hex(' ').upper()}" if message.data else ""
     direction = "request" if message.request else "answer"
     message.text = f"{message.kind} {direction}{place}{value}" + (
-        f": {message.abort_text}" if message.abort_text else ""
+        f": {message.abort_text} ({message.abort_code:08X}h)" if message.abort_text else ""
     )
     return message
 
@@ -240,10 +272,14 @@ def _sdo_message(sdo: SdoColumns, row: int, device: Device | None) -> syncline_p
 SDO_SCHEMA = schema_of(syncline_pb2.Sdo.DESCRIPTOR)
 
 ENCODERS: dict[Service, ServiceEncoder] = {
-    Service.NMT: ServiceEncoder("nmt", False, syncline_pb2.Nmt, _nmt),
-    Service.SYNC: ServiceEncoder("sync", False, syncline_pb2.Sync, _sync),
-    Service.TIME: ServiceEncoder("time", False, syncline_pb2.Time, _time),
-    Service.LSS: ServiceEncoder("lss", False, syncline_pb2.Lss, _lss),
-    Service.ERROR_CONTROL: ServiceEncoder("heartbeat", True, syncline_pb2.Heartbeat, _heartbeat),
-    Service.EMCY: ServiceEncoder("emcy", True, syncline_pb2.Emcy, _emcy),
+    Service.NMT: ServiceEncoder("nmt", False, syncline_pb2.Nmt, _one_by_one(_nmt)),
+    Service.SYNC: ServiceEncoder(
+        "sync", False, syncline_pb2.Sync, _looked_up(_SYNCS, _sync_number)
+    ),
+    Service.TIME: ServiceEncoder("time", False, syncline_pb2.Time, _one_by_one(_time)),
+    Service.LSS: ServiceEncoder("lss", False, syncline_pb2.Lss, _one_by_one(_lss)),
+    Service.ERROR_CONTROL: ServiceEncoder(
+        "heartbeat", True, syncline_pb2.Heartbeat, _looked_up(_HEARTBEATS, _heartbeat_number)
+    ),
+    Service.EMCY: ServiceEncoder("emcy", True, syncline_pb2.Emcy, _one_by_one(_emcy)),
 }

@@ -52,7 +52,7 @@ def status_line(snapshot: StatusSnapshot) -> "Text":
     seconds = snapshot.elapsed_ns // 1_000_000_000
     line = Text(
         f"{seconds // 3600:02d}:{seconds // 60 % 60:02d}:{seconds % 60:02d}"
-        f"  {snapshot.frames} frames  {snapshot.bytes_written / 1e6:.1f} MB"
+        f"  {counted(snapshot.frames, 'frame')}  {snapshot.bytes_written / 1e6:.1f} MB"
     )
     for bus in snapshot.buses:
         line.append(f"  | {bus.name}", "bold")
@@ -69,3 +69,12 @@ def status_line(snapshot: StatusSnapshot) -> "Text":
             line.append(f"  {node} ")
             line.append(str(state), _STATE_STYLE.get(NmtState(state), "dim"))
     return line
+
+
+def counted(number: int, noun: str) -> str:
+    """A number of things.
+
+    >>> counted(1, "gap"), counted(0, "frame")
+    ('1 gap', '0 frames')
+    """
+    return f"{number} {noun}{'' if number == 1 else 's'}"

@@ -1,5 +1,6 @@
 """`syncline demo`: simulate a bad day, record it, analyze it, and hold the result to the script."""
 
+import importlib.util
 import threading
 import time
 import webbrowser
@@ -8,6 +9,7 @@ from pathlib import Path
 
 import click
 
+from syncline_analyzer.findings.stretch import counted
 from syncline_analyzer.session import open_session
 from syncline_analyzer.views.files import write_all
 from syncline_logger.recorder import record, record_batches
@@ -23,6 +25,8 @@ from syncline_schemas.description import BusDescription
 CAPTURE_NAME = "bad_day.mcap"
 NOT_REACHED = 1
 """Exit code when analyzer and script disagree."""
+NEEDED = ("pandas", "pyarrow", "plotly", "rerun")
+"""Packages of the analyzer extra, which the last step needs."""
 _CHANNEL = "syncline-demo"
 _LEAD_NS = 1_000_000_000
 _SETTLE_S = 0.5
@@ -60,6 +64,7 @@ def demo(ctx: click.Context, out: Path, seconds: float, real_time: bool, show: b
     the analyzer says what happened, and the result is held against the script. Files of an earlier
     demo in DIR are replaced. Exit code 1 when analyzer and script disagree.
     """
+    _check_installed()
     begin = time.monotonic()
     scenario = bad_day(seconds)
     if real_time:
@@ -76,6 +81,13 @@ def demo(ctx: click.Context, out: Path, seconds: float, real_time: bool, show: b
         webbrowser.open((out / "report.html").resolve().as_uri())
     if not comparison.agrees:
         ctx.exit(NOT_REACHED)
+
+
+def _check_installed() -> None:
+    """Raises ModuleNotFoundError before the day is simulated, not after it."""
+    for name in NEEDED:
+        if importlib.util.find_spec(name) is None:
+            raise ModuleNotFoundError(f"No module named '{name}'", name=name)
 
 
 def _without_recorder_faults(scenario: Scenario) -> Scenario:
@@ -149,7 +161,7 @@ def _say_recorded(run: Run, recorded: RecordResult) -> None:
     click.echo(
         f"A day of {scenario.seconds:g} s on a bus of {scenario.bitrate // 1000} kbit/s with"
         f" {len(scenario.devices)} nodes and a master: {recorded.frame_count} frames,"
-        f" bus load {100 * run.truth.bus_load:.1f} %, {len(recorded.gaps)} recorder gaps.\n"
+        f" bus load {100 * run.truth.bus_load:.1f} %, {counted(recorded.gap_count, 'recorder gap')}.\n"
     )
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from syncline_schemas.devices import Device
+from syncline_schemas.devices import Device, standard_device, standard_of
 
 Lookup = Callable[[int, int], tuple[int, bool] | None]
 """(index, sub) -> (value, assumed): what is known of an object, and whether it was only assumed."""
@@ -25,7 +25,8 @@ class EncoderScale:
     """How counts become angles.
 
     `counts_per_turn` and `range_counts` (the wrap modulus R) are None where unknown. `assumed`
-    names the settings that rest on a default ("cpr", "range", "scaling", "direction").
+    names the settings that rest on a default or are not known ("cpr", "range", "scaling",
+    "direction").
     """
 
     counts_per_turn: int | None
@@ -85,8 +86,8 @@ def encoder_scale(
     range_counts = _range_counts(settings, cpr)
     direction, direction_assumed = _clockwise(settings)
     assumed = {
-        "cpr": cpr is not None and cpr[1],
-        "range": range_counts is not None and range_counts[1],
+        "cpr": cpr is None or cpr[1],
+        "range": range_counts is None or range_counts[1],
         "scaling": scaling_assumed,
         "direction": direction_assumed,
     }
@@ -103,8 +104,11 @@ def encoder_scale(
 def _counts_per_turn(settings: _Settings) -> tuple[_Known, bool]:
     """Counts per turn, and whether the scaling switch was assumed."""
     programmed = _positive(settings.known("cpr", "counts_per_turn"))
-    if isinstance(settings.given("cpr"), int) or "scaling" not in settings.data:
+    if isinstance(settings.given("cpr"), int):
         return programmed, False
+    if "scaling" not in settings.data:
+        hardware = _positive(settings.known("", "hardware_counts_per_turn"))
+        return programmed or ((hardware[0], True) if hardware else None), False
     choice = settings.given("scaling")
     switch = (int(choice == "on"), False) if choice else settings.flag("scaling")
     assert switch is not None
@@ -302,6 +306,23 @@ def tilt_steps(angle_deg: Degrees) -> Degrees:
     """Motion between samples on the circle: (n - 1,) degrees in [-180, 180)."""
     steps: Degrees = (np.diff(angle_deg) + 180.0) % 360.0 - 180.0
     return steps
+
+
+def measured_by(
+    device: Device | None, device_type: int | None, index: int, sub: int
+) -> tuple[Device | None, bool]:
+    """Whose rules turn an object into a position, and whether that profile was only assumed.
+
+    The device itself where it names its positions, else a device of the CiA profile that has the
+    object: 1000h (`device_type`) names the profile in its lower half, 0 stands for none (CiA 301
+    7.5.2.1). None where the object is no position, or the node follows another profile.
+    """
+    if position_objects(device):
+        return (device if (index, sub) in position_objects(device) else None), False
+    number, told = standard_of(index, sub), (device_type or 0) & 0xFFFF
+    if number is None or told not in (0, number):
+        return None, False
+    return standard_device(number), told == 0
 
 
 def position_objects(device: Device | None) -> tuple[tuple[int, int], ...]:

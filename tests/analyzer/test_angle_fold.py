@@ -440,3 +440,56 @@ def test_blocks_do_not_change_the_result(size: int) -> None:
     assert parts.events == whole.events
     for name, column in only(whole).columns.items():
         np.testing.assert_allclose(only(parts).columns[name], column, err_msg=name)
+
+
+def mapped(*objects: int, node: int = 5, **known: int) -> Context:
+    """A node of which nothing is known but the mapping of its TPDO1 that was written to it."""
+    ctx = context()
+    learn(ctx, node, 0x1A00, 0, len(objects), source="sdo-write")
+    for sub, value in enumerate(objects, 1):
+        learn(ctx, node, 0x1A00, sub, value, source="sdo-write")
+    for name, value in known.items():
+        learn(ctx, node, int(name.removeprefix("o"), 16), 0, value)
+    return ctx
+
+
+def test_a_position_mapped_on_an_unknown_node_is_traced_as_raw_counts() -> None:
+    ctx = mapped(0x6004_0020, 0x6030_0110)
+    tables = angles(ctx, ordered([frame(0, 0x185, position(1000, 0, 7))]))
+    trace = only(tables)
+    assert (trace.value[0], trace.unit) == (1000, "counts")
+    assert np.isnan(trace.columns["angle_deg"][0])
+    assert {"cpr", "range", "profile"} <= set(trace.assumed)
+    assert trace.name == "Position value (CiA 406 encoder assumed)"
+    assert flagged(trace, "scale_assumed") == [0]
+    assert not flagged(trace, "out_of_range")
+
+
+def test_the_hardware_scale_of_an_unknown_node_gives_an_angle() -> None:
+    ctx = mapped(0x6004_0020, o6501=4096, o6502=16)
+    trace = only(angles(ctx, ordered([frame(0, 0x185, position(4096 + 1024))])))
+    assert (trace.columns["turn"][0], trace.columns["angle_deg"][0]) == (1, 90)
+    assert "cpr" in trace.assumed
+
+
+def test_slopes_mapped_on_an_unknown_node_need_their_resolution() -> None:
+    frames = ordered([frame(0, 0x185, (-1234).to_bytes(2, "little", signed=True))])
+    counts = only(angles(mapped(0x6010_0010), frames))
+    assert (counts.value[0], counts.unit) == (-1234, "counts")
+    assert {"res", "profile"} <= set(counts.assumed)
+    degrees = only(angles(mapped(0x6010_0010, o6000=10), frames))
+    assert (degrees.value[0], degrees.unit) == (pytest.approx(-12.34), "deg")
+
+
+@pytest.mark.parametrize("device_type", [0x0002_0192, 0x0000_0191, 0x0008_019A])
+def test_another_profile_has_no_encoder_position(device_type: int) -> None:
+    ctx = mapped(0x6004_0020, o1000=device_type)
+    assert angles(ctx, ordered([frame(0, 0x185, position(1000))])).traces == []
+
+
+def test_a_known_profile_is_not_called_assumed() -> None:
+    trace = only(
+        angles(mapped(0x6004_0020, o1000=0x0002_0196), ordered([frame(0, 0x185, position(1000))]))
+    )
+    assert trace.name == "Position value"
+    assert "profile" not in trace.assumed

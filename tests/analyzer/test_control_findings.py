@@ -3,6 +3,7 @@
 import pytest
 
 from syncline_analyzer.results import Finding
+from syncline_analyzer.views.events import emcy_text
 from syncline_schemas.batch import FrameFlag, Gap
 from syncline_schemas.devices import load_device
 from tests.analyzer.control_runs import MS, Row, Run, frame, remote, run
@@ -63,6 +64,61 @@ def test_unexpected_reset() -> None:
     assert finding.evidence == [row_seq(ordered(heartbeats(0, 1000), crash, OTHER), 1050)]
     commanded = [frame(1010, 0x000, "8100")]
     assert run(*ordered(heartbeats(0, 1000), commanded, crash, OTHER)).ids() == []
+
+
+def restarted(after_ms: int, *extra: Row, end_ms: int = 4000) -> list[Row]:
+    """Node 5 is silent from 900 ms on, boots so much later, and goes on."""
+    back = heartbeats(1000 + after_ms, end_ms, state="7F")
+    return ordered(heartbeats(0, 1000), [frame(900 + after_ms, 0x705, "00")], back, list(extra))
+
+
+def test_a_restart_that_outlasts_the_heartbeat_is_an_unexpected_reset_and_no_loss() -> None:
+    result = run(*ordered(restarted(494), OTHER))
+    assert result.ids() == ["nmt.unexpected_reset"]
+    finding = one(result, "nmt.unexpected_reset")
+    assert (finding.severity, finding.node) == ("error", 5)
+    assert (finding.start_ns, finding.end_ns) == (900 * MS, 1394 * MS)
+    assert "after a silence of 494 ms" in finding.text
+    assert result.states(5)[:3] == [
+        ("OPERATIONAL", 0.0, 0.9),
+        ("INITIALISING", 0.9, 1.394),
+        ("PRE-OPERATIONAL", 1.394, result.states(5)[2][2]),
+    ]
+
+
+def test_a_start_command_to_a_node_that_restarts_changes_nothing() -> None:
+    result = run(*ordered(restarted(494, frame(1200, 0x000, "0105")), OTHER))
+    assert result.states(5)[1] == ("INITIALISING", 0.9, 1.394)
+
+
+def test_a_silence_too_long_for_a_restart_is_a_loss() -> None:
+    other = heartbeats(0, 16000, node=9)
+    result = run(*ordered(restarted(10_100, end_ms=16000), other))
+    assert result.ids() == ["nmt.node_lost"]
+    assert "LOST" in [state for state, _, _ in result.states(5)]
+    assert run(*ordered(restarted(9_900, end_ms=16000), other)).ids() == ["nmt.unexpected_reset"]
+
+
+def test_a_node_that_is_reset_because_it_is_silent_was_lost() -> None:
+    result = run(*ordered(restarted(900, frame(1500, 0x000, "8105")), OTHER))
+    assert result.ids() == ["nmt.node_lost"]
+
+
+def test_a_restart_alone_on_the_bus_may_be_a_power_cycle() -> None:
+    finding = one(run(*restarted(494)), "nmt.unexpected_reset")
+    assert finding.severity == "warning"
+    assert "cannot tell" in finding.text
+    sync = [frame(10 * n + 3, 0x080) for n in range(500)]
+    result = run(*ordered(restarted(494), sync))
+    assert one(result, "nmt.unexpected_reset").severity == "error"
+
+
+def test_two_boot_ups_200_ms_apart_are_two_starts() -> None:
+    rows = [frame(0, 0x705, "00"), frame(200, 0x705, "00"), *heartbeats(1000, 4000, state="7F")]
+    finding = one(run(*ordered(rows, OTHER)), "nmt.unexpected_reset")
+    assert "two devices carry this number" in finding.cause
+    pair = [frame(0, 0x705, "00"), frame(85, 0x705, "00"), *heartbeats(1000, 4000, state="7F")]
+    assert run(*ordered(pair, OTHER)).ids() == []
 
 
 def row_seq(rows: list[Row], t_ms: int) -> int:
@@ -268,15 +324,20 @@ def test_losses_that_are_alike_are_one_finding() -> None:
     cycles = [
         row
         for begin in (0, 5000, 12_000)
-        for row in [frame(begin, 0x705, "00"), *heartbeats(begin + 100, begin + 2000)]
+        for node in (5, 9)
+        for row in [
+            frame(begin, 0x700 + node, "00"),
+            *heartbeats(begin + 100, begin + 2000, node=node),
+        ]
     ]
-    result = run(*cycles, frame(20_000, 0x080), frame(21_000, 0x080))
+    result = run(*ordered(cycles), frame(20_000, 0x080), frame(21_000, 0x080))
     lost = [f for f in result.findings() if f.id == "nmt.node_lost"]
     finding, pause = sorted(lost, key=lambda f: f.start_ns)
-    assert (finding.node, pause.node) == (5, None)
+    assert (finding.node, pause.node) == (None, None)
+    assert "nodes 5, 9 came back with a boot-up each time" in finding.text
     assert {finding.severity, pause.severity} == {"warning"}
     assert "2 times (at +1.900 s, +6.900 s) for 3.1 s to 5.1 s" in finding.text
-    assert len(finding.evidence) == 4
+    assert len(finding.evidence) == 8
     shaky = [row for begin in (0, 2000, 5000) for row in heartbeats(begin, begin + 1000)]
     loose = one(run(*ordered(shaky, heartbeats(0, 6000, node=9))), "nmt.node_lost")
     assert "lost 2 times (at +0.900 s, +2.900 s) for 1.1 s to 2.1 s" in loose.text
@@ -287,6 +348,16 @@ def test_a_code_stands_once_in_a_text() -> None:
     beats = [*heartbeats(0, 1100), *heartbeats(1100, 4000, state="04")]
     for finding in run(*ordered(beats, emcy, OTHER)).findings():
         assert finding.text.count("3100h") == 1, finding.text
+
+
+def test_codes_that_nobody_knows_stand_once_in_a_line() -> None:
+    emcy = [frame(1050, 0x085, "1050010000000000"), frame(1060, 0x085, "3412010000000000")]
+    abort = [frame(500, 0x605, READ), frame(501, 0x585, "8000100000000108")]
+    result = run(*ordered(heartbeats(0, 4000), emcy, abort, OTHER))
+    hardware, unknown = map(emcy_text, result.analysis.emcy)
+    assert hardware.startswith("5010h device hardware, raised")
+    assert unknown.startswith("1234h unknown code, further")
+    assert one(result, "sdo.abort").text.count("08010000h") == 1
 
 
 def test_bus_off_of_the_recorder() -> None:
@@ -323,3 +394,44 @@ def test_capture_gap() -> None:
 def test_untimed_captures_yield_no_finding_about_time() -> None:
     rows = [frame(0, 0x705, "05")] * 5 + [frame(0, 0x705, "00"), frame(0, 0x605, READ)]
     assert run(*rows, timed=False).ids() == []
+
+
+@pytest.mark.parametrize("data", ["30810100", "408120", "30"])
+def test_a_malformed_emcy_is_a_finding_of_its_own_and_no_error_story(data: str) -> None:
+    fall = [*heartbeats(0, 1000), *heartbeats(1000, 2000, state="7F")]
+    result = run(*ordered(fall, [frame(950, 0x085, data)], OTHER))
+    finding = one(result, "emcy.malformed")
+    assert (finding.node, finding.severity) == (5, "warning")
+    assert f"{len(data) // 2} instead of 8 bytes" in finding.text
+    assert "nmt.guarding_lost" not in result.ids()
+    assert "after it reported" not in " ".join(f.text for f in result.findings())
+    assert "error.bus_off" not in result.ids()
+    assert run(*ordered(heartbeats(0, 4000), [frame(950, 0x085, data)], OTHER)).ids() == [
+        "emcy.malformed"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("data", "wrong"),
+    [
+        ("01", "1 instead of 2 bytes"),
+        ("010500", "3 instead of 2 bytes"),
+        ("", "0 instead of 2 bytes"),
+        ("9905", "unknown command specifier 99h"),
+        ("01FF", "node number 255"),
+    ],
+)
+def test_frames_on_000h_that_are_no_nmt_commands(data: str, wrong: str) -> None:
+    """CiA 301 7.2.8.3.1: two bytes, five specifiers, nodes 0 to 127."""
+    rows = ordered(OTHER, [frame(1003, 0x000, data), frame(1013, 0x000, data)])
+    result = run(*rows)
+    finding = one(result, "nmt.malformed_command")
+    assert finding.severity == "warning"
+    assert f"{wrong} (2 times)" in finding.text
+    assert finding.evidence == [n for n, row in enumerate(rows) if row[2] == 0]
+    assert len(result.analysis.nmt_commands) == (2 if len(data) == 4 else 0)
+    assert result.ids() == ["nmt.malformed_command"]
+
+
+def test_other_frames_on_000h_accuse_nobody_where_nothing_is_canopen() -> None:
+    assert run(*[frame(10 * n, 0x000, "01020304") for n in range(50)]).ids() == []

@@ -2,9 +2,10 @@
 
 import pytest
 
+from syncline_analyzer.folds.emcy import MAX_EMPTY
 from syncline_analyzer.results import EmcyRow
 from syncline_schemas.devices import load_device
-from tests.analyzer.control_runs import MS, Run, frame, run
+from tests.analyzer.control_runs import MS, Row, Run, frame, run
 
 ALIVE = frame(0, 0x705, "05")
 
@@ -111,3 +112,45 @@ def test_inhibit_time_counts_only_when_it_is_known() -> None:
     assert "emcy.inhibit_time" not in run(ALIVE, *pair).ids()
     wide = [pair[0], frame(160, 0x085, "2082110000000000")]
     assert "emcy.inhibit_time" not in run(ALIVE, *write, *wide).ids()
+
+
+def sync_at_090(count: int, begin_ms: int = 100) -> list[Row]:
+    return [frame(begin_ms + 10 * n, 0x090) for n in range(count)]
+
+
+MOVE_SYNC = [frame(10, 0x605, "2305100090000000"), frame(11, 0x585, "6005100000000000")]
+
+
+@pytest.mark.parametrize("batch", [7, 1 << 20])
+def test_a_sync_moved_by_1005h_is_no_emcy_of_the_number_it_lies_on(batch: int) -> None:
+    """CiA 301 7.5.2.5: any node on the bus tells where the SYNC is."""
+    result = run(ALIVE, frame(5, 0x090), *MOVE_SYNC, *sync_at_090(300), batch=batch)
+    assert [row.seq for row in result.analysis.emcy] == [1]
+    assert list(result.nodes) == [5]
+
+
+def test_an_emcy_of_the_node_whose_identifier_the_sync_took_is_still_told() -> None:
+    both = [*sync_at_090(50), frame(700, 0x090, "2082110000000000"), frame(800, 0x710, "05")]
+    result = run(ALIVE, *MOVE_SYNC, *both)
+    assert [row.code for row in result.analysis.emcy] == [0x8220]
+
+
+def test_empty_frames_in_a_rhythm_of_a_number_without_life_are_no_emcys() -> None:
+    result = run(ALIVE, *sync_at_090(300))
+    assert (result.analysis.emcy, list(result.nodes), result.ids()) == ([], [5], [])
+    alive = run(ALIVE, frame(1, 0x710, "05"), *sync_at_090(20))
+    assert transitions(alive) == ["malformed"] * 20
+
+
+def test_many_empty_frames_leave_room_for_real_emcys() -> None:
+    late = frame(20_000, 0x085, "2082110000000000")
+    result = run(ALIVE, frame(1, 0x710, "05"), *sync_at_090(MAX_EMPTY + 500), late, batch=400)
+    assert len(result.analysis.emcy) == MAX_EMPTY + 1
+    assert result.tables.emcy.dropped == 500
+
+
+def test_a_pdo_bound_to_an_emcy_identifier_is_no_emcy() -> None:
+    bind = [frame(10, 0x605, "2300180191000000"), frame(11, 0x585, "6000180100000000")]
+    pdos = [frame(20 + 10 * n, 0x091, "0102030405060708") for n in range(30)]
+    result = run(ALIVE, *bind, *pdos)
+    assert (result.analysis.emcy, list(result.nodes)) == ([], [5])

@@ -430,3 +430,20 @@ def test_blocks_do_not_change_the_result(size: int) -> None:
         np.testing.assert_array_equal(got.response_us, expected.response_us)
         np.testing.assert_array_equal(got.device_low_us, expected.device_low_us)
         assert got.histogram.sum() == len(got.seq)
+
+
+@pytest.mark.parametrize(
+    ("index", "sub", "value"), [(0x1014, 0, 0x185), (0x1012, 0, 0x8000_0185), (0x1201, 2, 0x185)]
+)
+def test_an_identifier_given_to_another_service_is_no_pdo(index: int, sub: int, value: int) -> None:
+    ctx = context()
+    learn(ctx, 5, index, sub, value, source="sdo-write")
+    frames = ordered([frame(0, 0x185, bytes(8)), frame(MS, 0x186, bytes(8))])
+    assert [row.cob_id for row in timing(ctx, frames).pdos] == [0x186]
+
+
+def test_a_service_that_is_switched_off_takes_no_identifier() -> None:
+    ctx = context()
+    learn(ctx, 5, 0x1014, 0, 0x8000_0185, source="sdo-write")
+    frames = ordered([frame(0, 0x185, bytes(8))])
+    assert [row.cob_id for row in timing(ctx, frames).pdos] == [0x185]

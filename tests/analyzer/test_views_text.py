@@ -82,7 +82,11 @@ def test_captures_without_times_nodes_or_frames_say_so() -> None:
     assert "The log has no times" in summary(untimed())
     assert "4:10" not in summary(untimed())
     assert "No frame proves a CANopen node" in summary(analysis())
-    assert "No frames in this capture" in summary(analysis(capture=capture_row(frames=0)))
+    empty = summary(analysis(capture=capture_row(frames=0, start_utc_ns=None)))
+    assert "No frames in this capture" in empty
+    assert "no frames." in empty
+    assert "no date" not in empty
+    assert "resolution" not in empty
     undated = analysis(capture=capture_row(start_utc_ns=None), nodes=[node_row()])
     assert "The log has no date" in summary(undated)
     assert "1970" not in summary(undated)

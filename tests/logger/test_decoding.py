@@ -10,6 +10,7 @@ from syncline_logger.node_objects import NodeObjects, PdoBinding
 from syncline_schemas.batch import FrameBatch, FrameFlag
 from syncline_schemas.description import BusDescription
 from syncline_schemas.devices.model import emcy_meaning
+from syncline_schemas.proto import syncline_pb2
 
 DESCRIPTION = BusDescription.loads(
     "".join(
@@ -72,6 +73,40 @@ def test_a_malformed_message_is_left_out() -> None:
         (4, 0, 0x100, 0, 5, bytes(5)),
     ]
     assert decode(*rows).blocks == []
+
+
+def test_every_byte_and_every_length_of_sync_and_heartbeat() -> None:
+    """Read back with protobuf's own decoder; frames that are no such message are left out."""
+    rows: list[Row] = []
+    for n in range(256):
+        rows.append((n, 0, 0x080, 0, 1, bytes([n])))
+        rows.append((n, 0, 0x080, 0, 0, b""))
+        rows.append((n, 0, 0x080, 0, 3, bytes(3)))
+        rows.append((n, 0, 0x705, 0, 1, bytes([n])))
+        rows.append((n, 0, 0x705, 0, 2, bytes([n, 0])))
+    blocks: dict[str, list[bytes]] = {}
+    stamps: dict[str, list[int]] = {}
+    for spec, block in decode(*rows).blocks:
+        begins = np.cumsum(block.length) - block.length
+        for begin, length in zip(begins.tolist(), block.length.tolist(), strict=True):
+            payload = block.payload[begin : begin + length].tobytes()
+            blocks.setdefault(spec.topic, []).append(payload)
+        stamps.setdefault(spec.topic, []).extend(block.publish_time_ns.tolist())
+    syncs = [syncline_pb2.Sync.FromString(each) for each in blocks["/canopen/a/sync"]]
+    counters = [each.counter if each.HasField("counter") else None for each in syncs]
+    assert counters == [each for n in range(256) for each in (n, None)]
+    assert stamps["/canopen/a/sync"] == [n for n in range(256) for _ in range(2)]
+    beats = [
+        syncline_pb2.Heartbeat.FromString(each) for each in blocks["/canopen/a/node5/heartbeat"]
+    ]
+    assert [(each.state, each.toggle, each.boot_up) for each in beats] == [
+        (n & 0x7F, n >> 7, n == 0) for n in range(256)
+    ]
+    assert stamps["/canopen/a/node5/heartbeat"] == list(range(256))
+    names = {n: each.state_name for n, each in enumerate(beats)}
+    known = {0: "boot-up", 4: "STOPPED", 5: "OPERATIONAL", 0x7F: "PRE-OPERATIONAL"}
+    assert {n: names[n] for n in known} == known
+    assert (names[0x85], names[0x33], names[0x80]) == ("OPERATIONAL", "unknown 33h", "INITIALISING")
 
 
 def test_what_is_off_on_one_bus_goes_on_on_the_other(monkeypatch: pytest.MonkeyPatch) -> None:

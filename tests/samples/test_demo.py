@@ -33,9 +33,20 @@ def test_the_bad_day_is_found_as_scripted(tmp_path: Path) -> None:
     assert code == 0, output
     wanted = len(bad_day().start().truth.required())
     assert f"{wanted} of {wanted} scripted faults found, 0 findings" in output
+    assert ", 1 recorder gap.\n" in output
     for name in ("bad_day.mcap", "report.html", "session.rrd"):
         assert (tmp_path / name).stat().st_size > 10_000
     assert list((tmp_path / "tables").glob("*.parquet"))
+
+
+def test_a_missing_package_is_told_before_the_day_begins(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(demo, "NEEDED", ("pandas", "no_such_package"))
+    with pytest.raises(ModuleNotFoundError) as raised:
+        run("--out", str(tmp_path))
+    assert raised.value.name == "no_such_package"
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_second_demo_replaces_the_first(tmp_path: Path) -> None:

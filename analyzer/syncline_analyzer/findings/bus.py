@@ -81,7 +81,7 @@ def _node_off_story(control: ControlTables, context: Context, rows: list[EmcyRow
     timeline = control.nmt.timelines.get((number, first.node))
     lost = [
         stretch
-        for stretch in (timeline.lost if timeline else ())
+        for stretch in ((*timeline.lost, *timeline.restarts) if timeline else ())
         if stretch.last_ns <= last.t_ns and first.t_ns - stretch.end_ns <= TOGETHER_NS
     ]
     fall = _fall(timeline, rows, lost) if timeline else None

@@ -20,6 +20,7 @@ def find(analysis: Analysis, control: ControlTables, context: Context) -> list[F
         *_active(analysis, control, context),
         *_before(analysis, control),
         *_too_soon(control),
+        *_malformed(analysis),
     ]
 
 
@@ -128,5 +129,29 @@ def _too_soon(control: ControlTables) -> Iterator[Finding]:
             f" {found[0].inhibit_us:.0f} us).",
             "1015h is not in effect, or the recorder's stamps are not exact.",
             "Read 1015h back.",
+            [row.seq for row in found[:20]],
+        )
+
+
+def _malformed(analysis: Analysis) -> Iterator[Finding]:
+    """EMCYs that are too short to tell an error (CiA 301 7.2.7.3: eight bytes)."""
+    rows = [row for row in analysis.emcy if row.transition == "malformed"]
+    rows.sort(key=lambda row: (row.bus, row.node, row.seq))
+    for (bus, node), group in groupby(rows, key=lambda row: (row.bus, row.node)):
+        found = list(group)
+        yield Finding(
+            "emcy.malformed",
+            "warning",
+            bus,
+            node,
+            found[0].t_ns,
+            found[-1].t_ns,
+            f"{counted(len(found), 'frame')} on the EMCY identifier of node {node}"
+            f" {'does' if len(found) == 1 else 'do'} not have eight bytes (the first is an"
+            f" {found[0].meaning}): no error is concluded from"
+            f" {'it' if len(found) == 1 else 'them'}.",
+            "The device does not keep to CiA 301, or the identifier carries something else than"
+            " EMCYs.",
+            "Look at the frames; read 1014h of the node and 1005h of all nodes.",
             [row.seq for row in found[:20]],
         )

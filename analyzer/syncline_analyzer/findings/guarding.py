@@ -18,7 +18,9 @@ def guarding_stories(
     analysis: Analysis, control: ControlTables, context: Context
 ) -> Iterator[Finding]:
     """EMCY 8130h: a node missed its master, not the other way round."""
-    rows = [row for row in analysis.emcy if row.code == LIFE_GUARD]
+    rows = [
+        row for row in analysis.emcy if row.code == LIFE_GUARD and row.transition != "malformed"
+    ]
     rows.sort(key=lambda row: (row.bus, row.node, row.t_ns))
     for (bus, node), group in groupby(rows, key=lambda row: (row.bus, row.node)):
         yield from _guarding_of(analysis, control, context, bus, node, list(group))
@@ -81,7 +83,7 @@ def _silent_before(control: ControlTables, key: NodeKey, t_ns: int) -> tuple[str
         (lost.last_ns, other[1], lost)
         for other, timeline in control.nmt.timelines.items()
         if other[0] == key[0] and other != key
-        for lost in timeline.lost
+        for lost in (*timeline.lost, *timeline.restarts)
         if lost.last_ns <= t_ns <= lost.end_ns and t_ns - lost.last_ns <= STORY_NS
     ]
     if losses:

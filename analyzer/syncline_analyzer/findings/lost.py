@@ -51,7 +51,7 @@ def lost_nodes(
         (lost.last_ns, key, lost)
         for key, timeline in control.nmt.timelines.items()
         for lost in timeline.lost
-        if lost.last_seq not in told and not _was_bus_off(analysis, context, key, lost)
+        if lost.last_seq not in told and not was_bus_off(analysis, context, key, lost)
     ]
     entries.sort(key=lambda entry: (entry[1][0], entry[0], entry[1]))
     losses = [_loss(control, context, [e]) for e in entries if not e[2].whole_bus]
@@ -156,11 +156,12 @@ def _lasted(losses: list[_Loss]) -> str:
     return short if short == long else f"{short} to {long}"
 
 
-def _was_bus_off(analysis: Analysis, context: Context, key: NodeKey, lost: Lost) -> bool:
+def was_bus_off(analysis: Analysis, context: Context, key: NodeKey, lost: Lost) -> bool:
     """Whether the node says afterwards that it was bus-off: that finding tells the silence too."""
     bus = context.bus_name(key[0])
     return any(
         (row.bus, row.node) == (bus, key[1])
+        and row.transition != "malformed"
         and row.code is not None
         and tells_bus_off(row.code, row.meaning)
         and lost.start_ns <= row.t_ns <= lost.end_ns + STORY_NS

@@ -1,15 +1,17 @@
 """Findings on NMT: nodes lost, resets nobody asked for, commands ignored, guarding (analysis.md 4)."""
 
+from collections import Counter
 from collections.abc import Iterable, Iterator
+from collections.abc import Set as AbstractSet
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.findings.bus import tells_bus_off
 from syncline_analyzer.findings.guarding import STORY_NS, guarding_stories
-from syncline_analyzer.findings.lost import BOOT_UP_NS, lost_nodes
-from syncline_analyzer.findings.stretch import counted, error_name, moment, seconds
+from syncline_analyzer.findings.lost import BOOT_UP_NS, EVIDENCE, lost_nodes, was_bus_off
+from syncline_analyzer.findings.stretch import LISTED, counted, error_name, moment, seconds
 from syncline_analyzer.folds.control import ControlTables
 from syncline_analyzer.folds.nmt import BootUp, NodeKey
-from syncline_analyzer.folds.nmt_events import Ignored, Violation
+from syncline_analyzer.folds.nmt_events import Ignored, Lost, Violation
 from syncline_analyzer.folds.nmt_timeline import Timeline
 from syncline_analyzer.results import Analysis, EmcyRow, Finding
 from syncline_schemas.canopen.nmt import command_name
@@ -28,14 +30,18 @@ DOUBLED = 10
 def find(analysis: Analysis, control: ControlTables, context: Context) -> list[Finding]:
     """All findings of this family; causes come before what follows from them."""
     if not context.timed:
-        return [*_both(control, context), *_toggles(control, context)]
+        return [
+            *_both(control, context),
+            *_toggles(control, context),
+            *_malformed(control, context),
+        ]
     stories = list(guarding_stories(analysis, control, context))
     doubled = list(_doubled(control, context))
     told = {(f.bus, f.node) for f in [*stories, *doubled]}
     twins = {(f.bus, f.node) for f in doubled}
     masters = {seq for finding in stories for seq in finding.evidence}
     single = [
-        *_unexpected_resets(analysis, control, context),
+        *_unexpected_resets(analysis, control, context, masters),
         *_ignored(control, context),
     ]
     return [
@@ -47,14 +53,19 @@ def find(analysis: Analysis, control: ControlTables, context: Context) -> list[F
         *(f for f in _fell(analysis, control, context) if not _within(f, stories, twins)),
         *_both(control, context),
         *_toggles(control, context),
+        *_malformed(control, context),
         *(f for f in _slow(control, context) if (f.bus, f.node) not in twins),
     ]
 
 
 def _unexpected_resets(
-    analysis: Analysis, control: ControlTables, context: Context
+    analysis: Analysis, control: ControlTables, context: Context, told: AbstractSet[int]
 ) -> Iterator[Finding]:
-    """Boot-ups without a reset command before them; those after a lost stretch belong to it."""
+    """Boot-ups without a reset command before them; those after a lost stretch belong to it.
+
+    Left out are those that another story tells, by the frame before the silence (`told`) or
+    because the node says that it was bus-off.
+    """
     for boot in control.nmt.boot_ups:
         key = (context.buses.index(boot.bus) if boot.bus in context.buses else 0, boot.node)
         timeline = control.nmt.timelines[key]
@@ -64,26 +75,56 @@ def _unexpected_resets(
             continue
         if _recent_command(control, boot) or _reset_by_sdo(analysis, context, key, boot):
             continue
-        pair = [b for b in control.nmt.boot_ups if b.repeated and 0 < b.t_ns - boot.t_ns < 10**9]
-        pair = [b for b in pair if (b.bus, b.node) == (boot.bus, boot.node)]
-        watchdog = _watchdog_emcy(analysis, boot)
-        twice = f" (two boot-up frames, {seconds(pair[0].t_ns - boot.t_ns)} apart)" if pair else ""
-        yield Finding(
-            "nmt.unexpected_reset",
-            "error",
-            boot.bus,
-            boot.node,
-            boot.t_ns,
-            boot.t_ns,
-            f"Node {boot.node} restarted at {moment(analysis, boot.t_ns)} although no reset was"
-            f" commanded in the 10 s before{twice}.{_disguise(boot)}",
-            f"Its watchdog reset it (EMCY {watchdog.code:04X}h)."
-            if watchdog
-            else "Short break of its supply, watchdog, or a crash of its firmware.",
-            "Measure the node's supply under load; look at its error memory (1003h) and for a"
-            " watchdog EMCY after the boot-up.",
-            [boot.seq, *(b.seq for b in pair[:1]), *([watchdog.seq] if watchdog else [])],
-        )
+        silence = next((r for r in timeline.restarts if r.end_seq == boot.seq), None)
+        if silence is not None and (
+            silence.last_seq in told or was_bus_off(analysis, context, key, silence)
+        ):
+            continue
+        yield _unexpected_reset(analysis, control, boot, silence)
+
+
+def _unexpected_reset(
+    analysis: Analysis, control: ControlTables, boot: BootUp, silence: Lost | None
+) -> Finding:
+    """The restart with the silence before it, a second boot-up frame, and the node's own word."""
+    own = [b for b in control.nmt.boot_ups if (b.bus, b.node) == (boot.bus, boot.node)]
+    pair = [b for b in own if b.repeated and 0 < b.t_ns - boot.t_ns < BOOT_UP_NS][:1]
+    again = any(not b.repeated and 0 < boot.t_ns - b.t_ns < BOOT_UP_NS for b in own)
+    watchdog = _watchdog_emcy(analysis, boot)
+    text = f"Node {boot.node} restarted at {moment(analysis, boot.t_ns)} although no reset was"
+    text += " commanded in the 10 s before"
+    if silence is not None:
+        text += f", after a silence of {seconds(silence.end_ns - silence.last_ns)}"
+    text += f" (two boot-up frames, {seconds(pair[0].t_ns - boot.t_ns)} apart)" if pair else ""
+    text += f".{_disguise(boot)}"
+    alone = silence is not None and silence.whole_bus
+    if alone:
+        text += " No other node is on the bus and nobody was heard meanwhile: the capture cannot"
+        text += " tell whether the node restarted or the whole machine was switched off and on."
+    cause = "Short break of its supply, watchdog, or a crash of its firmware."
+    if watchdog:
+        cause = f"Its watchdog reset it (EMCY {watchdog.code:04X}h)."
+    elif again:
+        cause = "Its supply is not steady when it is switched on, or two devices carry this number"
+        cause += " and each sent its own boot-up."
+    return Finding(
+        "nmt.unexpected_reset",
+        "warning" if alone else "error",
+        boot.bus,
+        boot.node,
+        silence.last_ns if silence else boot.t_ns,
+        boot.t_ns,
+        text,
+        cause,
+        "Measure the node's supply under load; look at its error memory (1003h) and for a"
+        " watchdog EMCY after the boot-up.",
+        [
+            *([silence.last_seq] if silence else []),
+            boot.seq,
+            *(b.seq for b in pair),
+            *([watchdog.seq] if watchdog else []),
+        ],
+    )
 
 
 def _disguise(boot: BootUp) -> str:
@@ -211,6 +252,7 @@ def _fell(analysis: Analysis, control: ControlTables, context: Context) -> Itera
                 row
                 for row in analysis.emcy
                 if (row.bus, row.node) == (name, node)
+                and row.transition != "malformed"
                 and row.code is not None
                 and row.code >> 8
                 and 0 <= t_ns - row.t_ns <= STORY_NS
@@ -318,6 +360,29 @@ def _toggles(control: ControlTables, context: Context) -> Iterator[Finding]:
             "The node does not keep to CiA 301, two devices answer, or frames were not recorded.",
             "Compare with another recorder; look for a second device under this number.",
             nmt.toggle_seqs[:20],
+        )
+
+
+def _malformed(control: ControlTables, context: Context) -> Iterator[Finding]:
+    """Frames on 000h that no node can follow, on buses that show CANopen otherwise."""
+    for bus in sorted({odd.bus for odd in control.nmt.odd} & control.nmt.canopen):
+        found = [odd for odd in control.nmt.odd if odd.bus == bus]
+        more = "More than " if control.nmt.malformed > len(control.nmt.odd) else ""
+        kinds = Counter(odd.what for odd in found)
+        what = "; ".join(f"{k} ({n} times)" if n > 1 else k for k, n in kinds.most_common(LISTED))
+        yield Finding(
+            "nmt.malformed_command",
+            "warning",
+            context.bus_name(bus),
+            None,
+            found[0].t_ns,
+            found[-1].t_ns,
+            f"{more}{counted(len(found), 'frame')} on 000h"
+            f" {'is not an NMT command' if len(found) == 1 else 'are no NMT commands'}: {what}.",
+            "An error in the program of a master, or a device that sends on the identifier of the"
+            " NMT master.",
+            "Find the sender; 000h has the highest priority on the bus and commands every node.",
+            [odd.seq for odd in found[:EVIDENCE]],
         )
 
 

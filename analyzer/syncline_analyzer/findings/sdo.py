@@ -118,7 +118,8 @@ def _explained(control: ControlTables, context: Context, row: SdoRow) -> bool:
     timeline = control.nmt.timelines.get((context.buses.index(row.bus), row.node))
     if timeline is None:
         return False
-    if any(lost.last_ns <= row.end_ns and row.start_ns < lost.end_ns for lost in timeline.lost):
+    gone = [*timeline.lost, *timeline.restarts]
+    if any(lost.last_ns <= row.end_ns and row.start_ns < lost.end_ns for lost in gone):
         return True
     return any(
         interval.state.value == "INITIALISING"

@@ -37,12 +37,12 @@ def counted(number: int, noun: str) -> str:
 
 
 def error_name(code: int, meaning: str) -> str:
-    """An EMCY code in words, with the code once.
+    """An EMCY code in words, with the code.
 
-    >>> error_name(0x3100, "mains voltage (3100h)"), error_name(0x1000, "generic error")
-    ('mains voltage (3100h)', 'generic error (1000h)')
+    >>> error_name(0x3100, "mains voltage")
+    'mains voltage (3100h)'
     """
-    return meaning if f"{code:04X}h" in meaning else f"{meaning} ({code:04X}h)"
+    return f"{meaning} ({code:04X}h)"
 
 
 def several(moments: list[str]) -> str:

@@ -19,8 +19,8 @@ from syncline_schemas.batch import Gap
 from syncline_schemas.decoder import decode_nmt
 from syncline_schemas.devices import Device, Jump, quirks
 from syncline_schemas.measurement import (
-    EncoderScale,
     encoder_scale,
+    measured_by,
     position_objects,
     tilt_axis,
     tilt_scale,
@@ -41,6 +41,8 @@ _SCALE_ROLES = (
     "definition",
 )
 """Roles of objects in a device's `measurement` that make its scale."""
+_STANDARD_SCALE = tuple((index, 0) for index in (0x6000, 0x6001, 0x6002, 0x6501, 0x6502))
+"""Objects of the scale in CiA 406 and CiA 410."""
 
 
 class Cut(NamedTuple):
@@ -230,14 +232,19 @@ class AngleFold:
 
         index = number >> 8
         overrides = self._context.overrides(bus, node)
-        if device is None:
-            return Encoder(_generic_scale(lookup(0x6001, 0), lookup(0x6002, 0)))
-        axis = tilt_axis(device, index)
+        device_type = shadow.number(bus, node, 0x1000, 0, seq)
+        by, is_assumed = measured_by(device, device_type, index, number & 0xFF)
+        profile = ("profile",) if is_assumed else ()
+        axis = tilt_axis(by, index)
         if axis is not None:
-            scale = tilt_scale(device, lookup, overrides)
-            return Tilt(scale, scale.axes[axis], piece.entry.bits)
-        if (index, number & 0xFF) in position_objects(device):
-            return Encoder(encoder_scale(device, lookup, overrides))
+            tilt = tilt_scale(by, lookup, overrides)
+            if by is not device and "res" in tilt.assumed:
+                return Plain(1.0, "counts", ("res", *profile))
+            tilt = replace(tilt, assumed=(*tilt.assumed, *profile))
+            return Tilt(tilt, tilt.axes[axis], piece.entry.bits)
+        if by is not None:
+            encoder = encoder_scale(by, lookup, overrides)
+            return Encoder(replace(encoder, assumed=(*encoder.assumed, *profile)))
         return Plain(piece.entry.scale, piece.entry.unit)
 
     def _cuts(self, block: Block, bus: int, node: int, last_seq: int) -> list[Cut]:
@@ -270,8 +277,9 @@ class AngleFold:
 
 def scale_objects(device: Device | None) -> list[tuple[int, int]]:
     """Objects on which the scale of a device's traces rests."""
-    if device is None:
-        return [(0x6001, 0), (0x6002, 0)]
+    if not position_objects(device):
+        return [(0x1000, 0), *_STANDARD_SCALE]
+    assert device is not None
     keys = [device.measurement[role] for role in _SCALE_ROLES if role in device.measurement]
     flags = [device.measurement.get(role) for role in ("direction", "scaling")]
     return keys + [flag["object"] for flag in flags if flag]
@@ -280,18 +288,6 @@ def scale_objects(device: Device | None) -> list[tuple[int, int]]:
 def _cut(state: TraceState, cut: Cut) -> None:
     if cut.text:
         state.cut(cut.seq, cut.t_ns, cut.text)
-
-
-def _generic_scale(
-    per_turn: tuple[int, bool] | None, total: tuple[int, bool] | None
-) -> EncoderScale:
-    """Scale of an encoder of which only the objects of CiA 406 are known."""
-    known = {"cpr": per_turn, "range": total}
-    return EncoderScale(
-        per_turn[0] if per_turn and per_turn[0] > 0 else None,
-        total[0] if total and total[0] > 0 else None,
-        assumed=tuple(name for name, value in known.items() if value and value[1]),
-    )
 
 
 def _resets(block: Block, bus: int, node: int) -> Iterator[Cut]:

@@ -63,5 +63,7 @@ class ControlFold:
         nmt = self._nmt.finish(end_ns, clock, answering, self._emcy.communication_errors())
         buses = {self._context.bus_name(bus) for bus in nmt.canopen}
         sdo = replace(sdo, rows=[row for row in sdo.rows if row.bus in buses])
-        emcy = self._emcy.finish(nmt.boot_ups, nmt.canopen)
+        alive = {key for key, count in sdo.counts.items() if count.confirmed}
+        alive |= {key for key, node in nmt.nodes.items() if node.alive or node.pdos == "bound"}
+        emcy = self._emcy.finish(nmt.boot_ups, nmt.canopen, alive)
         return ControlTables(nmt, sdo, emcy, clock, self._bus_errors.finish())

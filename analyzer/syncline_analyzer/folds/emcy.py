@@ -6,12 +6,13 @@ from itertools import pairwise
 from typing import Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.fold import IndexedBatch
+from syncline_analyzer.folds.emcy_ids import SYNC_BYTES, EmcyIds, beats_like_sync
 from syncline_analyzer.folds.nmt import BootUp
 from syncline_analyzer.results import EmcyRow, ErrorRow
-from syncline_schemas.canopen.services import Service
 from syncline_schemas.devices import Device, emcy_details, emcy_meaning, register_bits
 
 STORM_COUNT = 10
@@ -19,6 +20,8 @@ STORM_COUNT = 10
 STORM_NS = 1_000_000_000
 MAX_MESSAGES = 1_000_000
 """EMCY messages that become rows; the rest is only counted."""
+MAX_EMPTY = 1000
+"""Frames of a node without room for an error code that become rows; the rest is only counted."""
 _EXTENDED = 0x20000000
 _COMMUNICATION = (b"\x75", b"\x81")
 
@@ -79,6 +82,8 @@ class EmcyFold:
     def __init__(self, context: Context) -> None:
         self._context = context
         self._messages: dict[NodeKey, list[_Message]] = {}
+        self._ids = EmcyIds(context)
+        self._empty: dict[NodeKey, int] = {}
         self._kept = 0
         self._dropped = 0
 
@@ -86,7 +91,8 @@ class EmcyFold:
         """Take in the next frames."""
         moved = self._moved()
         wanted = [batch.rows(bus, can_id) for bus, can_id in moved]
-        rows = np.unique(np.concatenate([batch.rows_of(Service.EMCY), *wanted]))
+        rows = np.unique(np.concatenate([self._ids.rows(batch), *wanted]))
+        rows = self._without_most_empty(batch, rows)
         frames = batch.frames
         self._dropped += max(0, len(rows) - (MAX_MESSAGES - self._kept))
         rows = rows[: MAX_MESSAGES - self._kept]
@@ -97,18 +103,42 @@ class EmcyFold:
             message = _Message(batch.seq(row), int(frames.t_ns[row]), frames.payload(row))
             self._messages.setdefault((bus, node), []).append(message)
 
+    def _without_most_empty(self, batch: IndexedBatch, rows: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Leave out frames without content beyond the first of each sender: most likely a SYNC."""
+        frames = batch.frames
+        keep = np.ones(len(rows), np.bool_)
+        empty = np.flatnonzero(frames.dlc[rows] <= SYNC_BYTES)
+        sender = frames.bus[rows[empty]].astype(np.int64) << 11 | frames.can_id[rows[empty]]
+        for number in np.unique(sender).tolist():
+            mine = empty[sender == number]
+            key = (number >> 11, number & 0x7FF)
+            seen = self._empty.get(key, 0)
+            self._empty[key] = seen + len(mine)
+            keep[mine[max(0, MAX_EMPTY - seen) :]] = False
+        self._dropped += int(np.count_nonzero(~keep))
+        return rows[keep]
+
     def communication_errors(self) -> dict[NodeKey, list[int]]:
         """Times of the EMCYs that tell of a communication error (75xxh, 81xxh) by node [ns]."""
         return {
-            key: [m.t_ns for m in messages if m.data[1:2] in _COMMUNICATION]
+            key: [m.t_ns for m in messages if len(m.data) >= 8 and m.data[1:2] in _COMMUNICATION]
             for key, messages in self._messages.items()
         }
 
-    def finish(self, boot_ups: Sequence[BootUp], buses: Collection[int]) -> EmcyTable:
-        """All rows and errors on these buses; a boot-up ends what was active on its node."""
+    def finish(
+        self,
+        boot_ups: Sequence[BootUp],
+        buses: Collection[int],
+        alive: Collection[NodeKey] = frozenset(),
+    ) -> EmcyTable:
+        """All rows and errors on these buses; a boot-up ends what was active on its node.
+
+        Frames without content in a steady rhythm are no EMCYs of a number that is not `alive`
+        otherwise: most likely a SYNC that was moved before the capture.
+        """
         table = EmcyTable(dropped=self._dropped)
         for (bus, node), messages in self._messages.items():
-            if bus not in buses:
+            if bus not in buses or ((bus, node) not in alive and _rhythmic(messages)):
                 continue
             name = self._context.bus_name(bus)
             starts = [boot for boot in boot_ups if (boot.bus, boot.node) == (name, node)]
@@ -153,6 +183,10 @@ class EmcyFold:
             for a, b in pairwise(messages)
             if 0 <= b.t_ns - a.t_ns < inhibit_ns - slack_ns and b.seq > (known.seq or 0)
         ]
+
+
+def _rhythmic(messages: list[_Message]) -> bool:
+    return beats_like_sync([m.t_ns for m in messages], [len(m.data) for m in messages])
 
 
 @dataclass(slots=True)

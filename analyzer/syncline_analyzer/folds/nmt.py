@@ -12,6 +12,7 @@ from syncline_analyzer.context import Context
 from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.folds.cadence import Doubles, Twins
 from syncline_analyzer.folds.clock import ClockTable
+from syncline_analyzer.folds.emcy_ids import SYNC_BYTES
 from syncline_analyzer.folds.error_control import Columns, ErrorControl, reset_mark
 from syncline_analyzer.folds.nmt_events import (
     Command,
@@ -19,6 +20,7 @@ from syncline_analyzer.folds.nmt_events import (
     Interval,
     Lateness,
     NodeHistory,
+    OddCommand,
     Pause,
     PdoSpan,
     Violation,
@@ -33,6 +35,9 @@ from syncline_schemas.canopen.services import Service
 
 RESETS = (0x81, 0x82)
 SYNC_ID = 0x080
+MAX_NODE = 127
+MAX_ODD = 1000
+"""Frames on 000h that are no NMT commands and are kept one by one."""
 MAX_SPANS = 20_000
 """Stretches of PDOs kept per node."""
 
@@ -45,7 +50,7 @@ NodeKey = tuple[int, int]
 class BootUp(NamedTuple):
     """A boot-up of a node and the reset that explains it, if any.
 
-    `repeated` marks the second frame of a pair within a second of the first.
+    `repeated` marks the second frame of a pair that one start of the device sends.
     """
 
     bus: str
@@ -94,7 +99,9 @@ class NmtTable:
     canopen: frozenset[int] = frozenset()
     """Numbers of the buses on which something shows CANopen."""
     malformed: int = 0
-    """Frames on 000h that do not have two bytes."""
+    """Frames on 000h that are no NMT command: length, specifier or node number."""
+    odd: list[OddCommand] = field(default_factory=list)
+    """The first of them."""
     timelines: dict[NodeKey, Timeline] = field(default_factory=dict)
 
 
@@ -110,6 +117,7 @@ class NmtFold:
         self._first_ns: int | None = None
         self._commands: dict[int, list[Command]] = {}
         self._malformed = 0
+        self._odd: list[OddCommand] = []
         self._control: dict[NodeKey, ErrorControl] = {}
         self._pdos: dict[NodeKey, _Pdos] = {}
         self._gaps: dict[int | None, list[tuple[int, Gap]]] = {}
@@ -169,11 +177,14 @@ class NmtFold:
             first_ns=self._first_ns or 0,
             end_ns=end_ns,
             malformed=self._malformed,
+            odd=self._odd,
             canopen=frozenset(shown),
         )
         spans = self._spans(shown)
-        for key in sorted(alive | set(spans)):
-            self._tell(table, key, spans.get(key, []), end_ns, clock)
+        told = sorted(alive | set(spans))
+        for key in told:
+            alone = sum(bus == key[0] for bus, _ in told) == 1
+            self._tell(table, key, spans.get(key, []), end_ns, clock, alone)
         for bus, commands in sorted(self._commands.items()):
             table.commands.extend(self._command_row(bus, command, table) for command in commands)
         table.commands.sort(key=lambda row: row.seq)
@@ -208,7 +219,7 @@ class NmtFold:
                 continue
             rows = batch.rows(bus, 0)
             good = rows[batch.frames.dlc[rows] == 2]
-            self._malformed += len(rows) - len(good)
+            self._take_odd(batch, bus, rows)
             kept = self._commands.setdefault(bus, [])
             for row in good.tolist():
                 specifier, node = batch.frames.data[row, :2].tolist()
@@ -217,11 +228,23 @@ class NmtFold:
                     resets.append(Reset(row, bus, node))
         return resets
 
+    def _take_odd(self, batch: IndexedBatch, bus: int, rows: NDArray[np.intp]) -> None:
+        """Note the frames on 000h that no node can follow (CiA 301 7.2.8.3.1)."""
+        frames = batch.frames
+        length, data = frames.dlc[rows], frames.data[rows]
+        known = np.isin(data[:, 0], list(COMMANDS)) & (data[:, 1] <= MAX_NODE)
+        odd = rows[(length != 2) | ~known]
+        self._malformed += len(odd)
+        for row in odd[: MAX_ODD - len(self._odd)].tolist():
+            what = _wrong_with(frames.payload(row))
+            self._odd.append(OddCommand(bus, batch.seq(row), int(frames.t_ns[row]), what))
+
     def _owners(self, batch: IndexedBatch) -> NDArray[np.uint16]:
         """(n,) number of the frame's sender as bus << 7 | node; 0 in the low bits: not known."""
         frames = batch.frames
         owner = np.zeros(len(batch), np.uint16)
         sent = batch.rows_of(Service.EMCY, Service.SDO_ANSWER, Service.ERROR_CONTROL)
+        sent = sent[(batch.service[sent] != Service.EMCY) | (frames.dlc[sent] > SYNC_BYTES)]
         owner[sent] = (frames.bus[sent].astype(np.uint16) << 7) | batch.node[sent]
         for bus in {bus for bus, _ in batch.ids()}:
             self._bindings.refresh(bus)
@@ -312,6 +335,7 @@ class NmtFold:
         spans: list[PdoSpan],
         end_ns: int,
         clock: ClockTable,
+        alone: bool,
     ) -> None:
         control = self._control.get(key) or ErrorControl(timed=self._context.timed)
         commands = [c for c in self._commands.get(key[0], []) if c.node in (0, key[1])]
@@ -328,6 +352,7 @@ class NmtFold:
             first_ns=self._first_ns or 0,
             end_ns=end_ns,
             period_ns=control.slowest_ns(),
+            alone=alone,
             communication_errors=self._errors.get(key, ()),
         )
         timeline = Timeline(self._context, history, clock)
@@ -430,6 +455,19 @@ class _Pdos:
     def _close(self, span: PdoSpan) -> None:
         if len(self._closed) < MAX_SPANS:
             self._closed.append(span)
+
+
+def _wrong_with(data: bytes) -> str:
+    """What keeps two bytes on 000h from being an NMT command.
+
+    >>> _wrong_with(b""), _wrong_with(bytes((0x99, 5))), _wrong_with(bytes((1, 255)))
+    ('0 instead of 2 bytes', 'unknown command specifier 99h', 'node number 255')
+    """
+    if len(data) != 2:
+        return f"{len(data)} instead of 2 bytes"
+    wrong = [f"unknown command specifier {data[0]:02X}h"] if data[0] not in COMMANDS else []
+    wrong += [f"node number {data[1]}"] if data[1] > MAX_NODE else []
+    return ", ".join(wrong)
 
 
 def _by_node(batch: IndexedBatch, owner: NDArray[np.uint16]) -> dict[NodeKey, NDArray[np.intp]]:

@@ -80,6 +80,15 @@ class Command(NamedTuple):
     node: int
 
 
+class OddCommand(NamedTuple):
+    """A frame on 000h that is no NMT command, and what is wrong with it."""
+
+    bus: int
+    seq: int
+    t_ns: int
+    what: str
+
+
 @dataclass(slots=True)
 class PdoSpan:
     """PDOs of one identifier between two events that may change the node's state.
@@ -130,6 +139,8 @@ class NodeHistory:
     first_ns: int
     end_ns: int
     period_ns: int | None
+    alone: bool = False
+    """Whether no other node is known on its bus."""
     communication_errors: Sequence[int] = ()
     """Times of its EMCYs that tell of a communication error (75xxh, 81xxh)."""
 
@@ -168,7 +179,7 @@ class Lateness(NamedTuple):
 
 
 class Lost(NamedTuple):
-    """A stretch in which the node was silent for too long."""
+    """A stretch in which the node was silent for too long, LOST or while it restarted."""
 
     start_ns: int
     end_ns: int

@@ -34,8 +34,11 @@ RESET_MARGIN_NS = 1_000_000_000
 """Added to the silence that a device's maker allows after a reset [ns]."""
 RESET_QUIET_NS = 4_000_000_000
 """Silence after a reset command that is not held against a node of unknown make [ns]."""
-PAIR_NS = 1_000_000_000
-"""A second boot-up this soon after the first belongs to the same start [ns]."""
+PAIR_NS = 150_000_000
+"""A second boot-up this soon after the first belongs to the same start [ns]: devices that send a
+pair have 45 ms and 85 ms between the two."""
+RESTART_NS = 10_000_000_000
+"""A silence that a boot-up ends is a restart up to this length, longer ones are losses [ns]."""
 RESET_WINDOW_NS = 10_000_000_000
 """A boot-up this long after a reset command is still its effect [ns]."""
 REACTION = 0x1029
@@ -79,6 +82,8 @@ class Timeline:
         self.boot_ups: list[BootUpEvent] = []
         self.violations: list[Violation] = []
         self.lost: list[Lost] = []
+        self.restarts: list[Lost] = []
+        """Silences that an unasked boot-up ends and explains."""
         self.ignored: list[Ignored] = []
         self.changes: list[tuple[int, int, str, str]] = []
         """(seq, t_ns, from, to) of changes that the node reported without a command for them."""
@@ -97,7 +102,8 @@ class Timeline:
     def listens(self, command: Command) -> bool:
         """Whether the node was there to hear a command: known before it, and not LOST."""
         before = bisect_left(self._seqs, command.seq)
-        away = any(lost.start_ns <= command.t_ns < lost.end_ns for lost in self.lost)
+        gone = [*self.lost, *self.restarts]
+        away = any(lost.start_ns <= command.t_ns < lost.end_ns for lost in gone)
         return before > 0 and not away
 
     def confirmed(self, command: Command) -> int | None:
@@ -203,7 +209,8 @@ class Timeline:
         if now.state is state and state is not NmtState.INITIALISING:
             now.command, now.first = command, first
             return
-        if now.state is NmtState.LOST or (command.node == 0 and not self._heard):
+        restarts = self.restarts and command.t_ns < self.restarts[-1].end_ns
+        if restarts or now.state is NmtState.LOST or (command.node == 0 and not self._heard):
             return
         now.command, now.first = command, first
         whom = "all nodes" if command.node == 0 else "the node"
@@ -393,6 +400,13 @@ class Timeline:
         whole = self._of_the_bus(silence)
         before = now.state.value
         now.command = None
+        if self._is_restart(silence) and (self.history.alone or not whole):
+            cause = "it started anew without a command, some time after its last sign of life"
+            self._begin(NmtState.INITIALISING, silence.start_ns, cause, "implied", silence.end_seq)
+            self.restarts.append(
+                _loss(silence, silence.start_ns, timeout_ns, reason, before, whole)
+            )
+            return
         if whole and not self._starts_anew(silence) and silence.end_seq is not None:
             cause = (
                 "no frame of anybody on the bus: switched off, not recorded, or the clock stepped"
@@ -403,19 +417,7 @@ class Timeline:
         if whole:
             cause += "; nobody else was heard either"
         self._begin(NmtState.LOST, start, cause, "observed", silence.start_seq)
-        self.lost.append(
-            Lost(
-                start,
-                silence.end_ns,
-                silence.start_seq,
-                silence.start_ns,
-                silence.end_seq,
-                timeout_ns,
-                reason,
-                before,
-                whole,
-            )
-        )
+        self.lost.append(_loss(silence, start, timeout_ns, reason, before, whole))
 
     def _heard_again(self, silence: Silence) -> None:
         if self._now.state is NmtState.LOST:
@@ -430,6 +432,21 @@ class Timeline:
         bus = self._clock.silence_within(self.history.bus, silence.start_ns, silence.end_ns)
         passed = silence.end_ns - silence.start_ns
         return bus is not None and bus.end_ns - bus.start_ns >= BUS_SHARE * passed
+
+    def _is_restart(self, silence: Silence) -> bool:
+        """Whether an unasked boot-up ends a silence no longer than a restart may take."""
+        end_seq = silence.end_seq
+        if end_seq is None or silence.end_ns - silence.start_ns > RESTART_NS:
+            return False
+        at = bisect_left(self._seqs, end_seq)
+        if not self._is_beat(end_seq) or self.history.beats[at].kind != "boot-up":
+            return False
+        return not any(
+            command.specifier in _RESETS
+            and command.seq < end_seq
+            and silence.end_ns - command.t_ns <= RESET_WINDOW_NS
+            for command in self.history.commands
+        )
 
     def _starts_anew(self, silence: Silence) -> bool:
         """Whether the node's first message after a silence is a boot-up."""
@@ -449,6 +466,22 @@ class Timeline:
     def _reset_quiet_ns(self) -> int:
         known = self._quirks.reset_quiet_ms * 1_000_000
         return (known or RESET_QUIET_NS) + RESET_MARGIN_NS
+
+
+def _loss(
+    silence: Silence, start_ns: int, timeout_ns: int, reason: str, before: str, whole: bool
+) -> Lost:
+    return Lost(
+        start_ns,
+        silence.end_ns,
+        silence.start_seq,
+        silence.start_ns,
+        silence.end_seq,
+        timeout_ns,
+        reason,
+        before,
+        whole,
+    )
 
 
 def _continues(before: Silence, after: Silence) -> bool:

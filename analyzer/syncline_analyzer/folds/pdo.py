@@ -147,6 +147,11 @@ class PdoFold:
     def _pdo_ids(self, block: Block, bus: int) -> list[int]:
         bound = set(self._bindings.identifiers(bus))
         taken = set(self._sync_ids(bus))
+        seq = block.batch.seq0 + len(block.batch) - 1
+        for can_id in self._bindings.other_services(bus, seq):
+            owner = self._bindings.owner(bus, can_id, seq)
+            if owner is None or owner.guess:
+                taken.add(can_id)
         return [
             can_id
             for id_bus, can_id in block.batch.ids()

@@ -46,6 +46,10 @@ class MissedList:
         """All of them."""
         return len(self.t_ns) + self.beyond
 
+    def without(self, rows: NDArray[np.bool_]) -> "MissedList":
+        """Those of which `rows` (n,) is False."""
+        return MissedList(self.t_ns[~rows], self.seq[~rows], self.beyond)
+
 
 class Missed:
     """Moments at which a frame was due and did not come."""

@@ -2,7 +2,7 @@
 
 from bisect import bisect_right
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -12,16 +12,14 @@ from syncline_analyzer.folds.block import Block
 from syncline_analyzer.pdo_binding import Pdo, PdoBindings
 from syncline_analyzer.shadow import Known, Shadow
 from syncline_schemas.decoder import MappedObject, PdoColumn, PdoMapping, decode_pdo
-from syncline_schemas.devices import Device, quirks
-from syncline_schemas.measurement import position_objects
+from syncline_schemas.devices import Device, quirks, standard_device
+from syncline_schemas.measurement import measured_by, position_objects
 
 Key = tuple[int, int, int]
 """(bus number, node, index << 8 | sub) of a trace."""
 SDO_SOURCE = -1
 VIBRATION_UNITS = ("mm/s", "g")
 """Units of objects that are traced besides angles."""
-GENERIC_POSITION = (0x6004, 0)
-_CIA_406 = 0x196
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,25 +77,33 @@ class SampleReader:
         self, block: Block, owner: Pdo, mapping: PdoMapping, rows: NDArray[np.intp], can_id: int
     ) -> Iterator[tuple[Key, Samples]]:
         device = self._shadow.device(owner.bus, owner.node)
-        wanted = [e for e in mapping.entries if self._is_traced(owner.bus, owner.node, device, e)]
+        wanted = {e: t for e in mapping.entries if (t := self._as_traced(owner, device, e))}
         if not wanted or not self._is_measured(owner, device, block.batch.seq0 + int(rows[0])):
             return
         frames = block.frames
         for column in decode_pdo(mapping, frames.data[rows], frames.dlc[rows]):
             if column.entry in wanted:
-                key = (owner.bus, owner.node, column.entry.index << 8 | column.entry.sub)
-                yield key, _samples(block, rows, column, can_id)
+                entry = wanted[column.entry]
+                key = (owner.bus, owner.node, entry.index << 8 | entry.sub)
+                yield key, _samples(block, rows, column, entry, can_id)
 
-    def _is_traced(self, bus: int, node: int, device: Device | None, entry: MappedObject) -> bool:
+    def _as_traced(
+        self, owner: Pdo, device: Device | None, entry: MappedObject
+    ) -> MappedObject | None:
+        """The entry as its trace shows it; None when it is no measurement."""
         if entry.kind in ("float", "dummy"):
-            return False
-        if device is None:
-            return (entry.index, entry.sub) == GENERIC_POSITION and self._is_encoder(bus, node)
-        return (entry.index, entry.sub) in position_objects(device) or entry.unit in VIBRATION_UNITS
-
-    def _is_encoder(self, bus: int, node: int) -> bool:
-        """Whether a node of which no device is known says that it follows CiA 406."""
-        return (self._shadow.number(bus, node, 0x1000) or 0) & 0xFFFF == _CIA_406
+            return None
+        if entry.unit in VIBRATION_UNITS:
+            return entry
+        device_type = self._shadow.number(owner.bus, owner.node, 0x1000)
+        key = entry.index, entry.sub
+        by, assumed = measured_by(device, device_type, *key)
+        if by is None:
+            return None
+        if device is None or device.object(*key) is None:
+            standard = _entry(by, *key)
+            entry = replace(entry, name=standard.name, kind=standard.kind)
+        return replace(entry, name=f"{entry.name} ({by.title} assumed)") if assumed else entry
 
     def _is_measured(self, owner: Pdo, device: Device | None, seq: int) -> bool:
         """False while the device's output mode leaves the PDO's content undefined."""
@@ -113,10 +119,10 @@ class SampleReader:
             if node_bus != bus:
                 continue
             device = self._shadow.device(bus, node)
-            objects = position_objects(device)
-            if device is None and self._is_encoder(bus, node):
-                objects = (GENERIC_POSITION,)
-            for index, sub in objects:
+            if not position_objects(device):
+                profile = (self._shadow.number(bus, node, 0x1000) or 0) & 0xFFFF
+                device = standard_device(profile) or device
+            for index, sub in position_objects(device):
                 entry = _entry(device, index, sub)
                 reads = self._reads(bus, node, entry, first, last)
                 if reads:
@@ -150,12 +156,18 @@ def changes_within(
             yield known
 
 
-def _samples(block: Block, rows: NDArray[np.intp], column: PdoColumn, can_id: int) -> Samples:
+def _samples(
+    block: Block, rows: NDArray[np.intp], column: PdoColumn, entry: MappedObject, can_id: int
+) -> Samples:
+    raw = column.raw.astype(np.int64)
+    if entry.kind != column.entry.kind and entry.bits < 64:
+        half = 1 << entry.bits - 1
+        raw = (raw + half) % (2 * half) - half
     return Samples(
-        column.entry,
+        entry,
         block.batch.seq0 + rows,
         block.frames.t_ns[rows],
-        column.raw.astype(np.int64),
+        raw,
         column.valid,
         np.full(len(rows), can_id, np.int64),
     )

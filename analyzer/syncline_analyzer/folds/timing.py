@@ -13,6 +13,7 @@ from syncline_analyzer.folds.block import BLOCK_FRAMES, Block, Blocks
 from syncline_analyzer.folds.load import LoadFold
 from syncline_analyzer.folds.pdo import PdoFold, PdoState
 from syncline_analyzer.folds.rhythm import LEARN, MissedList, Operational
+from syncline_analyzer.folds.silence import Silence, SilenceFold, within_silence
 from syncline_analyzer.folds.sync import SyncFold, SyncHole, SyncTable
 from syncline_analyzer.pdo_binding import PdoBindings
 from syncline_analyzer.results import (
@@ -65,6 +66,7 @@ class TimingFold:
         self._sync = SyncFold(context)
         self._pdo = PdoFold(context, self._bindings, self._sync)
         self._load = LoadFold(context)
+        self._silence = SilenceFold()
         self._gap_starts: set[int] = set()
 
     def update(self, batch: IndexedBatch) -> None:
@@ -79,6 +81,7 @@ class TimingFold:
         self._sync.gap(gap.bus)
         self._pdo.gap(gap.bus)
         self._load.gap(gap.bus)
+        self._silence.gap(gap.bus)
 
     def finish(self, end_ns: int, nmt_states: Sequence[NmtStateRow] | None = None) -> TimingTables:
         """All tables; a PDO is missed only while `nmt_states` say OPERATIONAL (None: always)."""
@@ -91,13 +94,17 @@ class TimingFold:
             series=[t.series for t in syncs if t.series is not None] + load_series,
         )
         for table in syncs:
-            judged = _judged(table, nmt_states or ())
+            judged = _judged(table, nmt_states or (), self._silences(table.row.bus))
             tables.sync.append(judged.row)
             tables.holes.extend(_sync_holes(judged))
         for (bus, can_id), state in sorted(self._pdo.states.items()):
             if state.frames:
                 self._add_pdo(tables, bus, can_id, state, nmt_states)
         return tables
+
+    def _silences(self, bus_name: str) -> list[Silence]:
+        buses = [k for k, name in enumerate(self._context.buses) if name == bus_name]
+        return [silence for bus in buses for silence in self._silence.of(bus)]
 
     def _flush(self) -> None:
         for block in self._blocks.flush():
@@ -107,6 +114,8 @@ class TimingFold:
         for bus in block.by_bus:
             self._pdo.update(block, bus)
             self._load.update(block, bus)
+            if self._context.timed:
+                self._silence.update(block, bus)
 
     def _add_pdo(
         self,
@@ -119,6 +128,10 @@ class TimingFold:
         sync_ns = self._sync.median_ns(bus, state.sync_cob_id)
         sending = _sending(state, sync_ns, self._context)
         missed = self._missed(bus, state, sending, sync_ns, nmt_states)
+        if silences := self._silence.of(bus):
+            step_ns = _due_step_ns(state, sending, sync_ns)
+            after_ns = step_ns if sending.every > 1 else 0.0
+            missed = missed.without(within_silence(missed.t_ns, silences, step_ns, after_ns))
         name = self._context.bus_name(bus)
         row = _pdo_row(name, can_id, state, sending, missed)
         tables.pdos.append(row)
@@ -281,7 +294,9 @@ def _responses(row: PdoRow, state: PdoState) -> Responses:
     )
 
 
-def _judged(table: SyncTable, nmt_states: Sequence[NmtStateRow]) -> SyncTable:
+def _judged(
+    table: SyncTable, nmt_states: Sequence[NmtStateRow], silences: Sequence[Silence]
+) -> SyncTable:
     """The table without the holes in which the producer itself may have been off, or unheard."""
     bus = table.row.bus
     off = [
@@ -289,7 +304,9 @@ def _judged(table: SyncTable, nmt_states: Sequence[NmtStateRow]) -> SyncTable:
         for row in nmt_states
         if row.bus == bus and row.state in ("LOST", "INITIALISING", "UNKNOWN")
     ]
-    holes = [hole for hole in table.holes if not _explained(hole, off)]
+    holes = [
+        hole for hole in table.holes if not _explained(hole, off) and not _unheard(hole, silences)
+    ]
     missing = (
         table.row.missing - sum(h.missing for h in table.holes) + sum(h.missing for h in holes)
     )
@@ -306,6 +323,15 @@ def _explained(hole: SyncHole, off: Sequence[NmtStateRow]) -> bool:
         2 * (min(row.end_ns, hole.end_ns) - max(row.start_ns, hole.start_ns)) > length
         and (row.state != "UNKNOWN" or row.start_ns > hole.start_ns)
         for row in off
+    )
+
+
+def _unheard(hole: SyncHole, silences: Sequence[Silence]) -> bool:
+    """Whether nothing at all was heard of the bus for most of a hole."""
+    length = hole.end_ns - hole.start_ns
+    return any(
+        2 * (min(each.end_ns, hole.end_ns) - max(each.start_ns, hole.start_ns)) > length
+        for each in silences
     )
 
 

@@ -23,7 +23,8 @@ def _facts(info: CaptureInfo) -> Iterator[tuple[str, str]]:
     yield from _times(info)
     for bus, frames in info.frames_by_bus.items():
         rate = info.bitrates.get(bus)
-        yield f"bus {bus}", f"{frames:,} frames" + (f", {rate / 1000:g} kbit/s" if rate else "")
+        count = f"{frames:,} frame{'s'[: frames != 1]}"
+        yield f"bus {bus}", count + (f", {rate / 1000:g} kbit/s" if rate else "")
     for gap in info.gaps[:MAX_ROWS]:
         yield "blind", f"for {duration(gap.end_ns - gap.start_ns)}: {gap.reason}"
     if info.gap_count > MAX_ROWS:
@@ -47,14 +48,16 @@ def _times(info: CaptureInfo) -> Iterator[tuple[str, str]]:
     if info.first_ns is None or info.last_ns is None:
         yield "times", "none"
         return
-    clock = Clock(
-        0 if info.time_base == "relative" else info.first_ns, info.time_base == "utc", True
-    )
+    clock = Clock(info.first_ns, info.time_base == "utc", True)
     yield "from", clock.full(info.first_ns)
     yield "to", f"{clock.full(info.last_ns)} ({duration(info.duration_ns)})"
-    yield "stamps", f"{info.clock} clock, resolution {duration(info.resolution_ns)}"
+    whose = f", {info.clock} clock" if info.clock != "unknown" else ""
+    yield "stamps", f"resolution {duration(info.resolution_ns)}{whose}"
+    if info.time_base == "relative":
+        yield "date", "none: times count from the first frame"
     if info.steps_back:
-        yield "steps back", f"{info.steps_back:,} stamps are earlier than the one before"
+        count = "1 stamp is" if info.steps_back == 1 else f"{info.steps_back:,} stamps are"
+        yield "steps back", f"{count} earlier than the one before"
 
 
 def _contents(info: CaptureInfo) -> Iterator[tuple[str, str]]:

@@ -41,6 +41,8 @@ def extent(analysis: Analysis) -> str:
     """What the capture holds, in one sentence."""
     capture = analysis.capture
     files = ", ".join(Path(file).name for file in capture.files)
+    if not capture.frames:
+        return printable(f"{files}: no frames.")
     time = (
         f" in {duration(capture.duration_ns)}" if capture.time_base != "none" else " without times"
     )

@@ -114,7 +114,7 @@ def _header(analysis: Analysis, clock: Clock, title: str) -> Html:
     if clock.dated and clock.timed:
         begin, end = analysis.capture.begin_ns, analysis.capture.end_ns
         times = element("p", f"{clock.full(begin)} to {clock.full(end)}", class_="dim")
-    elif not clock.timed:
+    elif not clock.timed and analysis.capture.frames:
         times = element("p", "The log has no times.", class_="dim")
     return element(
         "header",

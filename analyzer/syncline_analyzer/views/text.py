@@ -73,7 +73,9 @@ def _parts(analysis: Analysis, width: int) -> Iterator[RenderableType]:
 
 def _start(analysis: Analysis, clock: Clock) -> Iterator[Text]:
     capture = analysis.capture
-    if not clock.timed:
+    if not capture.frames:
+        yield Text("There are no frames in it, so there are no times.", style="dim")
+    elif not clock.timed:
         yield Text(
             "The log has no times: nothing here is about how long or how late.", style="yellow"
         )
@@ -313,7 +315,7 @@ def recording_lines(analysis: Analysis, clock: Clock) -> Iterable[str]:
     yield from (f"damaged, read in part: {damage}" for damage in capture.damage)
     if capture.unparsed_lines:
         yield f"{capture.unparsed_lines:,} lines of the log could not be read"
-    if clock.timed:
+    if clock.timed and capture.frames:
         yield f"resolution of the stamps: {duration(capture.resolution_ns)}"
     for gap in capture.gaps[:MAX_ROWS]:
         lost = "" if gap.lost_frames is None else f", {gap.lost_frames} frames lost"

@@ -59,16 +59,16 @@ REGISTER_BITS: dict[int, str] = {
 
 
 def code_meaning(code: int) -> str:
-    """Words for an EMCY code: the exact code, else its group, else its number.
+    """Words for an EMCY code, without its number: the exact code, else its group.
 
     >>> code_meaning(0x8130), code_meaning(0x3141), code_meaning(0x1234)
-    ('life guard or heartbeat error', 'mains voltage (3141h)', 'unknown error 1234h')
+    ('life guard or heartbeat error', 'mains voltage', 'unknown code')
     """
     if code in CODES:
         return CODES[code]
     high = code >> 8
     group = GROUPS.get(high) or (GROUPS.get(high & 0xF0) if 0x20 <= high < 0x90 else None)
-    return f"{group} ({code:04X}h)" if group else f"unknown error {code:04X}h"
+    return group or "unknown code"
 
 
 def register_bits(register: int, names: dict[int, str] | None = None) -> list[str]:

@@ -75,9 +75,9 @@ ABORT_CODES: dict[int, str] = {
 
 
 def abort_meaning(code: int) -> str:
-    """Words for an SDO abort code.
+    """Words for an SDO abort code, without its number.
 
     >>> abort_meaning(0x06020000), abort_meaning(0x12345678)
-    ('object does not exist', 'unknown abort code 12345678h')
+    ('object does not exist', 'unknown code')
     """
-    return ABORT_CODES.get(code, f"unknown abort code {code:08X}h")
+    return ABORT_CODES.get(code, "unknown code")

@@ -61,3 +61,9 @@ from syncline_schemas.devices.model import (
 from syncline_schemas.devices.profile import (
     configured as configured,
 )
+from syncline_schemas.devices.standard import (
+    standard_device as standard_device,
+)
+from syncline_schemas.devices.standard import (
+    standard_of as standard_of,
+)

@@ -1,13 +1,12 @@
 """A device from the bytes of its files."""
 
 from collections.abc import Mapping
-from functools import cache
-from importlib.resources import files as package_files
 from pathlib import PurePath
 from typing import Any, cast
 
 from syncline_schemas.devices.model import Device, Key, Kind, ObjectFacts
 from syncline_schemas.devices.profile import Profile, emcy_fields, read_profile, with_profile
+from syncline_schemas.devices.standard import standard_profiles
 from syncline_schemas.eds import LoadedEds, load_eds, variables
 from syncline_schemas.errors import DescriptionError
 
@@ -85,7 +84,7 @@ def _from_eds(name: str, loaded: LoadedEds, files: Mapping[str, bytes]) -> Devic
     """Device of which nothing is known but its EDS: the device profile's measurement, no quirks."""
     device_type = getattr(loaded.od.indices.get(0x1000), "default", None)
     number = device_type & 0xFFFF if isinstance(device_type, int) else 0
-    profile = _standard_profiles().get(number, Profile())
+    profile = standard_profiles().get(number, Profile())
     plain = Profile(kind=profile.kind, measurement=profile.measurement, overrides=profile.overrides)
     plain.identity = _eds_identity(loaded)
     return _from_pair(name, loaded, plain, files)
@@ -101,19 +100,6 @@ def _eds_identity(loaded: LoadedEds) -> dict[str, Any]:
     if not (isinstance(vendor, int) and isinstance(product, int) and vendor and product):
         return {}
     return {"vendor": vendor, "product": (product,)}
-
-
-@cache
-def _standard_profiles() -> dict[int, Profile]:
-    """Device profiles by CiA number (`profiles/406.toml` ...)."""
-    folder = package_files("syncline_schemas.devices") / "profiles"
-    return {
-        int(entry.name.removesuffix(".toml")): read_profile(
-            entry.read_text(encoding="utf-8"), entry.name
-        )
-        for entry in folder.iterdir()
-        if entry.name.endswith(".toml")
-    }
 
 
 def _title(name: str, loaded: LoadedEds) -> str:

@@ -293,12 +293,12 @@ class Device:
 
 
 def emcy_meaning(device: Device | None, code: int) -> str:
-    """Words for an EMCY code: the device's exact code, its group, then CiA 301."""
+    """Words for an EMCY code, without its number: the device's code, its group, then CiA 301."""
     if device is not None:
         if code in device.emcy_codes:
             return device.emcy_codes[code]
         if code >> 8 in device.emcy_groups and code not in emcy.CODES:
-            return f"{device.emcy_groups[code >> 8]} ({code:04X}h)"
+            return device.emcy_groups[code >> 8]
     return emcy.code_meaning(code)
 
 

@@ -108,6 +108,7 @@ def test_a_restart_alone_on_the_bus_may_be_a_power_cycle() -> None:
     finding = one(run(*restarted(494)), "nmt.unexpected_reset")
     assert finding.severity == "warning"
     assert "cannot tell" in finding.text
+    assert run(*restarted(2100)).ids() == ["nmt.node_lost"]
     sync = [frame(10 * n + 3, 0x080) for n in range(500)]
     result = run(*ordered(restarted(494), sync))
     assert one(result, "nmt.unexpected_reset").severity == "error"

@@ -39,6 +39,9 @@ PAIR_NS = 150_000_000
 pair have 45 ms and 85 ms between the two."""
 RESTART_NS = 10_000_000_000
 """A silence that a boot-up ends is a restart up to this length, longer ones are losses [ns]."""
+ALONE_RESTART_NS = 2_000_000_000
+"""The same for the only node of a bus that was silent altogether: nobody switches a machine off and
+on in less, and beyond it that is the likelier story [ns]."""
 RESET_WINDOW_NS = 10_000_000_000
 """A boot-up this long after a reset command is still its effect [ns]."""
 REACTION = 0x1029
@@ -400,7 +403,7 @@ class Timeline:
         whole = self._of_the_bus(silence)
         before = now.state.value
         now.command = None
-        if self._is_restart(silence) and (self.history.alone or not whole):
+        if self._is_restart(silence, whole):
             cause = "it started anew without a command, some time after its last sign of life"
             self._begin(NmtState.INITIALISING, silence.start_ns, cause, "implied", silence.end_seq)
             self.restarts.append(
@@ -433,10 +436,13 @@ class Timeline:
         passed = silence.end_ns - silence.start_ns
         return bus is not None and bus.end_ns - bus.start_ns >= BUS_SHARE * passed
 
-    def _is_restart(self, silence: Silence) -> bool:
+    def _is_restart(self, silence: Silence, whole: bool) -> bool:
         """Whether an unasked boot-up ends a silence no longer than a restart may take."""
         end_seq = silence.end_seq
-        if end_seq is None or silence.end_ns - silence.start_ns > RESTART_NS:
+        longest = RESTART_NS
+        if whole:
+            longest = ALONE_RESTART_NS if self.history.alone else 0
+        if end_seq is None or silence.end_ns - silence.start_ns > longest:
             return False
         at = bisect_left(self._seqs, end_seq)
         if not self._is_beat(end_seq) or self.history.beats[at].kind != "boot-up":

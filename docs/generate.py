@@ -1,5 +1,6 @@
 """Writes docs/commands.md from the commands' own --help: `uv run python -m docs.generate`."""
 
+import sys
 from pathlib import Path
 
 import click
@@ -17,7 +18,13 @@ part), 2 wrong use or unreadable input, 130 interrupted.
 
 def commands_page() -> str:
     """The whole page: `syncline --help`, then each command in the order of their names."""
-    root = click.Context(cli, info_name="syncline", max_content_width=100, terminal_width=100)
+    root = click.Context(
+        cli,
+        info_name="syncline",
+        max_content_width=100,
+        terminal_width=100,
+        **cli.context_settings,
+    )
     sections = [HEADER, _section("syncline", root)]
     for name in sorted(cli.list_commands(root)):
         command = cli.get_command(root, name)
@@ -32,4 +39,5 @@ def _section(title: str, context: click.Context) -> str:
 
 
 if __name__ == "__main__":
-    TARGET.write_text(commands_page(), encoding="utf-8", newline="\n")
+    target = Path(sys.argv[1]) if len(sys.argv) > 1 else TARGET
+    target.write_text(commands_page(), encoding="utf-8", newline="\n")

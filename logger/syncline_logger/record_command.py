@@ -245,7 +245,7 @@ def _terminal_line(stack: ExitStack) -> "Callable[[StatusSnapshot], None]":
 
 
 def _say_result(result: "RecordResult") -> None:
-    from syncline_logger.status_view import counted
+    from syncline_schemas.wording import counted
 
     for problem in result.problems:
         click.echo(problem, err=True)

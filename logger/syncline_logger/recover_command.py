@@ -69,7 +69,7 @@ def targets(captures: tuple[Path, ...], output: Path | None) -> list[Path]:
 
 
 def _say(capture: Path, result: "RecoverResult") -> None:
-    from syncline_logger.status_view import counted
+    from syncline_schemas.wording import counted
 
     state = "was whole" if result.whole else "repaired"
     click.echo(f"{capture}: {state}, {counted(result.frames, 'frame')} saved", err=True)

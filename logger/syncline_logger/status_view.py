@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from syncline_logger.live_status import BusSnapshot, StatusSnapshot
 from syncline_schemas.canopen.nmt import NmtState
+from syncline_schemas.wording import counted
 
 if TYPE_CHECKING:
     from rich.text import Text
@@ -69,12 +70,3 @@ def status_line(snapshot: StatusSnapshot) -> "Text":
             line.append(f"  {node} ")
             line.append(str(state), _STATE_STYLE.get(NmtState(state), "dim"))
     return line
-
-
-def counted(number: int, noun: str) -> str:
-    """A number of things.
-
-    >>> counted(1, "gap"), counted(0, "frame")
-    ('1 gap', '0 frames')
-    """
-    return f"{number} {noun}{'' if number == 1 else 's'}"

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import click
 
-from syncline_analyzer.findings.stretch import counted
 from syncline_analyzer.session import open_session
 from syncline_analyzer.views.files import write_all
 from syncline_logger.recorder import record, record_batches
@@ -21,6 +20,7 @@ from syncline_samples.scenarios import bad_day
 from syncline_samples.truth import ExpectedFinding
 from syncline_schemas.capture.layout import BusInfo
 from syncline_schemas.description import BusDescription
+from syncline_schemas.wording import counted
 
 CAPTURE_NAME = "bad_day.mcap"
 NOT_REACHED = 1

@@ -16,6 +16,7 @@ import numpy as np
 from syncline_samples.machine import Run, Scenario
 from syncline_samples.scenarios import bad_day, healthy_line, jittery_sync
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
+from syncline_schemas.capture.gap_message import gap_message
 from syncline_schemas.capture.layout import (
     GAP_TOPIC,
     BusInfo,
@@ -82,7 +83,7 @@ def _mcap(run: Run) -> bytes:
     for item in _whole_stretches(run.batches):
         if isinstance(item, Gap):
             gaps.append(
-                MessageBlock.of_messages(channel, [item.end_ns], [item.end_ns], [_gap(item)])
+                MessageBlock.of_messages(channel, [item.end_ns], [item.end_ns], [gap_message(item)])
             )
         else:
             writer.write_chunk(item, messages=gaps)
@@ -102,16 +103,6 @@ def _whole_stretches(items: Iterable[FrameBatch | Gap]) -> Iterator[FrameBatch |
             yield item
             frames = []
     yield FrameBatch.concat(frames)
-
-
-def _gap(gap: Gap) -> syncline_pb2.Gap:
-    return syncline_pb2.Gap(
-        start_ns=gap.start_ns,
-        end_ns=gap.end_ns,
-        reason=gap.reason,
-        lost_frames=gap.lost_frames,
-        bus=gap.bus,
-    )
 
 
 def candump_log(run: Run) -> bytes:

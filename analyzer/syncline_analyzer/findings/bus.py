@@ -5,11 +5,12 @@ from itertools import groupby
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.deafness import RECORDER_OFF
-from syncline_analyzer.findings.stretch import Stretch, counted, seconds
+from syncline_analyzer.findings.stretch import Stretch, seconds
 from syncline_analyzer.folds.control import ControlTables
 from syncline_analyzer.folds.nmt_events import Interval, Lost
 from syncline_analyzer.folds.nmt_timeline import Timeline
 from syncline_analyzer.results import Analysis, EmcyRow, Finding
+from syncline_schemas.wording import counted
 
 RECOVERED = 0x8140
 """EMCY "recovered from bus-off" (CiA 301 table 27)."""

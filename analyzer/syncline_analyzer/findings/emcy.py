@@ -5,9 +5,10 @@ from itertools import groupby
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.findings.bus import tells_bus_off
-from syncline_analyzer.findings.stretch import counted, error_name, seconds
+from syncline_analyzer.findings.stretch import error_name, seconds
 from syncline_analyzer.folds.control import ControlTables
 from syncline_analyzer.results import Analysis, ErrorRow, Finding
+from syncline_schemas.wording import counted
 
 LIFE_GUARD = 0x8130
 """Told as the story of the master's silence, by the NMT findings."""

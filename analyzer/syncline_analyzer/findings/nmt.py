@@ -8,7 +8,7 @@ from syncline_analyzer.context import Context
 from syncline_analyzer.findings.bus import tells_bus_off
 from syncline_analyzer.findings.guarding import STORY_NS, guarding_stories
 from syncline_analyzer.findings.lost import BOOT_UP_NS, EVIDENCE, lost_nodes, was_bus_off
-from syncline_analyzer.findings.stretch import LISTED, counted, error_name, moment, seconds
+from syncline_analyzer.findings.stretch import LISTED, error_name, moment, seconds
 from syncline_analyzer.folds.control import ControlTables
 from syncline_analyzer.folds.nmt import BootUp, NodeKey
 from syncline_analyzer.folds.nmt_events import Ignored, Lost, Violation
@@ -16,6 +16,7 @@ from syncline_analyzer.folds.nmt_timeline import Timeline
 from syncline_analyzer.results import Analysis, EmcyRow, Finding
 from syncline_schemas.canopen.nmt import command_name
 from syncline_schemas.devices import quirks
+from syncline_schemas.wording import counted
 
 COMMAND_WINDOW_NS = 10_000_000_000
 """A reset this long before a boot-up explains it (analysis.md 4)."""

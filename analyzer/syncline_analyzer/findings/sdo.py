@@ -4,11 +4,12 @@ from collections.abc import Iterator
 from itertools import groupby
 
 from syncline_analyzer.context import Context
-from syncline_analyzer.findings.stretch import Stretch, counted, seconds
+from syncline_analyzer.findings.stretch import Stretch, seconds
 from syncline_analyzer.folds.control import ControlTables
 from syncline_analyzer.results import Analysis, Finding, SdoRow
 from syncline_schemas.canopen.sdo import abort_meaning
 from syncline_schemas.devices import quirks
+from syncline_schemas.wording import counted
 
 TIMED_OUT = 0x05040000
 PROBING = (0x06020000, 0x06090011)

@@ -27,15 +27,6 @@ def moment(analysis: Analysis, t_ns: int) -> str:
     return f"+{(t_ns - analysis.capture.first_ns) / 1e9:.3f} s"
 
 
-def counted(number: int, noun: str) -> str:
-    """A number of things.
-
-    >>> counted(1, "SDO request"), counted(3, "EMCY")
-    ('1 SDO request', '3 EMCYs')
-    """
-    return f"{number} {noun}{'' if number == 1 else 's'}"
-
-
 def error_name(code: int, meaning: str) -> str:
     """An EMCY code in words, with the code.
 

@@ -11,13 +11,13 @@ ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("**/*.md"))]
 
 
-def test_commands_page_is_the_help_of_the_commands(tmp_path: Path) -> None:
+def test_made_pages_are_those_that_the_code_makes(tmp_path: Path) -> None:
     pytest.importorskip("pandas")
-    made = tmp_path / "commands.md"
     # A process of its own: click keeps the help option of the first call of a command.
-    subprocess.run([sys.executable, str(ROOT / "docs" / "generate.py"), str(made)], check=True)
-    written = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
-    assert written == made.read_text(encoding="utf-8"), "run python -m docs.generate"
+    subprocess.run([sys.executable, str(ROOT / "docs" / "generate.py"), str(tmp_path)], check=True)
+    for made in sorted(tmp_path.iterdir()):
+        written = (ROOT / "docs" / made.name).read_text(encoding="utf-8")
+        assert written == made.read_text(encoding="utf-8"), f"{made.name}: python -m docs.generate"
 
 
 def test_every_help_ends_with_two_examples() -> None:

@@ -320,8 +320,21 @@ class BusLoadRow:
 
 
 @dataclass(frozen=True, slots=True)
+class Link:
+    """One piece of a story: what followed from the finding that tells it, in order of time."""
+
+    id: str
+    bus: str | None
+    node: int | None
+    start_ns: int
+    end_ns: int
+    text: str
+    evidence: list[int]
+
+
+@dataclass(frozen=True, slots=True)
 class Finding:
-    """What a service engineer would write in a report."""
+    """What a service engineer would write in a report: the root of a story and what followed."""
 
     id: str
     severity: Severity
@@ -333,6 +346,10 @@ class Finding:
     cause: str
     check_next: str
     evidence: list[int]
+    chain: list[Link] = field(default_factory=list)
+    """What followed from it, in order of time; these are no findings of their own."""
+    assumed: list[str] = field(default_factory=list)
+    """What it rests on that was only assumed, for example "100Ch = 0 (eds-default)"."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.findings import bus, emcy, nmt, sdo
+from syncline_analyzer.findings.rule import Facts, apply
 from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.folds.control import ControlFold, ControlTables
 from syncline_analyzer.nodes import node_rows
@@ -35,8 +36,8 @@ class Run:
 
     def findings(self) -> list[Finding]:
         """Findings of all rules on the control side."""
-        rules = (nmt.find, sdo.find, emcy.find, bus.find)
-        return [f for find in rules for f in find(self.analysis, self.tables, self.context)]
+        rules = (*nmt.RULES, *sdo.RULES, *emcy.RULES, *bus.RULES)
+        return apply(rules, Facts(self.analysis, self.tables, self.context))
 
     def ids(self) -> list[str]:
         """Ids of the findings."""

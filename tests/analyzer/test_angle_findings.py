@@ -2,9 +2,10 @@
 
 from typing import Any
 
-from syncline_analyzer.findings.angle import MAX_FINDINGS, find
+from syncline_analyzer.findings.angle import MAX_FINDINGS, RULES
 from syncline_analyzer.results import TRACE_FLAGS, Finding, TraceEventRow, TraceRow
 from tests.analyzer.analysis_builder import at
+from tests.analyzer.rule_facts import judge
 from tests.analyzer.test_timing_findings import analysis
 
 FAST = "20 ms apart, which takes 9000 rpm; the limit is 3000 rpm"
@@ -31,7 +32,7 @@ def event(kind: str = "jump", seconds: float = 10.0, **changes: Any) -> TraceEve
 
 
 def found(*events: TraceEventRow, **trace: Any) -> list[Finding]:
-    return find(analysis(traces=[trace_row(**trace)], trace_events=list(events)))
+    return judge(RULES, analysis(traces=[trace_row(**trace)], trace_events=list(events)))
 
 
 def test_a_jump_is_the_encoders_fault() -> None:

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from syncline_analyzer.findings.timing import MAX_EVIDENCE, MAX_FINDINGS, find
+from syncline_analyzer.findings.timing import MAX_EVIDENCE, MAX_FINDINGS, RULES
 from syncline_analyzer.results import (
     Analysis,
     Finding,
@@ -17,6 +17,7 @@ from syncline_analyzer.results import (
     SyncRow,
 )
 from tests.analyzer.analysis_builder import at, capture_row
+from tests.analyzer.rule_facts import judge
 
 PERIOD = Quantiles(19_900, 20_000, 20_100, 20_200)
 
@@ -94,7 +95,7 @@ def only(found: list[Finding]) -> Finding:
 
 
 def test_missing_syncs() -> None:
-    finding = only(find(analysis(sync=[sync_row()], holes=[hole(10, 10.08, 3)])))
+    finding = only(judge(RULES, analysis(sync=[sync_row()], holes=[hole(10, 10.08, 3)])))
     assert (finding.id, finding.severity, finding.node) == ("sync.missing", "warning", None)
     assert (finding.start_ns, finding.end_ns) == (at(10), at(10.08))
     assert finding.text == (
@@ -105,28 +106,30 @@ def test_missing_syncs() -> None:
 
 def test_a_counter_names_the_way_as_a_cause() -> None:
     row = sync_row(counter_jumps=1)
-    assert "counter" in only(find(analysis(sync=[row], holes=[hole(10, 10.08)]))).cause
+    assert "counter" in only(judge(RULES, analysis(sync=[row], holes=[hole(10, 10.08)]))).cause
 
 
 def test_holes_near_one_another_are_one_finding_far_ones_are_not() -> None:
     holes = [hole(10, 10.1), hole(15, 15.1), hole(100, 100.1)]
-    found = find(analysis(sync=[sync_row()], holes=holes))
+    found = judge(RULES, analysis(sync=[sync_row()], holes=holes))
     assert [(f.start_ns, f.end_ns) for f in found] == [(at(10), at(15.1)), (at(100), at(100.1))]
 
 
 def test_many_holes_are_one_finding() -> None:
     holes = [hole(30 * k, 30 * k + 0.1) for k in range(MAX_FINDINGS + 1)]
-    finding = only(find(analysis(sync=[sync_row()], holes=holes)))
+    finding = only(judge(RULES, analysis(sync=[sync_row()], holes=holes)))
     assert f"{MAX_FINDINGS + 1} times" in finding.text
 
 
 def test_a_silence_of_everything_says_so() -> None:
-    finding = only(find(analysis(sync=[sync_row()], holes=[hole(10, 16, 300, evidence=[7, 8])])))
+    finding = only(
+        judge(RULES, analysis(sync=[sync_row()], holes=[hole(10, 16, 300, evidence=[7, 8])]))
+    )
     assert finding.cause.startswith("Nothing else was heard either")
 
 
 def test_no_holes_no_finding() -> None:
-    assert find(analysis(sync=[sync_row(missing=0)], pdos=[pdo_row(missed=0)])) == []
+    assert judge(RULES, analysis(sync=[sync_row(missing=0)], pdos=[pdo_row(missed=0)])) == []
 
 
 def jitter(start: float = 5.0, **changes: Any) -> SyncJitterRow:
@@ -145,7 +148,7 @@ def jitter(start: float = 5.0, **changes: Any) -> SyncJitterRow:
 
 
 def test_jitter_gives_its_numbers() -> None:
-    finding = only(find(analysis(sync=[sync_row()], sync_jitter=[jitter()])))
+    finding = only(judge(RULES, analysis(sync=[sync_row()], sync_jitter=[jitter()])))
     assert (finding.id, finding.start_ns, finding.end_ns) == ("sync.jitter", at(5), at(13))
     assert "64 of 400 periods" in finding.text
     assert "4.9 ms" in finding.text
@@ -153,13 +156,13 @@ def test_jitter_gives_its_numbers() -> None:
 
 def test_jitter_all_the_time_is_one_finding() -> None:
     rows = [jitter(20.0 * k) for k in range(MAX_FINDINGS + 1)]
-    finding = only(find(analysis(sync=[sync_row()], sync_jitter=rows)))
+    finding = only(judge(RULES, analysis(sync=[sync_row()], sync_jitter=rows)))
     assert (finding.start_ns, finding.end_ns) == (rows[0].start_ns, rows[-1].end_ns)
 
 
 def test_missed_pdos() -> None:
     gone = hole(38, 38.2, 5, cob_id=0x284, service="pdo", evidence=[7, 9, 11])
-    finding = only(find(analysis(pdos=[pdo_row()], holes=[gone])))
+    finding = only(judge(RULES, analysis(pdos=[pdo_row()], holes=[gone])))
     assert (finding.id, finding.node) == ("pdo.missed", 4)
     assert finding.text == (
         "TPDO2 of node 4 (284h) did not come 5 times, up to 5 in a row, each time after a SYNC that"
@@ -171,7 +174,7 @@ def test_missed_pdos() -> None:
 def test_a_missed_pdo_of_an_inferred_type_says_so() -> None:
     row = pdo_row(type_source="inferred: synchronous, every 2nd SYNC", pdo=None, node=None)
     gone = hole(38, 38.2, 1, cob_id=0x284, service="pdo")
-    text = only(find(analysis(pdos=[row], holes=[gone]))).text
+    text = only(judge(RULES, analysis(pdos=[row], holes=[gone]))).text
     assert text.startswith("A PDO (284h) did not come 1 time, each")
     assert "inferred: synchronous, every 2nd SYNC" in text
 
@@ -179,12 +182,14 @@ def test_a_missed_pdo_of_an_inferred_type_says_so() -> None:
 def test_a_cyclic_pdo_misses_periods_of_its_timer() -> None:
     row = pdo_row(transmission_type=0xFE, response_us=None)
     gone = hole(38, 38.2, 2, cob_id=0x284, service="pdo", evidence=[7])
-    assert "period of its event timer" in only(find(analysis(pdos=[row], holes=[gone]))).text
+    assert (
+        "period of its event timer" in only(judge(RULES, analysis(pdos=[row], holes=[gone]))).text
+    )
 
 
 def test_holes_of_another_bus_are_not_mixed_in() -> None:
     gone = hole(38, 38.2, 5, cob_id=0x284, service="pdo", bus="can1")
-    assert find(analysis(pdos=[pdo_row()], holes=[gone])) == []
+    assert judge(RULES, analysis(pdos=[pdo_row()], holes=[gone])) == []
 
 
 def responses(values: list[float]) -> Responses:
@@ -197,7 +202,7 @@ def responses(values: list[float]) -> Responses:
 
 def test_late_answers_are_the_slowest_ones() -> None:
     tables = {"pdos": [pdo_row(missed=0, late=2)], "responses": [responses([500, 3000, 600, 2500])]}
-    finding = only(find(analysis(**tables)))
+    finding = only(judge(RULES, analysis(**tables)))
     assert finding.id == "pdo.late"
     assert finding.evidence == [1, 3]
     assert (finding.start_ns, finding.end_ns) == (at(1) + 1, at(1) + 4)
@@ -206,9 +211,11 @@ def test_late_answers_are_the_slowest_ones() -> None:
 
 @pytest.mark.parametrize("late", [0, 1])
 def test_late_needs_a_window_and_answers(late: int) -> None:
-    assert find(analysis(pdos=[pdo_row(missed=0, late=late)])) == []
+    assert judge(RULES, analysis(pdos=[pdo_row(missed=0, late=late)])) == []
 
 
 def test_evidence_is_bounded() -> None:
     gone = hole(1, 2, 500, cob_id=0x284, service="pdo", evidence=list(range(500)))
-    assert len(only(find(analysis(pdos=[pdo_row()], holes=[gone]))).evidence) == MAX_EVIDENCE
+    assert (
+        len(only(judge(RULES, analysis(pdos=[pdo_row()], holes=[gone]))).evidence) == MAX_EVIDENCE
+    )

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
+from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.results import Analysis, Finding, TraceEventRow, TraceRow
 
 TOGETHER_NS = 10_000_000_000
@@ -12,15 +13,10 @@ _AT_PRESET = "preset value"
 _ASSUMED = "assumed"
 
 
-def find(analysis: Analysis) -> list[Finding]:
-    """All findings of this family."""
-    return [*_jumps(analysis), *_out_of_range(analysis)]
-
-
-def _jumps(analysis: Analysis) -> Iterator[Finding]:
+def _jumps(facts: Facts) -> Iterator[Finding]:
     """Steps faster than the device can turn; a wrap or a preset by SDO is none."""
-    for trace in analysis.traces:
-        for group in _together(_events(analysis, trace, "jump")):
+    for trace in facts.analysis.traces:
+        for group in _together(_events(facts.analysis, trace, "jump")):
             yield _jump(trace, group)
 
 
@@ -57,10 +53,10 @@ def _jump(trace: TraceRow, group: Sequence[TraceEventRow]) -> Finding:
     )
 
 
-def _out_of_range(analysis: Analysis) -> Iterator[Finding]:
+def _out_of_range(facts: Facts) -> Iterator[Finding]:
     """Values that the object cannot have: the scale is wrong rather than the sensor."""
-    for trace in analysis.traces:
-        events = _events(analysis, trace, "out of range")
+    for trace in facts.analysis.traces:
+        events = _events(facts.analysis, trace, "out of range")
         if not events:
             continue
         assumed = any(event.text.startswith(_ASSUMED) for event in events)
@@ -110,3 +106,27 @@ def _value(value: float | None) -> str:
 def _rests_on(trace: TraceRow) -> str:
     """Says so when the numbers rest on an assumed scale."""
     return " The scale is assumed in part." if trace.flags["scale_assumed"] else ""
+
+
+RULES = (
+    Rule(
+        "angle.jump",
+        "A position stepped further than the device can turn in that time.",
+        "The two samples around the step.",
+        (
+            "A wrap at the measuring range is no step.",
+            "A preset, a direction change, a teach or a reset cuts the trace instead.",
+            "No step is told across a capture gap or a step of the clock.",
+        ),
+        _jumps,
+        untimed=True,
+    ),
+    Rule(
+        "angle.out_of_range",
+        "A measured value that the object cannot have: the scale is wrong, or the device is faulty.",
+        "The first sample of each such stretch.",
+        ("The text says whether the scale was only assumed.",),
+        _out_of_range,
+        untimed=True,
+    ),
+)

@@ -5,6 +5,7 @@ from itertools import groupby
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.deafness import RECORDER_OFF
+from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import Stretch, seconds
 from syncline_analyzer.folds.control import ControlTables
 from syncline_analyzer.folds.nmt_events import Interval, Lost
@@ -19,19 +20,16 @@ REORDERED_NS = 1_000_000
 TOGETHER_NS = 10_000_000_000
 
 
-def find(analysis: Analysis, control: ControlTables, context: Context) -> list[Finding]:
-    """All findings of this family."""
-    return [
-        *_recorder_off(control),
-        *_node_off(analysis, control, context),
-        *_steps(control),
-        *_gaps(analysis),
-    ]
-
-
 def tells_bus_off(code: int, meaning: str) -> bool:
     """Whether an EMCY says that its node was bus-off, by CiA 301 or its maker's words."""
     return code == RECOVERED or (code >> 8 != 0 and "bus-off" in meaning.lower())
+
+
+def _bus_off(facts: Facts) -> Iterator[Finding]:
+    """The recorder's own controller, and nodes that tell of it when they are back."""
+    yield from _recorder_off(facts.control)
+    if facts.context.timed:
+        yield from _node_off(facts.analysis, facts.control, facts.context)
 
 
 def _recorder_off(control: ControlTables) -> Iterator[Finding]:
@@ -129,8 +127,9 @@ def _fall(timeline: Timeline, rows: list[EmcyRow], lost: list[Lost]) -> Interval
     return None
 
 
-def _steps(control: ControlTables) -> Iterator[Finding]:
+def _steps(facts: Facts) -> Iterator[Finding]:
     """Steps back of the clock; the smaller disorder of a driver is told once."""
+    control = facts.control
     steps = [step for step in control.clock.steps if step.back_ns >= REORDERED_NS]
     for step in steps[:20]:
         yield Finding(
@@ -163,9 +162,9 @@ def _steps(control: ControlTables) -> Iterator[Finding]:
         )
 
 
-def _gaps(analysis: Analysis) -> Iterator[Finding]:
+def _gaps(facts: Facts) -> Iterator[Finding]:
     """Gaps, but for those that the recorder's own bus-off explains."""
-    for gap in analysis.capture.gaps:
+    for gap in facts.analysis.capture.gaps:
         if gap.reason == RECORDER_OFF:
             continue
         number = gap.lost_frames or 0
@@ -187,3 +186,31 @@ def _gaps(analysis: Analysis) -> Iterator[Finding]:
             "Adapter, its plug, and the load of the recording computer.",
             [],
         )
+
+
+RULES = (
+    Rule(
+        "error.bus_off",
+        "A node, or the recorder itself, was bus-off.",
+        "The error frame of the recorder's controller, or the node's EMCY and its last frame before.",
+        ("A node is named only where it says so itself.",),
+        _bus_off,
+        untimed=True,
+    ),
+    Rule(
+        "clock.step_back",
+        "The stamps of the capture run back.",
+        "The first frame after the step.",
+        ("Disorder below 1 ms is the driver's and told once, as a note.",),
+        _steps,
+        untimed=True,
+    ),
+    Rule(
+        "capture.gap",
+        "The recorder was blind; nothing is concluded from that time.",
+        "The gap itself, as the recorder noted it.",
+        ("Only gaps that the recorder noted, and its own bus-off.",),
+        _gaps,
+        untimed=True,
+    ),
+)

@@ -5,6 +5,7 @@ from itertools import groupby
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.findings.bus import tells_bus_off
+from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import error_name, seconds
 from syncline_analyzer.folds.control import ControlTables
 from syncline_analyzer.results import Analysis, ErrorRow, Finding
@@ -14,19 +15,9 @@ LIFE_GUARD = 0x8130
 """Told as the story of the master's silence, by the NMT findings."""
 
 
-def find(analysis: Analysis, control: ControlTables, context: Context) -> list[Finding]:
-    """All findings of this family."""
-    return [
-        *_storms(control),
-        *_active(analysis, control, context),
-        *_before(analysis, control),
-        *_too_soon(control),
-        *_malformed(analysis),
-    ]
-
-
-def _active(analysis: Analysis, control: ControlTables, context: Context) -> Iterator[Finding]:
+def _active(facts: Facts) -> Iterator[Finding]:
     """Errors by node and code; those still active at the end are apart from those that are over."""
+    analysis, control, context = facts.analysis, facts.control, facts.context
     rows = [row for row in analysis.errors if not _told_elsewhere(analysis, context, row)]
     rows.sort(key=lambda row: (row.bus, row.node, row.code, row.status == "still active"))
     for (bus, node, _, still), group in groupby(
@@ -76,8 +67,8 @@ def _told_elsewhere(analysis: Analysis, context: Context, row: ErrorRow) -> bool
     return context.timed and (row.code == LIFE_GUARD or tells_bus_off(row.code, row.meaning))
 
 
-def _storms(control: ControlTables) -> Iterator[Finding]:
-    for storm in control.emcy.storms:
+def _storms(facts: Facts) -> Iterator[Finding]:
+    for storm in facts.control.emcy.storms:
         yield Finding(
             "emcy.storm",
             "error",
@@ -94,10 +85,10 @@ def _storms(control: ControlTables) -> Iterator[Finding]:
         )
 
 
-def _before(analysis: Analysis, control: ControlTables) -> Iterator[Finding]:
+def _before(facts: Facts) -> Iterator[Finding]:
     """A partial clear as first EMCY: an error was there before the capture began."""
-    wanted = set(control.emcy.before)
-    for row in analysis.emcy:
+    wanted = set(facts.control.emcy.before)
+    for row in facts.analysis.emcy:
         if row.seq in wanted:
             left = ", ".join(row.registers) or f"register {row.error_register or 0:02X}h"
             yield Finding(
@@ -114,8 +105,8 @@ def _before(analysis: Analysis, control: ControlTables) -> Iterator[Finding]:
             )
 
 
-def _too_soon(control: ControlTables) -> Iterator[Finding]:
-    rows = sorted(control.emcy.too_soon, key=lambda row: (row.bus, row.node, row.seq))
+def _too_soon(facts: Facts) -> Iterator[Finding]:
+    rows = sorted(facts.control.emcy.too_soon, key=lambda row: (row.bus, row.node, row.seq))
     for (bus, node), group in groupby(rows, key=lambda row: (row.bus, row.node)):
         found = list(group)
         yield Finding(
@@ -134,9 +125,9 @@ def _too_soon(control: ControlTables) -> Iterator[Finding]:
         )
 
 
-def _malformed(analysis: Analysis) -> Iterator[Finding]:
+def _malformed(facts: Facts) -> Iterator[Finding]:
     """EMCYs that are too short to tell an error (CiA 301 7.2.7.3: eight bytes)."""
-    rows = [row for row in analysis.emcy if row.transition == "malformed"]
+    rows = [row for row in facts.analysis.emcy if row.transition == "malformed"]
     rows.sort(key=lambda row: (row.bus, row.node, row.seq))
     for (bus, node), group in groupby(rows, key=lambda row: (row.bus, row.node)):
         found = list(group)
@@ -156,3 +147,48 @@ def _malformed(analysis: Analysis) -> Iterator[Finding]:
             "Look at the frames; read 1014h of the node and 1005h of all nodes.",
             [row.seq for row in found[:20]],
         )
+
+
+RULES = (
+    Rule(
+        "emcy.storm",
+        "A node sends more than 10 EMCYs in a second.",
+        "The first EMCY of the storm.",
+        ("Malformed EMCYs are counted elsewhere.",),
+        _storms,
+    ),
+    Rule(
+        "emcy.active",
+        "A node reports an error of its own, with its code in words.",
+        "The EMCYs that raise, repeat and clear it.",
+        (
+            "Life-guard and bus-off errors are told as the stories of their causes.",
+            "Nothing is concluded from frames shorter than eight bytes.",
+        ),
+        _active,
+        untimed=True,
+    ),
+    Rule(
+        "emcy.active_before",
+        "An error was active before the capture began.",
+        "The first EMCY of the node, which clears one error and leaves others.",
+        ("Only the node's first EMCY is judged so.",),
+        _before,
+        untimed=True,
+    ),
+    Rule(
+        "emcy.inhibit_time",
+        "EMCYs follow one another sooner than 1015h allows.",
+        "The EMCYs that came too soon.",
+        ("Only where 1015h is known.",),
+        _too_soon,
+    ),
+    Rule(
+        "emcy.malformed",
+        "Frames on an EMCY identifier do not have eight bytes.",
+        "These frames.",
+        ("No error is concluded from them.",),
+        _malformed,
+        untimed=True,
+    ),
+)

@@ -8,6 +8,7 @@ from syncline_analyzer.context import Context
 from syncline_analyzer.findings.bus import tells_bus_off
 from syncline_analyzer.findings.guarding import STORY_NS, guarding_stories
 from syncline_analyzer.findings.lost import BOOT_UP_NS, EVIDENCE, lost_nodes, was_bus_off
+from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import LISTED, error_name, moment, seconds
 from syncline_analyzer.folds.control import ControlTables
 from syncline_analyzer.folds.nmt import BootUp, NodeKey
@@ -28,35 +29,31 @@ DOUBLED = 10
 """Alternating heartbeat intervals from which on two producers are believed."""
 
 
-def find(analysis: Analysis, control: ControlTables, context: Context) -> list[Finding]:
-    """All findings of this family; causes come before what follows from them."""
-    if not context.timed:
-        return [
-            *_both(control, context),
-            *_toggles(control, context),
-            *_malformed(control, context),
-        ]
-    stories = list(guarding_stories(analysis, control, context))
-    doubled = list(_doubled(control, context))
-    told = {(f.bus, f.node) for f in [*stories, *doubled]}
-    twins = {(f.bus, f.node) for f in doubled}
-    masters = {seq for finding in stories for seq in finding.evidence}
-    single = [
-        *_unexpected_resets(analysis, control, context, masters),
-        *_ignored(control, context),
-    ]
-    return [
-        *stories,
-        *lost_nodes(analysis, control, context, masters),
-        *doubled,
-        *(f for f in single if (f.bus, f.node) not in twins),
-        *(f for f in _pdo_outside(control, context) if (f.bus, f.node) not in told),
-        *(f for f in _fell(analysis, control, context) if not _within(f, stories, twins)),
-        *_both(control, context),
-        *_toggles(control, context),
-        *_malformed(control, context),
-        *(f for f in _slow(control, context) if (f.bus, f.node) not in twins),
-    ]
+def _guarding(facts: Facts) -> list[Finding]:
+    return list(guarding_stories(facts.analysis, facts.control, facts.context))
+
+
+def _told_by_guarding(facts: Facts) -> set[int]:
+    """Frames that the stories of lost guarding rest on."""
+    return {seq for finding in _guarding(facts) for seq in finding.evidence}
+
+
+def _twins(facts: Facts) -> set[Place]:
+    """Where two devices share one number: what follows from that is no fault of its own."""
+    return {(finding.bus, finding.node) for finding in _doubled(facts)}
+
+
+def _lost(facts: Facts) -> Iterator[Finding]:
+    told = _told_by_guarding(facts)
+    yield from lost_nodes(facts.analysis, facts.control, facts.context, told)
+
+
+def _resets(facts: Facts) -> Iterator[Finding]:
+    twins = _twins(facts)
+    found = _unexpected_resets(
+        facts.analysis, facts.control, facts.context, _told_by_guarding(facts)
+    )
+    yield from (finding for finding in found if (finding.bus, finding.node) not in twins)
 
 
 def _unexpected_resets(
@@ -178,11 +175,14 @@ def _reset_by_sdo(analysis: Analysis, context: Context, key: NodeKey, boot: Boot
     )
 
 
-def _ignored(control: ControlTables, context: Context) -> Iterator[Finding]:
+def _ignored(facts: Facts) -> Iterator[Finding]:
     """Commands that the node's own messages contradict a period later."""
+    control, context, twins = facts.control, facts.context, _twins(facts)
     for (bus, node), timeline in control.nmt.timelines.items():
         for ignored in timeline.ignored:
             if ignored.command.node == 0 and not timeline.followed:
+                continue
+            if (context.bus_name(bus), node) in twins:
                 continue
             name = command_name(ignored.command.specifier)
             pdos = [v for v in timeline.violations if not v.guess and _during(v, ignored)]
@@ -213,8 +213,10 @@ def _identifiers(violations: Iterable[Violation]) -> str:
     return ", ".join(sorted({f"{v.can_id:03X}h" for v in violations}))
 
 
-def _pdo_outside(control: ControlTables, context: Context) -> Iterator[Finding]:
+def _pdo_outside(facts: Facts) -> Iterator[Finding]:
     """PDOs of nodes that are known to be in another state than OPERATIONAL."""
+    control, context = facts.control, facts.context
+    told = {(finding.bus, finding.node) for finding in _guarding(facts)} | _twins(facts)
     for (bus, node), timeline in control.nmt.timelines.items():
         found = [
             violation
@@ -222,7 +224,7 @@ def _pdo_outside(control: ControlTables, context: Context) -> Iterator[Finding]:
             if not violation.guess
             and not any(_during(violation, ignored) for ignored in timeline.ignored)
         ]
-        if not found:
+        if not found or (context.bus_name(bus), node) in told:
             continue
         first = found[0]
         known = "by command" if first.certainty == "commanded" else "by its own word"
@@ -240,6 +242,12 @@ def _pdo_outside(control: ControlTables, context: Context) -> Iterator[Finding]:
             "Switch the node off: do the PDOs stop? Compare with its heartbeat.",
             [v.seq for v in found[:20]],
         )
+
+
+def _fallen(facts: Facts) -> Iterator[Finding]:
+    stories, twins = _guarding(facts), _twins(facts)
+    found = _fell(facts.analysis, facts.control, facts.context)
+    yield from (finding for finding in found if not _within(finding, stories, twins))
 
 
 def _fell(analysis: Analysis, control: ControlTables, context: Context) -> Iterator[Finding]:
@@ -281,8 +289,9 @@ def _fell(analysis: Analysis, control: ControlTables, context: Context) -> Itera
             )
 
 
-def _doubled(control: ControlTables, context: Context) -> Iterator[Finding]:
+def _doubled(facts: Facts) -> Iterator[Finding]:
     """Two devices under one number: two interleaved cadences, or two states told in turn."""
+    control, context = facts.control, facts.context
     for (bus, node), nmt in control.nmt.nodes.items():
         if nmt.twins.periods_ns is not None:
             start, end = nmt.twins.span
@@ -321,8 +330,9 @@ def _flips(timeline: Timeline) -> list[tuple[int, int, str, str]]:
     return timeline.changes if min(len(back), len(gone)) >= FLIPS else []
 
 
-def _both(control: ControlTables, context: Context) -> Iterator[Finding]:
+def _both(facts: Facts) -> Iterator[Finding]:
     """Remote frames to a node that sends heartbeats: some devices then send an empty byte."""
+    control, context = facts.control, facts.context
     for (bus, node), nmt in control.nmt.nodes.items():
         if nmt.both_at is None:
             continue
@@ -345,7 +355,8 @@ def _both(control: ControlTables, context: Context) -> Iterator[Finding]:
         )
 
 
-def _toggles(control: ControlTables, context: Context) -> Iterator[Finding]:
+def _toggles(facts: Facts) -> Iterator[Finding]:
+    control, context = facts.control, facts.context
     for (bus, node), nmt in control.nmt.nodes.items():
         if nmt.counts.toggle_errors < 2:
             continue
@@ -364,8 +375,9 @@ def _toggles(control: ControlTables, context: Context) -> Iterator[Finding]:
         )
 
 
-def _malformed(control: ControlTables, context: Context) -> Iterator[Finding]:
+def _malformed(facts: Facts) -> Iterator[Finding]:
     """Frames on 000h that no node can follow, on buses that show CANopen otherwise."""
+    control, context = facts.control, facts.context
     for bus in sorted({odd.bus for odd in control.nmt.odd} & control.nmt.canopen):
         found = [odd for odd in control.nmt.odd if odd.bus == bus]
         more = "More than " if control.nmt.malformed > len(control.nmt.odd) else ""
@@ -387,9 +399,11 @@ def _malformed(control: ControlTables, context: Context) -> Iterator[Finding]:
         )
 
 
-def _slow(control: ControlTables, context: Context) -> Iterator[Finding]:
+def _slow(facts: Facts) -> Iterator[Finding]:
+    control, context = facts.control, facts.context
+    twins = _twins(facts)
     for (bus, node), nmt in control.nmt.nodes.items():
-        if nmt.late is None:
+        if nmt.late is None or (context.bus_name(bus), node) in twins:
             continue
         timeline = control.nmt.timelines[bus, node]
         yield Finding(
@@ -414,3 +428,95 @@ def _within(finding: Finding, stories: list[Finding], twins: set[Place]) -> bool
         and story.start_ns <= finding.end_ns <= story.end_ns
         for story in stories
     )
+
+
+_SILENCE_GUARDS = (
+    "Never across a capture gap, a step of the clock, or the end of the capture.",
+    "Only nodes whose error control is periodic.",
+    "A silence of the whole bus accuses no node.",
+)
+RULES = (
+    Rule(
+        "nmt.guarding_lost",
+        "A node missed its master: life guarding or heartbeat consumption failed (EMCY 8130h).",
+        "The master's last frame, the EMCY, and the state the node went to.",
+        ("Only where the node itself says so.",),
+        _guarding,
+    ),
+    Rule(
+        "nmt.node_lost",
+        "A node that was heard periodically fell silent.",
+        "Its last frame before the silence and its first one after it.",
+        _SILENCE_GUARDS,
+        _lost,
+    ),
+    Rule(
+        "nmt.duplicate_node_id",
+        "Two devices carry one node id.",
+        "Heartbeats of two cadences or states that are told in turn.",
+        ("Jitter of one producer, a reset or a changed 1017h is none.",),
+        _doubled,
+    ),
+    Rule(
+        "nmt.unexpected_reset",
+        "A node restarted although nobody commanded it.",
+        "The boot-up, and the last frame before it.",
+        (
+            "No reset command, and no write that resets the device, in the 10 s before.",
+            "The first boot-up of a node that was not heard before is its switching on.",
+        ),
+        _resets,
+    ),
+    Rule(
+        "nmt.command_ignored",
+        "A node did not follow an NMT command.",
+        "The command and the message that contradicts it.",
+        ("Judged only one error-control period after the command.",),
+        _ignored,
+    ),
+    Rule(
+        "nmt.pdo_outside_operational",
+        "A node sent PDOs in a state in which it must not.",
+        "These PDOs.",
+        ("Frames in flight within 10 ms of the change are none.", "Guessed PDOs are not used."),
+        _pdo_outside,
+    ),
+    Rule(
+        "nmt.left_operational",
+        "A node left OPERATIONAL without a command.",
+        "The message that tells the new state, and the EMCY before it.",
+        ("Not where a command, or a gap in which one may lie, stands before it.",),
+        _fallen,
+    ),
+    Rule(
+        "config.rtr_on_heartbeat_node",
+        "A node that sends heartbeats is guarded by remote frames as well.",
+        "The first guard request.",
+        ("Only nodes whose heartbeat is on.",),
+        _both,
+        untimed=True,
+    ),
+    Rule(
+        "nmt.guard_toggle",
+        "The toggle bit of a node's guard answers does not alternate.",
+        "The answers that repeat it.",
+        ("A single repetition is none; nor is the first answer after a reset or a gap.",),
+        _toggles,
+        untimed=True,
+    ),
+    Rule(
+        "nmt.malformed_command",
+        "Frames on 000h that no node can follow.",
+        "These frames.",
+        ("Only on buses that show CANopen otherwise.",),
+        _malformed,
+        untimed=True,
+    ),
+    Rule(
+        "nmt.heartbeat_slow",
+        "A node sends its heartbeat slower than 1017h says.",
+        "A heartbeat of the node.",
+        ("Only where 1017h is known by confirmed values or the description.",),
+        _slow,
+    ),
+)

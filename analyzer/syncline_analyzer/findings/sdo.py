@@ -4,9 +4,10 @@ from collections.abc import Iterator
 from itertools import groupby
 
 from syncline_analyzer.context import Context
+from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import Stretch, seconds
 from syncline_analyzer.folds.control import ControlTables
-from syncline_analyzer.results import Analysis, Finding, SdoRow
+from syncline_analyzer.results import Finding, SdoRow
 from syncline_schemas.canopen.sdo import abort_meaning
 from syncline_schemas.devices import quirks
 from syncline_schemas.wording import counted
@@ -18,21 +19,12 @@ TOGETHER_NS = 60_000_000_000
 """Unanswered requests closer than this are told as one [ns]."""
 
 
-def find(analysis: Analysis, control: ControlTables, context: Context) -> list[Finding]:
-    """All findings of this family."""
-    return [
-        *_aborts(analysis, control, context),
-        *_unanswered(analysis, control, context),
-        *_bad_crc(analysis, control),
-    ]
-
-
-def _aborts(analysis: Analysis, control: ControlTables, context: Context) -> Iterator[Finding]:
+def _aborts(facts: Facts) -> Iterator[Finding]:
     """One finding for all equal refusals of a node."""
-    rows = [row for row in analysis.sdo if row.result == "abort" and not _timed_out(row)]
+    rows = [row for row in facts.analysis.sdo if row.result == "abort" and not _timed_out(row)]
     rows.sort(key=lambda row: (*_what(row), row.seq))
     for _, group in groupby(rows, key=_what):
-        yield _abort(control, context, list(group))
+        yield _abort(facts.control, facts.context, list(group))
 
 
 def _what(row: SdoRow) -> tuple[str, int, int, int, str, int]:
@@ -67,8 +59,9 @@ def _abort(control: ControlTables, context: Context, rows: list[SdoRow]) -> Find
     )
 
 
-def _unanswered(analysis: Analysis, control: ControlTables, context: Context) -> Iterator[Finding]:
+def _unanswered(facts: Facts) -> Iterator[Finding]:
     """Requests to nodes that are there; numbers where nobody is are a master's search."""
+    analysis, control, context = facts.analysis, facts.control, facts.context
     there = {(row.bus, row.node) for row in analysis.nodes}
     rows = [
         row
@@ -129,9 +122,9 @@ def _explained(control: ControlTables, context: Context, row: SdoRow) -> bool:
     )
 
 
-def _bad_crc(analysis: Analysis, control: ControlTables) -> Iterator[Finding]:
-    wrong = set(control.sdo.bad_crc)
-    for row in analysis.sdo:
+def _bad_crc(facts: Facts) -> Iterator[Finding]:
+    wrong = set(facts.control.sdo.bad_crc)
+    for row in facts.analysis.sdo:
         if row.end_seq in wrong:
             yield Finding(
                 "sdo.block_crc",
@@ -150,3 +143,37 @@ def _bad_crc(analysis: Analysis, control: ControlTables) -> Iterator[Finding]:
 def _object(row: SdoRow) -> str:
     name = f" ({row.name})" if row.name else ""
     return f"{row.index or 0:04X}h:{row.sub or 0:02X}{name}"
+
+
+RULES = (
+    Rule(
+        "sdo.abort",
+        "An SDO transfer was refused or given up, with the reason in words.",
+        "The requests that were refused.",
+        (
+            "Reads of objects that a device does not have are a note: a master that searches.",
+            "Refusals that the device's maker describes are a note.",
+        ),
+        _aborts,
+        untimed=True,
+    ),
+    Rule(
+        "sdo.no_answer",
+        "A node that is there did not answer SDO requests.",
+        "The requests without an answer.",
+        (
+            "Numbers where nobody was heard are a master's search.",
+            "Not while the node was lost, restarting, or the recorder blind.",
+        ),
+        _unanswered,
+        untimed=True,
+    ),
+    Rule(
+        "sdo.block_crc",
+        "The CRC of a block transfer does not match its data.",
+        "The first and the last frame of the transfer.",
+        ("Only transfers that were recorded whole and use a CRC.",),
+        _bad_crc,
+        untimed=True,
+    ),
+)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
+from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import seconds
 from syncline_analyzer.results import Analysis, Finding, HoleRow, PdoRow, SyncJitterRow, SyncRow
 
@@ -13,18 +14,9 @@ MAX_EVIDENCE = 100
 _LONG_SILENCE_NS = 1_000_000_000
 
 
-def find(analysis: Analysis) -> list[Finding]:
-    """All findings of this family; SYNC first, because PDOs follow from it."""
-    return [
-        *_sync_missing(analysis),
-        *_sync_jitter(analysis),
-        *_pdo_missed(analysis),
-        *_pdo_late(analysis),
-    ]
-
-
-def _sync_missing(analysis: Analysis) -> Iterator[Finding]:
+def _sync_missing(facts: Facts) -> Iterator[Finding]:
     """SYNCs that did not come while nothing else explains it."""
+    analysis = facts.analysis
     for row in analysis.sync:
         for group in _together(_holes(analysis, "sync", row)):
             yield _missing_syncs(row, group)
@@ -61,7 +53,8 @@ def _missing_syncs(row: SyncRow, group: Sequence[HoleRow]) -> Finding:
     )
 
 
-def _sync_jitter(analysis: Analysis) -> Iterator[Finding]:
+def _sync_jitter(facts: Facts) -> Iterator[Finding]:
+    analysis = facts.analysis
     for bus, cob_id in sorted({(row.bus, row.cob_id) for row in analysis.sync_jitter}):
         rows = [row for row in analysis.sync_jitter if (row.bus, row.cob_id) == (bus, cob_id)]
         if len(rows) > MAX_FINDINGS:
@@ -92,8 +85,9 @@ def _jitter(rows: Sequence[SyncJitterRow]) -> Finding:
     )
 
 
-def _pdo_missed(analysis: Analysis) -> Iterator[Finding]:
+def _pdo_missed(facts: Facts) -> Iterator[Finding]:
     """PDOs that were due and did not come while their node was OPERATIONAL."""
+    analysis = facts.analysis
     for row in analysis.pdos:
         for group in _together(_holes(analysis, "pdo", row)) if row.missed else ():
             yield _missed(row, group)
@@ -122,8 +116,9 @@ def _missed(row: PdoRow, group: Sequence[HoleRow]) -> Finding:
     )
 
 
-def _pdo_late(analysis: Analysis) -> Iterator[Finding]:
+def _pdo_late(facts: Facts) -> Iterator[Finding]:
     """Answers after the synchronous window length."""
+    analysis = facts.analysis
     for row in analysis.pdos:
         responses = [r for r in analysis.responses if (r.bus, r.cob_id) == (row.bus, row.cob_id)]
         if not row.late or not responses or row.response_us is None:
@@ -185,3 +180,41 @@ def _type(row: PdoRow) -> str:
     if row.type_source.startswith("inferred"):
         return f"its transmission type is {row.type_source}"
     return f"its transmission type is {row.transmission_type} ({row.type_source})"
+
+
+RULES = (
+    Rule(
+        "sync.missing",
+        "SYNC messages stayed away.",
+        "The SYNCs around each hole.",
+        (
+            "Never over a capture gap or a step of the clock.",
+            "A backlog that the recorder delivers at once counts nowhere.",
+        ),
+        _sync_missing,
+    ),
+    Rule(
+        "sync.jitter",
+        "SYNC periods lie off their mean by a tenth and more, again and again.",
+        "The first SYNCs that are off.",
+        ("One period that is off is none; a backlog of the recorder counts nowhere.",),
+        _sync_jitter,
+    ),
+    Rule(
+        "pdo.missed",
+        "A PDO that was due did not come while its node was OPERATIONAL.",
+        "The SYNCs without an answer, or the frame before the silence.",
+        (
+            "Not where a repeat counter, transmission type 0 or the node's state explains it.",
+            "Not over a capture gap or a step of the clock.",
+        ),
+        _pdo_missed,
+    ),
+    Rule(
+        "pdo.late",
+        "A PDO came after the synchronous window (1007h).",
+        "The slowest answers.",
+        ("Only where 1007h is known.",),
+        _pdo_late,
+    ),
+)

@@ -1,0 +1,57 @@
+"""A rule: how one kind of finding is found, and what a reader may know of it."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+from syncline_analyzer.context import Context
+from syncline_analyzer.folds.control import ControlTables
+from syncline_analyzer.results import Analysis, Finding
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """What a rule may read: the tables, what the control fold knows besides, and the context."""
+
+    analysis: Analysis
+    control: ControlTables
+    context: Context
+
+    def number(self, bus: str) -> int:
+        """Number of a bus by its name, 0 where there is none of this name."""
+        return self.context.buses.index(bus) if bus in self.context.buses else 0
+
+    def who(self, bus: str, node: int) -> str:
+        """A node as a sentence begins with it: its number, and its name where one is described."""
+        name = self.context.shadow.name(self.number(bus), node)
+        return f"Node {node} ({name})" if name else f"Node {node}"
+
+    def moment(self, t_ns: int) -> str:
+        """A moment as seconds into the capture."""
+        return f"+{(t_ns - self.analysis.capture.first_ns) / 1e9:.3f} s"
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """One kind of finding; `docs/findings.md` is made of these.
+
+    Attributes:
+        id: family and name, as in the table of findings.
+        meaning: what the finding says, in one sentence.
+        evidence: the frames that prove it.
+        guards: what keeps the rule silent where nothing is wrong.
+        find: the findings of a capture, in any order.
+        untimed: whether a log without times is judged as well.
+    """
+
+    id: str
+    meaning: str
+    evidence: str
+    guards: tuple[str, ...]
+    find: Callable[[Facts], Iterable[Finding]]
+    untimed: bool = False
+
+
+def apply(rules: Iterable[Rule], facts: Facts) -> list[Finding]:
+    """Findings of the rules that can be judged on this capture, in the order of the rules."""
+    timed = facts.context.timed
+    return [finding for rule in rules if timed or rule.untimed for finding in rule.find(facts)]

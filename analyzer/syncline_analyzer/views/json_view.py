@@ -27,6 +27,8 @@ TABLES = (
     "traces",
     "bus_load",
     "findings",
+    "emcy_context",
+    "error_history",
 )
 """Lists of the object, in the order of the interface."""
 

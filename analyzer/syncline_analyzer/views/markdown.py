@@ -6,6 +6,8 @@ from syncline_analyzer.results import Analysis, Finding
 from syncline_analyzer.views.words import Clock, duration, names_of, node_label, printable
 
 _MARKS = {"error": "ERROR", "warning": "WARNING", "info": "NOTE"}
+CHAIN_LINES = 12
+"""Links of a story that are shown; the tables hold them all."""
 
 
 def findings_markdown(analysis: Analysis) -> str:
@@ -61,6 +63,16 @@ def where(finding: Finding, labels: dict[tuple[str, int], str]) -> str:
     return f"node {label}" + (f" on {finding.bus}" if finding.bus else "")
 
 
+def chain_lines(finding: Finding, clock: Clock) -> list[str]:
+    """What followed from a finding, a line each with its time; the longest chains are cut."""
+    lines = [
+        f"{clock.short(link.start_ns)}: {link.text}" if clock.timed else link.text
+        for link in finding.chain[:CHAIN_LINES]
+    ]
+    rest = len(finding.chain) - CHAIN_LINES
+    return [*lines, f"and {rest} more"] if rest > 0 else lines
+
+
 def _story(finding: Finding, clock: Clock, labels: dict[tuple[str, int], str]) -> list[str]:
     when = f"**When** {clock.stretch(finding.start_ns, finding.end_ns)}, " if clock.timed else ""
     return [
@@ -69,10 +81,13 @@ def _story(finding: Finding, clock: Clock, labels: dict[tuple[str, int], str]) -
         "",
         f"{when}{_escaped(where(finding, labels))}",
         "",
+        *(f"- followed by {_escaped(line)}" for line in chain_lines(finding, clock)),
+        *([""] if finding.chain else []),
         f"**Likely cause** {_escaped(finding.cause)}",
         "",
         f"**Check next** {_escaped(finding.check_next)}",
         "",
+        *([f"**Assumed** {_escaped('; '.join(finding.assumed))}", ""] if finding.assumed else []),
         f"`{finding.id}`, evidence: frames {', '.join(map(str, finding.evidence[:10])) or '-'}",
     ]
 

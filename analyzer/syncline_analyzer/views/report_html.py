@@ -10,7 +10,7 @@ from plotly.offline import get_plotlyjs
 from syncline_analyzer.results import Analysis, Finding, NodeRow
 from syncline_analyzer.views import report_tables as tables
 from syncline_analyzer.views.html import Html, data_script, element, joined, table
-from syncline_analyzer.views.markdown import extent, verdict, where
+from syncline_analyzer.views.markdown import chain_lines, extent, verdict, where
 from syncline_analyzer.views.palette import (
     EMCY_CLEAR_COLOUR,
     EMCY_COLOUR,
@@ -201,13 +201,22 @@ def _story(finding: Finding, labels: dict[tuple[str, int], str], clock: Clock) -
         "article",
         element("p", badge, " ", _place(finding, labels), *when),
         element("h3", finding.text),
+        *_chain(finding, clock),
         element(
             "dl",
             *_terms(("Likely cause", finding.cause), ("Check next", finding.check_next)),
+            *(_terms(("Assumed", "; ".join(finding.assumed))) if finding.assumed else ()),
             *_terms(("Evidence", joined(["frames ", evidence, " ", element("code", finding.id)]))),
         ),
         class_=f"story {finding.severity}",
     )
+
+
+def _chain(finding: Finding, clock: Clock) -> Iterator[Html]:
+    """What followed, in order of time."""
+    if finding.chain:
+        lines = (element("li", line) for line in chain_lines(finding, clock))
+        yield element("ol", *lines, class_="chain", aria_label="What followed")
 
 
 def _place(finding: Finding, labels: dict[tuple[str, int], str]) -> Html | str:

@@ -5,7 +5,7 @@ One column per field of the row's dataclass in `results.py`, except:
 - a stamp `x_ns` (int64) has a twin `x` (datetime64[ns, UTC]; `t` for `t_ns`), NaT where the capture
   has no date;
 - quantiles become `period_us_min`, `_median`, `_p99`, `_max` and `_std` (Float64);
-- `state_share` and `flags` become one column per state or flag, `details` JSON text;
+- `state_share` and `flags` become one column per state or flag, `details` and `chain` JSON text;
 - an SDO `value` is text, with its number in `value_number` (Float64) where it is one; `data` is
   hexadecimal text.
 
@@ -16,7 +16,7 @@ import json
 import types
 import typing
 from collections.abc import Iterator, Sequence
-from dataclasses import fields
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +29,9 @@ from syncline_analyzer.results import (
     TRACE_FLAGS,
     Analysis,
     BusLoadRow,
+    EmcyContextRow,
     EmcyRow,
+    ErrorHistoryRow,
     ErrorRow,
     Finding,
     GapRow,
@@ -68,6 +70,8 @@ ROW_TYPES: dict[str, type] = {
     "holes": HoleRow,
     "sync_jitter": SyncJitterRow,
     "trace_events": TraceEventRow,
+    "emcy_context": EmcyContextRow,
+    "error_history": ErrorHistoryRow,
 }
 """Row class by table."""
 
@@ -131,6 +135,8 @@ def _columns(name: str, hint: Any, values: list[Any]) -> Iterator[tuple[str, Any
     elif plain is Quantiles:
         for part in _QUANTILES:
             yield f"{name}_{part}", _floats([v and getattr(v, part) for v in values])
+    elif name == "chain":
+        yield name, pd.array([_json([asdict(link) for link in v]) for v in values], dtype="string")
     elif name == "state_share":
         for state in NmtState:
             column = "share_" + state.lower().replace("-", "_")
@@ -147,8 +153,7 @@ def _column(plain: Any, optional: bool, values: list[Any]) -> Any:
     if origin is list:
         return pd.Series(values, dtype=object)
     if origin is dict:
-        texts = [json.dumps(v, default=_hex, sort_keys=True) for v in values]
-        return pd.array(texts, dtype="string")
+        return pd.array([_json(v) for v in values], dtype="string")
     if plain is bytes:
         return pd.array([v.hex(" ").upper() for v in values], dtype="string")
     if plain is int:
@@ -156,6 +161,10 @@ def _column(plain: Any, optional: bool, values: list[Any]) -> Any:
     if plain is float:
         return _floats(values) if optional else np.array(values, np.float64)
     return pd.array(values, dtype="string")
+
+
+def _json(value: Any) -> str:
+    return json.dumps(value, default=_hex, sort_keys=True)
 
 
 def _hex(value: Any) -> str:
@@ -292,10 +301,13 @@ def _arrow(frame: pd.DataFrame) -> pa.Table:
 
 
 _LIST_TYPES = {
+    "active": pa.list_(pa.int64()),
     "evidence": pa.list_(pa.int64()),
     "missed_seq": pa.list_(pa.int64()),
     "registers": pa.list_(pa.string()),
+    "writes": pa.list_(pa.string()),
     "proof": pa.list_(pa.string()),
+    "assumed": pa.list_(pa.string()),
 }
 """Arrow type by list column, which an empty table does not tell."""
 

@@ -15,7 +15,7 @@ from rich.text import Text
 from syncline_analyzer.results import Analysis, Finding, PdoRow
 from syncline_analyzer.views.events import CLEARING, RESET, emcy_text
 from syncline_analyzer.views.lanes import cells, lanes_of
-from syncline_analyzer.views.markdown import extent, verdict, where
+from syncline_analyzer.views.markdown import chain_lines, extent, verdict, where
 from syncline_analyzer.views.palette import SEVERITY_COLOURS, STATE_COLOURS, STATE_LETTERS, css
 from syncline_analyzer.views.words import (
     Clock,
@@ -107,8 +107,12 @@ def _story(finding: Finding, analysis: Analysis, clock: Clock) -> Iterator[Rende
     more = f" and {len(finding.evidence) - 8} more" if len(finding.evidence) > 8 else ""
     body = Table.grid(padding=(0, 1))
     body.add_row("", Text(printable(finding.text)))
+    for place, piece in enumerate(chain_lines(finding, clock)):
+        body.add_row(Text("" if place else "followed by", style="dim"), Text(printable(piece)))
     body.add_row(Text("likely cause", style="dim"), Text(printable(finding.cause)))
     body.add_row(Text("check next", style="dim"), Text(printable(finding.check_next)))
+    if finding.assumed:
+        body.add_row(Text("assumed", style="dim"), Text(printable("; ".join(finding.assumed))))
     frames = f"frames {evidence}{more}" if evidence else "no single frame"
     body.add_row(Text("evidence", style="dim"), Text(f"{frames}  [{finding.id}]", style="dim"))
     yield Padding(body, (0, 0, 0, 2))

@@ -10,8 +10,8 @@ from pathlib import Path
 import click
 
 from syncline_analyzer.findings import RULES
+from syncline_analyzer.findings.bonds import BONDS
 from syncline_analyzer.findings.rule import Rule
-from syncline_analyzer.findings.story import BONDS
 from syncline_logger.cli import cli
 
 FOLDER = Path(__file__).parent

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from syncline_analyzer.findings import RULES
+from syncline_analyzer.findings.bonds import BONDS
 from syncline_analyzer.findings.rule import Rule
-from syncline_analyzer.findings.story import BONDS
 
 TESTS = Path(__file__).parents[1]
 IDS = [rule.id for rule in RULES]

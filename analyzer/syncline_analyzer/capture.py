@@ -36,6 +36,8 @@ class CaptureFacts:
     eds_files: dict[str, bytes] = field(default_factory=dict)
     metadata: dict[str, str] = field(default_factory=dict)
     damage: str | None = None
+    foreign_errors: set[str] = field(default_factory=set)
+    """Buses whose error frames hold no SocketCAN classes, but what another driver puts there."""
     notes: list[str] = field(default_factory=list)
 
     def bus_number(self, name: str) -> int:

@@ -1,19 +1,21 @@
 """One pass over a session: frames through all folds, tables, findings."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
 from syncline_analyzer.capture import CaptureFacts, TimeBase
 from syncline_analyzer.context import Context
-from syncline_analyzer.deafness import with_deafness
+from syncline_analyzer.deafness import with_deafness, without_classes
 from syncline_analyzer.findings import find_all
 from syncline_analyzer.fold import Fold, IndexedBatch
 from syncline_analyzer.folds.angle import AngleFold
 from syncline_analyzer.folds.control import ControlFold
+from syncline_analyzer.folds.emcy_context import emcy_context
+from syncline_analyzer.folds.emcy_history import error_history
 from syncline_analyzer.folds.timing import TimingFold
 from syncline_analyzer.nodes import node_rows
-from syncline_analyzer.objects import object_rows
+from syncline_analyzer.objects import history_rows, object_rows
 from syncline_analyzer.results import Analysis, CaptureRow, GapRow
 from syncline_analyzer.shadow import Shadow
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
@@ -51,7 +53,7 @@ def analyze(
     control, timing, angle = ControlFold(context), TimingFold(context), AngleFold(context)
     folds: tuple[Fold, ...] = (control, timing, angle)
     census = _Census()
-    for seq, item in with_deafness(stream):
+    for seq, item in with_deafness(_told_errors(stream, facts, buses)):
         _refresh(context, facts, description, bitrate)
         if isinstance(item, Gap):
             for fold in folds:
@@ -68,10 +70,12 @@ def analyze(
     end_ns = census.end_ns
     controls = control.finish(end_ns)
     timings = timing.finish(end_ns, controls.nmt.states)
-    angles = angle.finish(end_ns)
+    starts = [(boot.bus, boot.node, boot.t_ns) for boot in controls.nmt.boot_ups]
+    angles = angle.finish(end_ns, starts)
+    nodes = node_rows(context, controls, timings.pdos)
     analysis = Analysis(
         capture=census.row(facts, context, origin_ns),
-        nodes=node_rows(context, controls, timings.pdos),
+        nodes=nodes,
         nmt_commands=controls.nmt.commands,
         nmt_states=controls.nmt.states,
         sync=timings.sync,
@@ -88,10 +92,36 @@ def analyze(
         sync_jitter=timings.sync_jitter,
         trace_events=angles.events,
         series=timings.series,
-        objects=object_rows(context),
+        objects=object_rows(context, nodes),
+        object_history=history_rows(context),
+        pdo_pauses=timings.pdo_pauses,
+        clock_steps=timings.clock_steps,
+        bus_silences=timings.bus_silences,
+        overloads=timings.overloads,
+        sync_doubles=timings.sync_doubles,
+        bus_states=controls.bus_errors.states,
+        bus_errors=controls.bus_errors.kinds,
+        lss=controls.lss.rows,
+        time_stamps=controls.time.rows,
     )
+    bus_states = controls.bus_errors.states
+    analysis.emcy_context.extend(emcy_context(analysis, bus_states, timed=context.timed))
+    analysis.error_history.extend(error_history(controls, context, analysis.capture.gaps))
     analysis.findings.extend(find_all(analysis, controls, context))
     return analysis
+
+
+def _told_errors(
+    stream: Iterable[tuple[int, FrameBatch | Gap]], facts: Sequence[CaptureFacts], buses: list[str]
+) -> Iterator[tuple[int, FrameBatch | Gap]]:
+    """The stream without error classes that are not SocketCAN's."""
+    for seq, item in stream:
+        if isinstance(item, FrameBatch):
+            names = {name for each in facts for name in each.foreign_errors}
+            foreign = [number for number, name in enumerate(buses) if name in names]
+            yield seq, without_classes(item, foreign)
+        else:
+            yield seq, item
 
 
 def _context(

@@ -1,9 +1,11 @@
 """Whose PDO an identifier is at a moment, how it is mapped, and when it is sent."""
 
+from bisect import bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
+from syncline_analyzer.service_ids import FRAME_29_BIT, OFF, cob_id, sync_id
 from syncline_analyzer.shadow import Known, Shadow
 from syncline_schemas.canopen.services import predefined_pdo
 from syncline_schemas.decoder import PdoMapping
@@ -15,10 +17,11 @@ COMMUNICATION: dict[Kind, int] = {"tpdo": 0x1800, "rpdo": 0x1400}
 """First communication parameter record; PDO n has the (n - 1)th after it."""
 MAPPING: dict[Kind, int] = {"tpdo": 0x1A00, "rpdo": 0x1600}
 PDO_COUNT = 512
-_OFF = 1 << 31
-_FRAME_29_BIT = 1 << 29
-_SERVICE_IDS = {(0x1012, 0), (0x1014, 0)}
-"""Objects that hold the identifiers of TIME and EMCY."""
+MAX_MAPPED = 64
+"""Objects that one PDO can carry (CiA 301 7.5.2.36)."""
+_TIME_ID, _EMCY_ID = (0x1012, 0), (0x1014, 0)
+_SERVICE_IDS = {_TIME_ID, _EMCY_ID}
+_SYNC_PARAMETERS = (0x1005, 0x1007)
 _RANK = {"sdo-read": 0, "sdo-write": 0, "bus-description": 1, "eds-default": 2, "predefined": 3}
 
 
@@ -74,9 +77,13 @@ class PdoBindings:
         self._claims: dict[tuple[int, int], list[tuple[Kind, int, int]]] = {}
         self._assumed: dict[int, dict[int, list[tuple[Kind, int, int]]]] = {}
         self._devices: dict[int, list[Device | None]] = {}
+        self._version: dict[int, int] = {}
 
     def refresh(self, bus: int) -> None:
         """Collect the identifiers that any node of a bus claims or ever claimed."""
+        if self._version.get(bus) == self._shadow.version:
+            return
+        self._version[bus] = self._shadow.version
         claims: dict[tuple[int, int], list[tuple[Kind, int, int]]] = {}
         for can_id, found in self._assumed_claims(bus).items():
             claims[bus, can_id] = list(found)
@@ -103,7 +110,7 @@ class PdoBindings:
         """
         bound: list[Pdo] = []
         for kind, number, node in self._claims.get((bus, can_id), ()):
-            known = self._cob_id(bus, node, kind, number, seq)
+            known = self.identifier(bus, node, kind, number, seq)
             if known is not None and known.value == can_id:
                 bound.append(Pdo(bus, node, kind, number, known.source))
         if bound:
@@ -119,17 +126,42 @@ class PdoBindings:
             kind, number, node = guess
             claims = [*claims, ("tpdo" if kind == "tpdo" else "rpdo", number, node)]
         for kind, number, node in claims:
+            if not self._shadow.configured(bus, node, first, last):
+                continue
             subs = [(COMMUNICATION[kind] + number - 1, 1)]
-            subs += [(MAPPING[kind] + number - 1, sub) for sub in range(9)]
+            subs += [(MAPPING[kind] + number - 1, sub) for sub in range(MAX_MAPPED + 1)]
             for index, sub in subs:
                 found.update(self._shadow.changes(bus, node, index, sub))
         return sorted(seq for seq in found if first < seq <= last)
+
+    def turns(self, bus: int, first: int, last: int) -> list[int]:
+        """Moments `first < seq <= last` at which the timing of any PDO or SYNC of a bus changed.
+
+        These are new values of 1005h, 1007h and the communication parameters of PDOs; a value that
+        is written once more is none.
+        """
+        found: set[int] = set()
+        for node in self._shadow.nodes_of(bus):
+            if not self._shadow.configured(bus, node, first, last):
+                continue
+            for (index, sub), history in self._shadow.history(bus, node):
+                if index in _SYNC_PARAMETERS or _pdo_of(index) is not None:
+                    found.update(
+                        seq
+                        for seq in history.seqs[bisect_right(history.seqs, first) :]
+                        if seq <= last and self._turned(bus, node, index, sub, seq)
+                    )
+        return sorted(found)
+
+    def _turned(self, bus: int, node: int, index: int, sub: int, seq: int) -> bool:
+        before = self._shadow.number(bus, node, index, sub, seq - 1)
+        return before != self._shadow.number(bus, node, index, sub, seq)
 
     def mapping(self, pdo: Pdo, seq: int | None = None) -> PdoMapping | None:
         """Mapping of a PDO at `seq`; None when nobody said what it carries."""
         shadow, bus, node = self._shadow, pdo.bus, pdo.node
         count = self._mapping_value(pdo, 0, seq)
-        if not count or count > 64:
+        if not count or count > MAX_MAPPED:
             return None
         values = [self._mapping_value(pdo, sub, seq) for sub in range(1, count + 1)]
         if any(value is None for value in values):
@@ -139,6 +171,17 @@ class PdoBindings:
             shadow.device(bus, node),
             lambda index, sub: shadow.number(bus, node, index, sub, seq),
         )
+
+    def mapping_confirmed(self, pdo: Pdo, seq: int | None = None) -> bool:
+        """Whether the node itself told or acknowledged all of its mapping."""
+        count = self._shadow.confirmed(pdo.bus, pdo.node, pdo.mapping, 0, seq)
+        if not count or count > MAX_MAPPED:
+            return False
+        values = (
+            self._shadow.confirmed(pdo.bus, pdo.node, pdo.mapping, sub, seq)
+            for sub in range(1, count + 1)
+        )
+        return all(value is not None for value in values)
 
     def transmission(self, pdo: Pdo, seq: int | None = None) -> Transmission:
         """Transmission type, inhibit time and event timer of a PDO at `seq`, with their sources."""
@@ -156,8 +199,7 @@ class PdoBindings:
 
     def sync_cob_id(self, bus: int, node: int, seq: int | None = None) -> int:
         """Identifier of the SYNC that a node listens to (1005h), 080h unless it is told otherwise."""
-        value = self._shadow.number(bus, node, 0x1005, 0, seq)
-        return 0x80 if value is None or value & _FRAME_29_BIT else value & 0x7FF
+        return sync_id(self._shadow, bus, node, seq)
 
     def other_services(self, bus: int, seq: int | None = None) -> set[int]:
         """Identifiers that the nodes of a bus give to EMCY, TIME and SDO (CiA 301 7.5.2)."""
@@ -166,10 +208,10 @@ class PdoBindings:
             for key in self._shadow.learned(bus, node) if learned_bus == bus else ():
                 if key in _SERVICE_IDS or (0x1200 <= key[0] < 0x1300 and key[1] in (1, 2)):
                     value = self._shadow.number(bus, node, *key, seq)
-                    if value is not None and not value & (
-                        (0 if key[0] == 0x1012 else _OFF) | _FRAME_29_BIT
-                    ):
-                        found.add(value & 0x7FF)
+                    # Bit 31 of 1012h says that the node takes TIME, not that it is off.
+                    bits = ~OFF if key == _TIME_ID else ~0
+                    if value is not None and (can_id := cob_id(value & bits)) is not None:
+                        found.add(can_id)
         return found
 
     def _mapping_value(self, pdo: Pdo, sub: int, seq: int | None) -> int | None:
@@ -180,10 +222,13 @@ class PdoBindings:
                 return value
         return self._shadow.number(pdo.bus, pdo.node, pdo.mapping, sub, seq)
 
-    def _cob_id(
-        self, bus: int, node: int, kind: Kind, number: int, seq: int | None
+    def identifier(
+        self, bus: int, node: int, kind: Kind, number: int, seq: int | None = None
     ) -> Known | None:
-        """Value of 180xh:1 as it acts; None when it is off, 29-bit or not known at all."""
+        """Identifier of a PDO by 180xh:1; None when it is off, 29-bit or not known at all.
+
+        An identifier of 0 counts as off: that is how devices write an unused PDO.
+        """
         index = COMMUNICATION[kind] + number - 1
         known = self._shadow.get(bus, node, index, 1, seq)
         if known is None or not isinstance(known.value, int):
@@ -195,7 +240,7 @@ class PdoBindings:
             default = device.default(index, 1, node)
             fixed = default if isinstance(default, int) else value
             value = fixed & ~mask | value & mask
-        if value & (_OFF | _FRAME_29_BIT):
+        if value & (OFF | FRAME_29_BIT) or not value & 0x7FF:
             return None
         return Known(value & 0x7FF, known.source, known.seq, known.t_ns)
 
@@ -215,13 +260,13 @@ class PdoBindings:
 
     def _learned_claims(self, bus: int, node: int) -> Iterator[tuple[Kind, int, int]]:
         shadow = self._shadow
-        for index, sub in shadow.learned(bus, node):
+        for (index, sub), history in shadow.history(bus, node):
             place = _pdo_of(index)
             if sub != 1 or place is None:
                 continue
             kind, number = place
-            for seq in shadow.changes(bus, node, index, sub):
-                known = self._cob_id(bus, node, kind, number, seq)
+            for seq in history.seqs:
+                known = self.identifier(bus, node, kind, number, seq)
                 if known is not None and isinstance(known.value, int):
                     yield kind, number, known.value
 
@@ -236,7 +281,7 @@ class PdoBindings:
             indexes |= {base + k for base in COMMUNICATION.values() for k in range(4)}
             for index in sorted(indexes):
                 place = _pdo_of(index)
-                known = self._cob_id(bus, node, *place, 0) if place else None
+                known = self.identifier(bus, node, *place, 0) if place else None
                 if place and known is not None and isinstance(known.value, int):
                     found.setdefault(known.value, []).append((*place, node))
         self._assumed[bus] = found

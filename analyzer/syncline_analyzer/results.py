@@ -97,6 +97,16 @@ class NodeRow:
     final_state: str
     proof: list[str] = field(default_factory=list)
     """What lists the node: "error control", "emcy", "sdo answer", "pdo", "pdo (guess)"."""
+    heartbeat_period_us: Quantiles | None = None
+    """Without silences, gaps, resets and changes of 1017h."""
+    guard_period_us: Quantiles | None = None
+    """From one guard request of the master to the next."""
+    guard_missed: int = 0
+    """Guard requests without an answer, after the node's first answer."""
+    confirmed_ms: Quantiles | None = None
+    """From an NMT command, not a reset, to the first message that confirms it."""
+    boot_ms: Quantiles | None = None
+    """From a reset command to the boot-up."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,6 +171,15 @@ class PdoRow:
     late: int
     missed_seq: list[int] = field(default_factory=list)
     """`seq` of the first SYNCs (at most 100) that got no answer."""
+    too_soon: int = 0
+    """Frames less than half the inhibit time (180xh:3) after the one before."""
+    extra_seq: list[int] = field(default_factory=list)
+    """`seq` of the first `extra` frames (at most 20)."""
+    too_soon_seq: list[int] = field(default_factory=list)
+    inhibit_us: int | None = None
+    """180xh:3 as seen on the bus or described."""
+    event_timer_us: int | None = None
+    """180xh:5 as seen on the bus or described, of a PDO of type FEh or FFh."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,6 +233,8 @@ class EmcyRow:
     transition: Literal["raised", "further", "partly cleared", "all cleared", "reset", "malformed"]
     details: dict[str, Any] = field(default_factory=dict)
     """Manufacturer bytes decoded by device, for example {"alarms": 1, "warnings": 0}."""
+    active: list[int] = field(default_factory=list)
+    """Codes of the node's errors that are known to be there after it; at most 32."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,6 +250,62 @@ class ErrorRow:
     status: Literal["cleared", "still active", "lost at reset"]
     count: int
     evidence: list[int] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class EmcyContextRow:
+    """What was around one EMCY; for the first 1000 of a capture.
+
+    `write_*` is the last SDO write to the node within the 10 s before, `write_ms` how long before
+    the EMCY its answer came; `writes` lists up to five of them, the latest first, in words.
+    """
+
+    bus: str
+    node: int
+    seq: int
+    t_ns: int
+    code: int | None
+    state: str
+    """NMT state of the node at that moment."""
+    certainty: str
+    bus_state: str | None
+    """State of the recorder's controller, None where nothing tells it."""
+    write_index: int | None
+    write_sub: int | None
+    write_seq: int | None
+    write_ms: float | None
+    writes: list[str] = field(default_factory=list)
+    values: dict[str, Any] = field(default_factory=dict)
+    """By measured object ("6004h:00"): its name and unit, the last value `before` and the first
+    `after`, `low` and `high` within one second on either side, and the number of `samples`."""
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorHistoryRow:
+    """One SDO read of 1003h or 1001h, and what the bus told of it.
+
+    `seen` of an entry of 1003h: "seen" (the EMCY with `emcy_seq`), "older" (from before the
+    capture), "missed" (it came during the capture, its EMCY is not in it), "unknown" (older or
+    missed) or "empty". The number of entries is a "count". A read of 1001h is a "register", or
+    "cleared by read" where bits are gone only because the read before took them.
+    """
+
+    bus: str
+    node: int
+    seq: int
+    t_ns: int
+    index: int
+    sub: int
+    raw: int
+    code: int | None
+    info: int | None
+    """The upper 16 bits of an entry: the maker's own."""
+    meaning: str
+    seen: Literal[
+        "seen", "older", "missed", "unknown", "empty", "count", "register", "cleared by read"
+    ]
+    emcy_seq: int | None
+    note: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -254,11 +331,23 @@ class SdoRow:
     name: str | None = None
     data: bytes = b""
     end_seq: int | None = None
+    announced: int | None = None
+    """Bytes that the protocol states; None where it does not (22h, 42h, size not indicated)."""
+    crc_ok: bool | None = None
+    """Whether the CRC of a block transfer fits its data; None where there is none to check."""
+    abort_by: Literal["client", "server"] | None = None
+    abort_text: str | None = None
+    """The abort code in words."""
 
 
 @dataclass(frozen=True, slots=True)
 class ObjectRow:
-    """Last known value of an object that was seen on the bus."""
+    """Last known value of an object: seen on the bus, or an assumed parameter of an analysis.
+
+    `seq` and `t_ns` are those of the transfer that told the value, None where it is assumed. It
+    holds since `since_seq`, by `cause`: "sdo-read", "sdo-write", "side effect", "reset" (the saved
+    value came back) or "factory reset"; "" where it always held.
+    """
 
     bus: str
     node: int
@@ -270,6 +359,39 @@ class ObjectRow:
     source: str
     seq: int | None
     t_ns: int | None
+    meaning: str = ""
+    """The value in words, "" where the number says it all."""
+    since_seq: int | None = None
+    since_ns: int | None = None
+    cause: str = ""
+    saved: bool | None = None
+    """Whether a written value outlives a reset, None where it was not written in the capture."""
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectHistoryRow:
+    """One value of an object and the stretch in which it held; at most 2000 per object.
+
+    It holds from `start_seq` on and before `until_seq` (None: to the end). `source` is where the
+    value comes from, "unknown" where a reset left nothing that is known; `seq` is the transfer that
+    told it; `cause` is as in `ObjectRow`.
+    """
+
+    bus: str
+    node: int
+    index: int
+    sub: int
+    name: str | None
+    unit: str | None
+    value: int | float | str | None
+    meaning: str
+    source: str
+    cause: str
+    seq: int | None
+    start_seq: int
+    start_ns: int
+    until_seq: int | None
+    until_ns: int | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -287,6 +409,14 @@ class TraceRow:
     max: float | None
     cuts: int
     flags: dict[str, int]
+    shows: str = ""
+    """What the value is by the settings at the end: axis, definition, range, reference."""
+    assumed: list[str] = field(default_factory=list)
+    """Settings of the scale that were only assumed: "cpr", "range", "res", "quad" ..."""
+    unwrapped_min_deg: float | None = None
+    """Least, greatest and mean angle with the way over the wrap joined; None without a scale."""
+    unwrapped_max_deg: float | None = None
+    unwrapped_mean_deg: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -294,13 +424,16 @@ class TraceEventRow:
     """A moment of a trace that a reader must know of; at most 1000 per trace and kind.
 
     `kind` is "jump" (faster than the device can turn), "out of range" (the first
-    one of a stretch) or "cut"; `text` says why. `before` and `after` are values in the trace's unit.
+    one of a stretch), "frozen" (the first of a stretch in which a sibling moves), "alarm" (bits of
+    6503h or 6505h came up), "ambiguous" (the first sample whose value or direction cannot be told),
+    "gray code" (at the end: counts in the wrong code) or "cut"; `text` says why. `before` and
+    `after` are values in the trace's unit.
     """
 
     bus: str
     node: int
     object: int
-    kind: Literal["jump", "out of range", "cut"]
+    kind: Literal["jump", "out of range", "frozen", "alarm", "ambiguous", "gray code", "cut"]
     seq: int
     t_ns: int
     before: float | None
@@ -317,6 +450,144 @@ class BusLoadRow:
     mean_percent: float | None
     peak_percent: float | None
     frames_per_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class BusStateRow:
+    """An interval of the state of the recorder's own controller on a bus, half-open.
+
+    `state` is "active", "warning", "passive", "bus-off", "restarted" (started again, nothing heard
+    yet) or "unknown" (before the first error frame that tells one, and after a capture gap). A bus
+    of which no error frame tells a state has no rows. `tx_errors`, `rx_errors` are the error
+    counters of the frame that proves it.
+    """
+
+    bus: str
+    state: str
+    start_ns: int
+    end_ns: int
+    cause: str
+    evidence: int | None
+    tx_errors: int | None = None
+    rx_errors: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class BusErrorRow:
+    """Error frames of one kind on one bus; `evidence` holds the first 20."""
+
+    bus: str
+    kind: str
+    count: int
+    first_ns: int
+    last_ns: int
+    evidence: list[int]
+
+
+@dataclass(frozen=True, slots=True)
+class PdoPauseRow:
+    """A stretch in which a PDO with a rhythm of its own stayed away, its node being OPERATIONAL.
+
+    `due` frames were due by `basis`; `resumed` tells whether it came again. `evidence` holds the
+    last frame before it, and the first one after.
+    """
+
+    bus: str
+    cob_id: int
+    node: int
+    pdo: str
+    start_ns: int
+    end_ns: int
+    due: int
+    resumed: bool
+    basis: str
+    evidence: list[int]
+
+
+@dataclass(frozen=True, slots=True)
+class ClockStepRow:
+    """The recorder's clock was set forward by `step_ns`, seen by `witnesses` identifiers.
+
+    `evidence` holds the first frame after it.
+    """
+
+    bus: str
+    start_ns: int
+    end_ns: int
+    step_ns: int
+    witnesses: int
+    evidence: list[int]
+
+
+@dataclass(frozen=True, slots=True)
+class BusSilenceRow:
+    """A stretch in which nobody at all was heard although heartbeats were due, half-open.
+
+    `evidence` holds the frames before and after it.
+    """
+
+    bus: str
+    start_ns: int
+    end_ns: int
+    evidence: list[int]
+
+
+@dataclass(frozen=True, slots=True)
+class OverloadRow:
+    """Seconds in a row in which a bus was nearly full; `percent` is the mean load."""
+
+    bus: str
+    start_ns: int
+    end_ns: int
+    percent: float
+
+
+@dataclass(frozen=True, slots=True)
+class SyncDoubleRow:
+    """A stretch in which two rhythms of one period share a SYNC identifier.
+
+    The second one comes `offset_us` after the first, in so many `pairs`; `evidence` holds the
+    first SYNCs of the stretch.
+    """
+
+    bus: str
+    cob_id: int
+    start_ns: int
+    end_ns: int
+    period_us: float
+    offset_us: float
+    pairs: int
+    evidence: list[int]
+
+
+@dataclass(frozen=True, slots=True)
+class LssRow:
+    """One LSS frame (CiA 305); at most 10,000. `sender` is "master" or "slave"."""
+
+    bus: str
+    seq: int
+    t_ns: int
+    sender: Literal["master", "slave"]
+    command: str
+    text: str
+    values: dict[str, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class TimeStampRow:
+    """A TIME message: the first one, then one a minute, and each one that jumps.
+
+    `utc_ns` is what it says, taken as UTC; None where it is malformed. `offset_ns` is that minus
+    the recorder's clock, None in captures without dates.
+    """
+
+    bus: str
+    cob_id: int
+    seq: int
+    t_ns: int
+    utc_ns: int | None
+    offset_ns: int | None
+    text: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -438,3 +709,15 @@ class Analysis:
     series: list[Series] = field(default_factory=list)
     """Plots over time: bus load ("bus load", "%"), SYNC period ("SYNC 080h period", "us")."""
     objects: list[ObjectRow] = field(default_factory=list)
+    object_history: list[ObjectHistoryRow] = field(default_factory=list)
+    emcy_context: list[EmcyContextRow] = field(default_factory=list)
+    error_history: list[ErrorHistoryRow] = field(default_factory=list)
+    pdo_pauses: list[PdoPauseRow] = field(default_factory=list)
+    clock_steps: list[ClockStepRow] = field(default_factory=list)
+    bus_silences: list[BusSilenceRow] = field(default_factory=list)
+    overloads: list[OverloadRow] = field(default_factory=list)
+    sync_doubles: list[SyncDoubleRow] = field(default_factory=list)
+    bus_states: list[BusStateRow] = field(default_factory=list)
+    bus_errors: list[BusErrorRow] = field(default_factory=list)
+    lss: list[LssRow] = field(default_factory=list)
+    time_stamps: list[TimeStampRow] = field(default_factory=list)

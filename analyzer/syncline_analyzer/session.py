@@ -167,16 +167,29 @@ class Session:
         """One row per error of a node, from raise to clear."""
         return self._frame("errors")
 
+    def emcy_context(self) -> pd.DataFrame:
+        """What was around each EMCY: NMT state, bus state, SDO writes before it, measured values."""
+        return self._frame("emcy_context")
+
+    def error_history(self) -> pd.DataFrame:
+        """One row per read of 1003h or 1001h, with the EMCY that told the same."""
+        return self._frame("error_history")
+
     def sdo(self) -> pd.DataFrame:
         """One row per SDO transfer."""
         return self._frame("sdo")
 
     def objects(self, node: int, bus: str | None = None) -> pd.DataFrame:
-        """Last known value of every object of a node that was seen on the bus, with its source."""
-        from syncline_analyzer.views.tables import to_frame
+        """What is known of a node's objects at the end, from where and since when.
 
-        rows = [row for row in self.analysis.objects if row.node == node and bus in (None, row.bus)]
-        return to_frame(rows, "objects", dated=self._dated)
+        Objects that were seen on the bus, and the parameters that the analyses only assume (source
+        "bus-description" or "eds-default").
+        """
+        return self._of_node("objects", node, bus)
+
+    def object_history(self, node: int, bus: str | None = None) -> pd.DataFrame:
+        """Every value of a node's objects with the stretch in which it held, by object and time."""
+        return self._of_node("object_history", node, bus)
 
     def traces(self) -> pd.DataFrame:
         """One row per sample of every trace."""
@@ -188,6 +201,22 @@ class Session:
         """One row per bus."""
         return self._frame("bus_load")
 
+    def bus_states(self) -> pd.DataFrame:
+        """One row per interval of the state of the recorder's controller: active to bus-off."""
+        return self._frame("bus_states")
+
+    def bus_errors(self) -> pd.DataFrame:
+        """One row per bus and kind of error frame, with how many there were."""
+        return self._frame("bus_errors")
+
+    def lss(self) -> pd.DataFrame:
+        """One row per LSS frame."""
+        return self._frame("lss")
+
+    def time_stamps(self) -> pd.DataFrame:
+        """TIME messages: the first one, then one a minute, and each one that jumps."""
+        return self._frame("time_stamps")
+
     def gaps(self) -> pd.DataFrame:
         """One row per stretch in which the recorder was blind."""
         from syncline_analyzer.views.tables import to_frame
@@ -198,6 +227,13 @@ class Session:
         from syncline_analyzer.views.tables import to_frame
 
         return to_frame(getattr(self.analysis, table), table, dated=self._dated)
+
+    def _of_node(self, table: str, node: int, bus: str | None) -> pd.DataFrame:
+        from syncline_analyzer.views.tables import to_frame
+
+        rows = getattr(self.analysis, table)
+        chosen = [row for row in rows if row.node == node and bus in (None, row.bus)]
+        return to_frame(chosen, table, dated=self._dated)
 
     def _check_range(self, readers: Sequence[CaptureReader]) -> None:
         """Raises: UsageError where the range cannot hold anything."""

@@ -1,45 +1,29 @@
 """Object-dictionary shadow: what is known of each node's objects at each moment, and from where."""
 
 from bisect import bisect_right
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from typing import Literal
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 
+from syncline_analyzer.object_history import (
+    MAX_CHANGES,
+    Cause,
+    Change,
+    Known,
+    ObjectHistory,
+    Source,
+    Span,
+    Value,
+)
 from syncline_schemas.description import BusDescription
-from syncline_schemas.devices import Device, identify, quirks
+from syncline_schemas.devices import Device, either, identify, lookalikes, quirks
 
-Source = Literal["sdo-read", "sdo-write", "bus-description", "eds-default"]
-MAX_CHANGES = 20_000
-"""Changes kept per object: a value polled for days must not fill the memory."""
-Value = int | bytes
+__all__ = ["MAX_CHANGES", "Known", "Shadow", "Source"]
+
 Key = tuple[int, int]
 """(index, subindex) of an object."""
-
-
-@dataclass(frozen=True, slots=True)
-class Known:
-    """One object's value, where it comes from, and since when (`seq` is None when it always held)."""
-
-    value: Value
-    source: Source
-    seq: int | None = None
-    t_ns: int | None = None
-
-
-@dataclass(slots=True)
-class _History:
-    """Values by `seq`; `saved` is what a reset falls back to once the value is `unsaved`."""
-
-    seqs: list[int] = field(default_factory=list)
-    values: list[Known | None] = field(default_factory=list)
-    saved: Known | None = None
-    unsaved: bool = False
-
-    def add(self, seq: int, known: Known | None) -> None:
-        self.seqs.append(seq)
-        self.values.append(known)
-        if len(self.seqs) > MAX_CHANGES:
-            del self.seqs[: MAX_CHANGES // 2], self.values[: MAX_CHANGES // 2]
+RESET_COMMUNICATION = 0x82
+BOOT_NS = 10_000_000_000
+"""A boot-up this long after a reset command is still its effect [ns]."""
 
 
 class Shadow:
@@ -60,8 +44,14 @@ class Shadow:
         self._description = description or BusDescription()
         self._devices_by_node = dict(devices or {})
         self._identified: dict[tuple[int, int], Device | None] = {}
-        self._known: dict[tuple[int, int], dict[Key, _History]] = {}
+        self._known: dict[tuple[int, int], dict[Key, ObjectHistory]] = {}
         self._refused: dict[tuple[int, int], set[Key]] = {}
+        self._partly_ns: dict[tuple[int, int], int] = {}
+        """Time of the last command that reset a node's communication only."""
+        self.version = 0
+        """Grows with everything that may bind identifiers, so that readers know when to look again."""
+        self._configured: dict[tuple[int, int], list[int]] = {}
+        """`seq` of every change of a node's communication profile."""
 
     def learn(self, bus: int, node: int, index: int, sub: int, known: Known) -> None:
         """Store a value seen on the bus; calls come in order of `seq`.
@@ -74,26 +64,24 @@ class Shadow:
         facts = quirks(self.device(bus, node))
         self._store(bus, node, facts.aliases.get(key, key), known, key in facts.stored_at_once)
         if index in _IDENTITY:
+            self.version += 1
             self._identified.pop((bus, node), None)
         if known.source != "sdo-write":
             return
-        for written, changed, value in facts.side_effects:
-            if written == key:
-                self._store(bus, node, changed, replace(known, value=value), False)
-        if facts.factory_reset_writes.get(key) == known.value:
-            self.restore(bus, node)
+        self._follow_write(bus, node, key, known)
 
     def refuse(self, bus: int, node: int, index: int, sub: int) -> None:
         """Note that the node said that it has no such object (abort 0602 0000)."""
         self._refused.setdefault((bus, node), set()).add((index, sub))
+        self.version += 1
         if index in _IDENTITY:
             self._identified.pop((bus, node), None)
 
     def save(self, bus: int, node: int, sub: int = 1) -> None:
         """Keep the present values as those that a reset falls back to (1010h `save`)."""
         for key, history in self._known.get((bus, node), {}).items():
-            if history.values and self._kept_by(bus, node, key, sub):
-                history.saved = history.values[-1]
+            if history.changes and self._kept_by(bus, node, key, sub):
+                history.saved = history.last
                 history.unsaved = False
 
     def restore(self, bus: int, node: int, sub: int = 1) -> None:
@@ -103,23 +91,34 @@ class Shadow:
                 history.saved = None
                 history.unsaved = True
 
-    def reset(self, bus: int, node: int, seq: int) -> None:
-        """Throw written values back to the last saved ones (boot-up, 81h, 82h)."""
-        for history in self._known.get((bus, node), {}).values():
-            if history.unsaved:
-                history.add(seq, history.saved)
+    def reset(self, bus: int, node: int, seq: int, t_ns: int = 0, specifier: int = 0) -> None:
+        """Throw written values back to the last saved ones.
+
+        Args:
+            bus, node: which node starts anew.
+            seq, t_ns: the frame that tells it.
+            specifier: 81h or 82h of the NMT command, 0 for a boot-up. 82h, and the boot-up that
+                answers it, leave everything outside the communication profile 1000h..1FFFh alone
+                (CiA 301 7.3.2.2), unless the device's maker says otherwise.
+        """
+        self.version += 1
+        all_of_it = not self._only_communication(bus, node, t_ns, specifier)
+        for key, history in self._known.get((bus, node), {}).items():
+            if history.unsaved and (all_of_it or key[0] in _COMMUNICATION):
+                history.add(Change(seq, t_ns, history.saved, "reset"))
+                if key[0] in _COMMUNICATION:
+                    self._note(bus, node, seq)
                 history.unsaved = False
+        if self._identity_lost(bus, node):
+            self._identified.pop((bus, node), None)
 
     def get(
         self, bus: int, node: int, index: int, sub: int = 0, seq: int | None = None
     ) -> Known | None:
         """What is known of an object at `seq` (at the end when None)."""
         history = self._known.get((bus, node), {}).get((index, sub))
-        if history is not None:
-            at = len(history.seqs) if seq is None else bisect_right(history.seqs, seq)
-            if at and (known := history.values[at - 1]) is not None:
-                return known
-        return self._assumed(bus, node, index, sub)
+        known = history.at(seq) if history is not None else None
+        return known if known is not None else self.assumed(bus, node, index, sub)
 
     def number(
         self, bus: int, node: int, index: int, sub: int = 0, seq: int | None = None
@@ -137,14 +136,44 @@ class Shadow:
         history = self._known.get((bus, node), {}).get((index, sub))
         return list(history.seqs) if history else []
 
-    def learned(self, bus: int, node: int) -> dict[tuple[int, int], Known]:
-        """The last value of every object that was seen on the bus."""
+    def configured(self, bus: int, node: int, first: int, last: int) -> bool:
+        """Whether anything of a node's communication profile changed at `first < seq <= last`."""
+        seqs = self._configured.get((bus, node), [])
+        return bisect_right(seqs, first) < bisect_right(seqs, last)
+
+    def learned(self, bus: int, node: int) -> dict[Key, Known]:
+        """The last value of every object that was seen on the bus and that no reset took back."""
         found = self._known.get((bus, node), {})
-        return {key: h.values[-1] for key, h in found.items() if h.values[-1] is not None}
+        return {key: known for key, h in found.items() if (known := h.last) is not None}
+
+    def history(self, bus: int, node: int) -> Iterator[tuple[Key, ObjectHistory]]:
+        """All objects of a node that were seen on the bus, by index and sub-index."""
+        yield from sorted(self._known.get((bus, node), {}).items())
+
+    def spans(self, bus: int, node: int, index: int, sub: int = 0) -> list[Span]:
+        """Everything an object was over the capture, in order; empty when it was never seen."""
+        history = self._known.get((bus, node), {}).get((index, sub))
+        return list(history.spans()) if history is not None else []
+
+    def confirmed(
+        self, bus: int, node: int, index: int, sub: int = 0, seq: int | None = None
+    ) -> int | None:
+        """The value of a numeric object as the node itself told or acknowledged it, else None."""
+        known = self.get(bus, node, index, sub, seq)
+        sure = known is not None and known.confirmed
+        return self.number(bus, node, index, sub, seq) if sure else None
 
     def nodes(self) -> list[tuple[int, int]]:
         """(bus, node) of which at least one object was seen."""
         return list(self._known)
+
+    def nodes_of(self, bus: int) -> list[int]:
+        """Nodes of a bus of which the bus, its description or the user tells anything."""
+        name = self._bus_name(bus)
+        seen = {node for on, node in self._known if on == bus}
+        return sorted(
+            seen | self._description.described(name).keys() | self._devices_by_node.keys()
+        )
 
     def device(self, bus: int, node: int) -> Device | None:
         """Device of a node: as told by the user, else identified by the objects it answered."""
@@ -164,24 +193,73 @@ class Shadow:
         if entry is not None and entry.device is not None:
             return entry.device
         identity = self._identity(bus, node)
-        return identify(identity) if identity else None
+        if not identity:
+            return None
+        return identify(identity) or either(lookalikes(identity))
 
     def _reads_the_same(self, bus: int, node: int, key: Key, known: Known) -> bool:
         """Whether a read only confirms the value that was read before."""
         history = self._known.get((bus, node), {}).get(key)
-        last = history.values[-1] if history else None
-        return last is not None and last.source == "sdo-read" and last.value == known.value
+        last = history.changes[-1] if history and history.changes else None
+        if last is None or last.known is None:
+            return False
+        return last.cause == "sdo-read" and last.known.value == known.value
 
-    def _store(self, bus: int, node: int, key: Key, known: Known, at_once: bool) -> None:
+    def _follow_write(self, bus: int, node: int, key: Key, known: Known) -> None:
+        """What else changes with a write, by what the device's maker says."""
+        facts = quirks(self.device(bus, node))
+        for written, changed, value in facts.side_effects:
+            if written == key:
+                self._store(bus, node, changed, replace(known, value=value), False, "side effect")
+        seq, t_ns = known.seq or 0, known.t_ns or 0
+        if facts.factory_reset_writes.get(key) == known.value:
+            for (index, _), history in self._known[bus, node].items():
+                if index in _MANUFACTURER:
+                    history.add(Change(seq, t_ns, None, "factory reset"))
+                    history.saved, history.unsaved = None, False
+        if facts.reset_writes.get(key) == known.value:
+            self.reset(bus, node, seq, t_ns)
+
+    def _only_communication(self, bus: int, node: int, t_ns: int, specifier: int) -> bool:
+        """Whether a reset spares what is outside the communication profile."""
+        if specifier == RESET_COMMUNICATION:
+            self._partly_ns[bus, node] = t_ns
+        elif specifier:
+            self._partly_ns.pop((bus, node), None)
+        since_ns = self._partly_ns.get((bus, node))
+        facts = quirks(self.device(bus, node))
+        quiet_ns = facts.reset_quiet_ms * 1_000_000
+        if since_ns is None or facts.communication_reset_all:
+            return False
+        return t_ns - since_ns <= BOOT_NS + quiet_ns
+
+    def _identity_lost(self, bus: int, node: int) -> bool:
+        found = self._known.get((bus, node), {})
+        return any(found[key].last is None for key in found if key[0] in _IDENTITY)
+
+    def _store(
+        self, bus: int, node: int, key: Key, known: Known, at_once: bool, cause: Cause | None = None
+    ) -> None:
         seq = known.seq
         assert seq is not None
-        history = self._known.setdefault((bus, node), {}).setdefault(key, _History())
+        history = self._known.setdefault((bus, node), {}).setdefault(key, ObjectHistory())
         if known.source == "sdo-write":
             known = self._as_taken_over(bus, node, key, known)
             history.unsaved = not at_once
-        history.add(seq, known)
+        if key[0] in _COMMUNICATION:
+            self._note(bus, node, seq)
+        reason: Cause = cause or ("sdo-write" if known.source == "sdo-write" else "sdo-read")
+        history.add(Change(seq, known.t_ns or 0, known, reason))
         if not history.unsaved:
             history.saved = known
+
+    def _note(self, bus: int, node: int, seq: int) -> None:
+        """Note that a node's communication profile changed."""
+        self.version += 1
+        seqs = self._configured.setdefault((bus, node), [])
+        seqs.append(seq)
+        if len(seqs) > MAX_CHANGES:
+            del seqs[: MAX_CHANGES // 2]
 
     def _as_taken_over(self, bus: int, node: int, key: Key, known: Known) -> Known:
         """A written PDO COB-ID as the device takes it: some only let bits of it change."""
@@ -206,12 +284,13 @@ class Shadow:
             key: b"absent" for key in self._refused.get((bus, node), ()) if key[0] in _IDENTITY
         }
         for key, history in known.items():
-            value = history.values[-1]
+            value = history.last
             if key[0] in _IDENTITY and value is not None:
                 identity[key] = value.value
         return identity
 
-    def _assumed(self, bus: int, node: int, index: int, sub: int) -> Known | None:
+    def assumed(self, bus: int, node: int, index: int, sub: int = 0) -> Known | None:
+        """What the bus description or the device's EDS says of an object, bus or not."""
         entry = self._description.node(self._bus_name(bus), node)
         if entry is not None and (index, sub) in entry.objects:
             return Known(entry.objects[index, sub], "bus-description")
@@ -226,4 +305,6 @@ _IDENTITY = frozenset(
 )
 """Indexes by which devices are told apart."""
 _ALL = range(0x1000, 0x10000)
+_COMMUNICATION = range(0x1000, 0x2000)
+_MANUFACTURER = range(0x2000, 0x6000)
 _SAVED_BY_SUB = {2: range(0x1000, 0x2000), 3: range(0x6000, 0xA000)}

@@ -65,6 +65,11 @@ class Bus:
         """Deliver each frame of an identifier, also remote ones and one's own."""
         self._listeners.setdefault(can_id, []).append(listener)
 
+    def unlisten(self, can_id: int, listener: Listener) -> None:
+        """Stop what `listen` began."""
+        kept = [each for each in self._listeners.get(can_id, ()) if each != listener]
+        self._listeners[can_id] = kept
+
     def send(self, frame: Frame, sender: object, on_sent: OnSent | None = None) -> None:
         """Queue a frame for arbitration."""
         self._order += 1

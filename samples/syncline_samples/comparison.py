@@ -7,8 +7,8 @@ from typing import Protocol
 from syncline_samples.truth import ExpectedFinding
 
 
-class Reported(Protocol):
-    """A finding of an analyzer; the times are `t`, ns."""
+class Told(Protocol):
+    """A finding of an analyzer, or a piece of its story; the times are `t`, ns."""
 
     @property
     def id(self) -> str: ...
@@ -22,9 +22,16 @@ class Reported(Protocol):
     def text(self) -> str: ...
 
 
+class Reported(Told, Protocol):
+    """A finding of an analyzer with what it says to have followed from it."""
+
+    @property
+    def chain(self) -> Sequence[Told]: ...
+
+
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Script and report side by side.
+    """Script and report side by side; a piece of a story counts like a finding of its own.
 
     Attributes:
         found: each required finding with what was reported of it.
@@ -33,10 +40,10 @@ class Comparison:
         unexpected: reported findings that the script knows nothing of.
     """
 
-    found: list[tuple[ExpectedFinding, list[Reported]]]
+    found: list[tuple[ExpectedFinding, list[Told]]]
     missing: list[ExpectedFinding]
-    allowed: list[Reported]
-    unexpected: list[Reported]
+    allowed: list[Told]
+    unexpected: list[Told]
 
     @property
     def agrees(self) -> bool:
@@ -46,8 +53,8 @@ class Comparison:
 
 def compare(expected: Sequence[ExpectedFinding], reported: Iterable[Reported]) -> Comparison:
     """Hold a report against the script."""
-    reports = list(reported)
-    found: list[tuple[ExpectedFinding, list[Reported]]] = []
+    reports = [piece for report in reported for piece in (report, *report.chain)]
+    found: list[tuple[ExpectedFinding, list[Told]]] = []
     missing: list[ExpectedFinding] = []
     for entry in (entry for entry in expected if entry.required):
         fitting = [report for report in reports if _fits(entry, report)]
@@ -62,7 +69,7 @@ def compare(expected: Sequence[ExpectedFinding], reported: Iterable[Reported]) -
     return Comparison(found, missing, allowed, [each for each in rest if id(each) not in kept])
 
 
-def _fits(entry: ExpectedFinding, report: Reported) -> bool:
+def _fits(entry: ExpectedFinding, report: Told) -> bool:
     same_node = entry.node is None or report.node is None or entry.node == report.node
     begins_in_time = report.start_ns < entry.end_ns
     ends_in_time = report.end_ns >= entry.start_ns

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from syncline_samples.buses import Buses
 from syncline_samples.machine import Run, Scenario
 from syncline_samples.scenarios import bad_day, healthy_line, jittery_sync
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
@@ -105,12 +106,12 @@ def _whole_stretches(items: Iterable[FrameBatch | Gap]) -> Iterator[FrameBatch |
     yield FrameBatch.concat(frames)
 
 
-def candump_log(run: Run) -> bytes:
+def candump_log(run: Run | Buses) -> bytes:
     """The frames of a run as `candump -L` writes them; stamps in microseconds, gaps not told."""
     lines = []
     for item in run.batches:
         if isinstance(item, FrameBatch):
-            lines += [_line(item, row, run.scenario.bus_name) for row in range(len(item))]
+            lines += [_line(item, row, run.bus_names[item.bus[row]]) for row in range(len(item))]
     return "".join(lines).encode("ascii")
 
 

@@ -11,7 +11,7 @@ from syncline_samples.master import Master, NodePlan, SyncProducer
 from syncline_samples.motion import Shaft, Tilt
 from syncline_samples.node import Node
 from syncline_samples.recorder import Recorder
-from syncline_samples.sdo_client import SdoJob
+from syncline_samples.sdo_client import SdoClient, SdoJob
 from syncline_samples.simulation import Simulation
 from syncline_samples.truth import ExpectedFinding, Truth
 from syncline_samples.world import MS, Delay, World
@@ -37,6 +37,11 @@ class DeviceSpec:
         jobs: SDO transfers of the master after each boot-up.
         guard_ms, life_factor: node guarding by the master, 0 for none.
         response: from a SYNC to the PDO, None for the device's usual time.
+        quiet_after_boot_up: the 4 s of silence that a LIR keeps after an NMT reset come after its
+            boot-up frame; the manual does not say.
+        empty_heartbeat: state byte of a new LIR once a remote frame has hit its heartbeat: 00h, or
+            none at all.
+        sizeless: SDO answers do not state the size.
     """
 
     node_id: int
@@ -50,6 +55,9 @@ class DeviceSpec:
     jobs: tuple[SdoJob, ...] = ()
     drift_ppm: int = 0
     response: Delay | None = None
+    quiet_after_boot_up: bool = False
+    empty_heartbeat: bytes = b"\0"
+    sizeless: bool = False
 
 
 class Fault(Protocol):
@@ -74,6 +82,7 @@ class Scenario:
         sync_jitter_us: each SYNC is up to this much late.
         sync_counter: 1019h of the producer, 0 for SYNCs without a counter.
         stamp_jitter_ns, stamp_resolution_ns: of the recorder's stamps.
+        remote_as_data: the recorder stores remote frames as empty data frames.
     """
 
     name: str
@@ -90,6 +99,7 @@ class Scenario:
     epoch_ns: int = EPOCH_NS
     stamp_jitter_ns: int = 0
     stamp_resolution_ns: int = 1
+    remote_as_data: bool = False
 
     def start(self) -> "Run":
         """A run that advances while its stream is read."""
@@ -126,11 +136,13 @@ class Machine:
             scenario.epoch_ns,
             scenario.stamp_resolution_ns,
             scenario.stamp_jitter_ns,
+            scenario.remote_as_data,
         )
         bus = Bus(self.simulation, scenario.bitrate, self.recorder)
         self.world = World(self.simulation, bus, self.truth, rng, scenario.epoch_ns)
         self.nodes = {spec.node_id: self.build(spec) for spec in scenario.devices}
         self.master = Master(self.world, [_plan(spec) for spec in scenario.devices])
+        self._tools: dict[int, SdoClient] = {}
         self.sync = SyncProducer(
             self.world,
             scenario.sync_us * 1000,
@@ -145,6 +157,10 @@ class Machine:
     def build(self, spec: DeviceSpec) -> Node:
         """A device of a kind, not yet powered."""
         node = _device(self.world, spec)
+        node.quiet_after_boot_up = spec.quiet_after_boot_up
+        node.sdo.sizeless = spec.sizeless
+        if node.error_control.empty_after_remote is not None:
+            node.error_control.empty_after_remote = spec.empty_heartbeat
         if spec.response is not None:
             node.tpdos.response = spec.response
         if spec.stored_heartbeat_ms:
@@ -157,21 +173,39 @@ class Machine:
         self.simulation.at(900 * MS, self.master.power_on)
         if self.scenario.sync_us:
             self.simulation.at(1500 * MS, self.sync.start)
+        self.outputs_on = True
+        self.outputs_id = 0x200 + self.scenario.rpdo_node
         if self.scenario.rpdo_node:
             self.simulation.at(2 * SECOND_NS, self._outputs, 0)
 
     def _outputs(self, step: int) -> None:
-        frame = Frame(0x200 + self.scenario.rpdo_node, bytes([1 << step % 8]))
-        self.world.bus.send(frame, self)
+        frame = Frame(self.outputs_id, bytes([1 << step % 8]))
+        if self.outputs_on:
+            self.world.bus.send(frame, self)
         self.simulation.at(self.simulation.now_ns + 200 * MS, self._outputs, step + 1)
 
     def spec(self, node: int) -> DeviceSpec:
         """How a node was asked for."""
         return next(spec for spec in self.scenario.devices if spec.node_id == node)
 
+    def learn_boot_up(self, node: int) -> None:
+        """Let the master know the boot-up byte of a node that has just reloaded its EEPROM."""
+        device = self.nodes[node]
+        self.master.plan(device.node_id).boot_up_byte = device.boot_up_byte()
+
+    def tool(self, node: int) -> SdoClient:
+        """A second SDO client of a node, beside the master's, on the same channel."""
+        if node not in self._tools:
+            self._tools[node] = SdoClient(self.world, node)
+        return self._tools[node]
+
     def at(self, at_s: float, action: Callable[..., None], *args: Any) -> None:
         """Do something at a time of the run [s]."""
         self.simulation.at(round(at_s * SECOND_NS), action, *args)
+
+    def after(self, delay_s: float, action: Callable[..., None], *args: Any) -> None:
+        """Do something a while from now [s]."""
+        self.simulation.at(self.simulation.now_ns + round(delay_s * SECOND_NS), action, *args)
 
     def expect(
         self,
@@ -196,6 +230,7 @@ class Machine:
         """Close what the truth has open."""
         for node in self.nodes.values():
             node.finish()
+        self.truth.settle()
         bus = self.world.bus
         self.truth.bus_load = bus.busy_bits * bus.bit_ns / end_ns
 
@@ -262,6 +297,6 @@ class Run:
         while simulation.now_ns < end_ns:
             simulation.run_until(min(end_ns, simulation.now_ns + _SLICE_NS))
             if simulation.now_ns == end_ns:
-                recorder.see_again(end_ns)
+                recorder.end(end_ns)
                 self.machine.finish(end_ns)
             yield from recorder.take()

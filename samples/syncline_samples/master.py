@@ -1,7 +1,7 @@
 """The NMT master: boots and watches the nodes; and the SYNC producer."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 from syncline_samples.bus import Frame
@@ -59,6 +59,7 @@ class Master:
         self._last_byte: dict[int, bytes] = {}
         self._guarded: set[int] = set()
         self._watching = False
+        self._life = 0
         self.guarding = True
         for node in self._plans:
             world.bus.listen(0x700 + node, partial(self._on_error_control, node))
@@ -70,11 +71,33 @@ class Master:
             self._at(self._heartbeat_ns, self._beat)
         self._at(100 * MS, self.command, RESET_COMMUNICATION, 0)
 
+    def power_off(self) -> None:
+        """Fall silent at once and forget everything."""
+        self._life += 1
+        self._world.bus.withdraw(self)
+        self._watching = False
+        self._booted.clear()
+        self._last_byte.clear()
+        self._guarded.clear()
+        for client in self._clients.values():
+            client.power_off()
+
     def sdo(self, node: int) -> SdoClient:
         """The client of a node."""
         if node not in self._clients:
             self._clients[node] = SdoClient(self._world, node)
         return self._clients[node]
+
+    def plan(self, node: int) -> NodePlan:
+        """What the master does with a node."""
+        return self._plans[node]
+
+    def adopt(self, node: int, number: int) -> None:
+        """Treat another number as the node it was: the node id was changed."""
+        if number not in self._plans:
+            self._plans[number] = replace(self._plans[node], node_id=number)
+            listener = partial(self._on_error_control, number)
+            self._world.bus.listen(0x700 + number, listener)
 
     def command(self, specifier: int, node: int) -> None:
         """Send an NMT command; node 0 means all."""
@@ -91,6 +114,13 @@ class Master:
         elif specifier == PRE_OPERATIONAL:
             self._last_byte.update(dict.fromkeys(concerned, b"\x7f"))
 
+    def send_raw(self, data: bytes) -> None:
+        """Send any bytes as NMT command; two of them are one, whatever they say."""
+        if len(data) == 2:
+            self.command(*data)
+        else:
+            self._world.bus.send(Frame(0x000, data), self)
+
     def guard_once(self, node: int) -> None:
         """Send one guard request."""
         self._world.bus.send(Frame(0x700 + node, b"", 1), self, partial(self._asked, node))
@@ -99,7 +129,12 @@ class Master:
         self._world.truth.count("guard_requests", node)
 
     def _at(self, delay_ns: int, action: Callable[..., None], *args: object) -> None:
-        self._world.simulation.at(self._world.simulation.now_ns + delay_ns, action, *args)
+        later_ns = self._world.simulation.now_ns + delay_ns
+        self._world.simulation.at(later_ns, self._if_powered, self._life, action, args)
+
+    def _if_powered(self, life: int, action: Callable[..., None], args: tuple[object, ...]) -> None:
+        if life == self._life:
+            action(*args)
 
     def _booted_itself(self, t_ns: int) -> None:
         boot_up = BootUpTruth(self._world.utc_ns(t_ns), self._node_id, 0x00, False)
@@ -146,6 +181,7 @@ class SyncProducer:
 
     Attributes:
         counter_overflow: 1019h; 0 for a SYNC without data.
+        can_id: identifier of the SYNC.
         skip: how many SYNCs will be left out (a scripted fault).
         running: False while nothing is sent.
     """
@@ -157,6 +193,7 @@ class SyncProducer:
         self.period_ns = period_ns
         self.jitter_ns = jitter_ns
         self.counter_overflow = counter_overflow
+        self.can_id = 0x080
         self.skip = 0
         self.running = True
         self._count = 0
@@ -181,7 +218,7 @@ class SyncProducer:
         if self.counter_overflow:
             data = bytes([self._count % self.counter_overflow + 1])
             self._count += 1
-        self._world.bus.send(Frame(0x080, data), self, self._sent)
+        self._world.bus.send(Frame(self.can_id, data), self, self._sent)
 
     def _sent(self, t_ns: int) -> None:
         self._world.truth.sync_ns.append(self._world.utc_ns(t_ns))

@@ -5,7 +5,7 @@ from enum import StrEnum
 from functools import partial
 from typing import Any
 
-from syncline_samples.bus import Frame
+from syncline_samples.bus import Frame, Listener
 from syncline_samples.emcy import EmcyMachine
 from syncline_samples.error_control import ErrorControl
 from syncline_samples.objects import Object, ObjectDictionary
@@ -43,6 +43,9 @@ class Node:
         connected: False while the node is cut off the bus; it goes on living.
         ignore_commands: how many NMT commands the node will overlook.
         mute_sdo: the SDO server does not answer.
+        sdo_delays_ns: how much longer than usual the next SDO answers take, one entry per answer.
+        sdo_timeout_ns: the server aborts a transfer that the client does not continue; 0 for never.
+        quiet_after_boot_up: the silence after an NMT reset comes after the boot-up frame, for SDO.
         told: the truth tells of its NMT states; not so for the twin of another node.
     """
 
@@ -71,15 +74,51 @@ class Node:
         self.connected = True
         self.ignore_commands = 0
         self.mute_sdo = False
+        self.sdo_delays_ns: list[int] = []
+        self.sdo_timeout_ns = 0
+        self._sdo_free_ns = 0
+        self._sdo_requests = 0
         self.told = True
         self._since_ns = 0
+        self._heard: dict[str, tuple[int, Listener]] = {}
         self.objects = ObjectDictionary(objects)
         self.sdo = SdoServer(self.objects, **sdo)
+        self._answer_id = 0x580 + node_id
+        self._quiet_until_ns = 0
+        self.quiet_after_boot_up = False
         self.emcy = EmcyMachine(self)
         self.error_control = ErrorControl(self)
         self.tpdos = TpdoSet(self, self.make_tpdos(), self.response_delay)
-        world.bus.listen(0x000, self._on_nmt)
-        world.bus.listen(0x600 + node_id, self._on_sdo)
+        self.hear("NMT", 0x000, self._on_nmt)
+        self._open_channel()
+
+    number_object = 0
+    """Index of the object that holds the node id, which counts from the next reset on."""
+
+    def hear(self, service: str, can_id: int, listener: Listener) -> None:
+        """Listen to the identifier of a service, instead of the one it had before."""
+        before = self._heard.get(service)
+        if before is None or before[0] != can_id:
+            if before is not None:
+                self.world.bus.unlisten(*before)
+            self._heard[service] = can_id, listener
+            self.world.bus.listen(can_id, listener)
+
+    def _open_channel(self) -> None:
+        """The identifiers of the SDO server: 1200h where it can be written."""
+        request = self.objects.number(0x1200, 1) or 0x600 + self.node_id
+        self._answer_id = self.objects.number(0x1200, 2) or 0x580 + self.node_id
+        self.hear("SDO", request, self._on_sdo)
+
+    def _renumber(self) -> None:
+        """Take the node id of the object dictionary, with the identifiers that hang on it."""
+        number = self.objects.number(self.number_object) if self.number_object else 0
+        if number in (0, self.node_id):
+            return
+        self.objects.renumber(self.node_id, number)
+        self.node_id = number
+        self.objects.reload()
+        self.error_control.attach()
 
     def make_tpdos(self) -> list[Tpdo]:
         """The TPDOs of the device."""
@@ -138,11 +177,17 @@ class Node:
         self.life += 1
         self.world.bus.withdraw(self)
         self.enter(State.INITIALISING)
-        self.objects.reload()
-        self.sdo.reset()
         self.emcy.reset()
+        self.objects.reload()
+        self._renumber()
+        self.sdo.reset()
+        self._sdo_free_ns = self._quiet_until_ns = 0
+        self._open_channel()
         self.restarted()
         self.tpdos.configure()
+        if commanded and self.quiet_after_boot_up:
+            self._quiet_until_ns = self.now_ns + self.reset_quiet_ns
+            delay_ns = min(delay_ns, self.boot_ns)
         self.after(delay_ns, self._boot_up, commanded)
 
     def _boot_up(self, commanded: bool) -> None:
@@ -182,12 +227,13 @@ class Node:
         self._since_ns = self.now_ns
 
     def finish(self) -> None:
-        """Close the last interval of the truth."""
+        """Close the last interval of the truth, and what the node has open beside it."""
         self._close_interval()
+        self.emcy.finish()
 
     def _on_nmt(self, frame: Frame, t_ns: int) -> None:
         data = frame.data
-        if not self.awake or len(data) < 2 or data[1] not in (0, self.node_id):
+        if not self.awake or len(data) != 2 or data[1] not in (0, self.node_id):
             return
         if self.ignore_commands:
             self.ignore_commands -= 1
@@ -198,9 +244,28 @@ class Node:
 
     def _on_sdo(self, frame: Frame, t_ns: int) -> None:
         ready = self.awake and self.state is not State.STOPPED and not self.mute_sdo
-        if ready and frame.remote_dlc is None:
-            self.after(self.answer_delay.draw(self.world.rng), self._answer, frame.data)
+        if not ready or frame.remote_dlc is not None or not frame.data:
+            return
+        if t_ns < self._quiet_until_ns:
+            return
+        delay_ns = self.answer_delay.draw(self.world.rng)
+        if self.sdo_delays_ns:
+            delay_ns += self.sdo_delays_ns.pop(0)
+        self._sdo_free_ns = max(self._sdo_free_ns, self.now_ns + delay_ns)
+        self.after(self._sdo_free_ns - self.now_ns, self._answer, frame.data)
 
     def _answer(self, request: bytes) -> None:
-        for answer in self.sdo.answer(request):
-            self.send(Frame(0x580 + self.node_id, answer))
+        if self.state is State.STOPPED:
+            return
+        self._send_sdo(self.sdo.answer(request))
+        self._sdo_requests += 1
+        if self.sdo_timeout_ns and self.sdo.busy:
+            self.after(self.sdo_timeout_ns, self._check_sdo, self._sdo_requests)
+
+    def _check_sdo(self, requests: int) -> None:
+        if requests == self._sdo_requests and self.sdo.busy and self.awake:
+            self._send_sdo([self.sdo.give_up()])
+
+    def _send_sdo(self, answers: list[bytes]) -> None:
+        for answer in answers:
+            self.send(Frame(self._answer_id, answer))

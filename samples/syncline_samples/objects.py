@@ -85,9 +85,19 @@ class ObjectDictionary:
             if low <= key[0] <= high:
                 self._eeprom[key] = self._factory[key]
 
-    def reload(self) -> None:
+    def reload(self, low: int = 0, high: int = 0xFFFF) -> None:
         """Take the values of the EEPROM, as after a reset."""
-        self._values = dict(self._eeprom)
+        self._values |= {key: each for key, each in self._eeprom.items() if low <= key[0] <= high}
+
+    def renumber(self, before: int, after: int) -> None:
+        """Give the identifiers that belong to a node id those of another one."""
+        for index, sub in self._eeprom:
+            if not _is_cob_id(index, sub):
+                continue
+            for values in (self._eeprom, self._factory):
+                value = values[index, sub]
+                if isinstance(value, int) and value & 0x7F == before:
+                    values[index, sub] = value - before + after
 
     def _find(self, index: int, sub: int) -> Object:
         found = self._objects.get((index, sub))
@@ -106,6 +116,11 @@ class ObjectDictionary:
             return value
         width = WIDTH[item.kind]
         return (value & ((1 << 8 * width) - 1)).to_bytes(width, "little")
+
+    def check_writable(self, index: int, sub: int) -> None:
+        """Refuse a transfer of several steps before it begins."""
+        if self._find(index, sub).access == "ro":
+            raise SdoAbort(abort.READ_ONLY)
 
     def write(self, index: int, sub: int, data: bytes) -> None:
         """Take what a client writes; without a stated size the surplus bytes are ignored."""
@@ -133,3 +148,11 @@ class ObjectDictionary:
             except SdoAbort:
                 self._values[index, sub] = before
                 raise
+
+
+def _is_cob_id(index: int, sub: int) -> bool:
+    if index == 0x1014:
+        return sub == 0
+    if index == 0x1200:
+        return sub in (1, 2)
+    return sub == 1 and (0x1400 <= index < 0x1600 or 0x1800 <= index < 0x1A00)

@@ -11,9 +11,10 @@ from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
 
 _BUS_ERROR = 0x88
 """SocketCAN error class: protocol violation (08h) and bus error (80h)."""
+_CONTROLLER, _RX_OVERFLOW = 0x04, 0x01
 _BUS_OFF = 0x40
 _RESTARTED = 0x100
-"""SocketCAN error classes of the recorder's own controller."""
+"""SocketCAN error classes of the recorder's own controller, and a bit of the first one."""
 
 
 class Recorder:
@@ -23,19 +24,28 @@ class Recorder:
         epoch_ns: UTC of virtual time 0.
         resolution_ns: step of the stamps.
         jitter_ns: a stamp is late by up to this much; stamps keep their order.
+        remote_as_data: remote frames are stored as empty data frames, as some loggers do.
     """
 
     def __init__(
-        self, truth: Truth, rng: Random, epoch_ns: int, resolution_ns: int = 1, jitter_ns: int = 0
+        self,
+        truth: Truth,
+        rng: Random,
+        epoch_ns: int,
+        resolution_ns: int = 1,
+        jitter_ns: int = 0,
+        remote_as_data: bool = False,
     ) -> None:
         self._truth = truth
         self._rng = rng
-        self._offset_ns = epoch_ns
+        self._epoch_ns = self._offset_ns = epoch_ns
         self._resolution_ns = resolution_ns
         self._jitter_ns = jitter_ns
+        self._remote_as_data = remote_as_data
         self._last_ns = 0
         self._blind_since_ns: int | None = None
         self._lost = 0
+        self._begun = True
         self._done: list[FrameBatch | Gap] = []
         self._clear()
 
@@ -51,6 +61,8 @@ class Recorder:
         can_id, data, remote_dlc = frame
         if remote_dlc is None:
             self._row(t_ns, can_id, 0, len(data), data)
+        elif self._remote_as_data:
+            self._row(t_ns, can_id, 0, 0, b"")
         else:
             self._truth.remote_frames += self._blind_since_ns is None
             self._row(t_ns, can_id, FrameFlag.REMOTE.value, remote_dlc, b"")
@@ -63,6 +75,10 @@ class Recorder:
         self._truth.error_frames += self._blind_since_ns is None
         self._row(t_ns, kind, FrameFlag.ERROR.value, 8, data)
 
+    def controller(self, t_ns: int, classes: int, data: bytes) -> None:
+        """The recorder's own controller says something: SocketCAN error classes and data."""
+        self._error(t_ns, classes, data)
+
     def controller_off(self, t_ns: int) -> None:
         """The recorder's own controller goes bus-off: an error frame, then it hears nothing."""
         self._error(t_ns, _BUS_OFF, bytes(8))
@@ -70,10 +86,39 @@ class Recorder:
 
     def controller_restarted(self, t_ns: int) -> None:
         """The controller is back; nobody tells of a gap but its two error frames."""
+        self.hear_again(t_ns)
+        self._error(t_ns, _RESTARTED, bytes(8))
+
+    def overflowed(self, t_ns: int) -> None:
+        """Frames were lost unnoticed until now; one error frame tells of it."""
+        self.hear_again(t_ns)
+        self._error(t_ns, _CONTROLLER, bytes([0, _RX_OVERFLOW, 0, 0, 0, 0, 0, 0]))
+
+    def not_yet(self) -> None:
+        """Hear nothing until `begin`: the recording has not begun."""
+        self._begun = False
+        self.go_blind(0)
+
+    def begin(self, t_ns: int) -> None:
+        """The recording begins; what passed before is not lost, it was never wanted."""
+        self._lost = 0
+        self._begun = True
+        self.hear_again(t_ns)
+
+    def end(self, t_ns: int) -> None:
+        """The recording ends; a gap that is open ends with it."""
+        if self._begun:
+            self.see_again(t_ns)
+
+    def hear_again(self, t_ns: int) -> None:
+        """Take frames again without a word about the time between."""
+        if self._blind_since_ns is None:
+            return
         self._truth.lost_frames += self._lost
         self._truth.recording = True
+        start_ns, end_ns = self._blind_since_ns + self._epoch_ns, t_ns + self._epoch_ns
+        self._truth.deaf.append((start_ns, end_ns))
         self._blind_since_ns, self._lost = None, 0
-        self._error(t_ns, _RESTARTED, bytes(8))
 
     def _row(self, t_ns: int, can_id: int, flags: int, dlc: int, data: bytes) -> None:
         if self._blind_since_ns is not None:
@@ -108,9 +153,7 @@ class Recorder:
         self._flush()
         start_ns = self._blind_since_ns + self._offset_ns
         self._done.append(Gap(start_ns, t_ns + self._offset_ns, "adapter lost", self._lost, 0))
-        self._truth.lost_frames += self._lost
-        self._truth.recording = True
-        self._blind_since_ns, self._lost = None, 0
+        self.hear_again(t_ns)
 
     def _flush(self) -> None:
         n = len(self._t_ns)

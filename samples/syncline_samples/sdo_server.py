@@ -1,33 +1,94 @@
-"""The SDO server of a simulated node (CiA 301 7.2.4): expedited, segmented, block upload."""
+"""The SDO server of a simulated node (CiA 301 7.2.4): expedited, segmented and block transfers."""
+
+from functools import partial
+from typing import Protocol
 
 from syncline_samples import abort
 from syncline_samples.objects import ObjectDictionary, SdoAbort
+from syncline_samples.sdo_block import BlockDownload, BlockUpload
 
 _EXPEDITED_BY_SIZE = {1: 0x4F, 2: 0x4B, 3: 0x47, 4: 0x43}
-_CRC16_POLYNOMIAL = 0x1021
 
 
-def crc16(data: bytes) -> int:
-    """CRC of a block transfer: x^16 + x^12 + x^5 + 1, initial value 0 (CiA 301 7.2.4.3.16).
+class _Transfer(Protocol):
+    """A transfer of several steps.
 
-    >>> hex(crc16(b"123456789"))
-    '0x31c3'
+    Attributes:
+        over: nothing more belongs to it.
+        takes_all: every frame of the client but an abort is a segment of it.
     """
-    crc = 0
-    for byte in data:
-        crc ^= byte << 8
-        for _ in range(8):
-            crc = (crc << 1 ^ _CRC16_POLYNOMIAL if crc & 0x8000 else crc << 1) & 0xFFFF
-    return crc
+
+    over: bool
+
+    @property
+    def takes_all(self) -> bool: ...
+
+    def take(self, request: bytes) -> list[bytes]: ...
+
+
+class _SegmentedUpload:
+    takes_all = False
+
+    def __init__(self, data: bytes) -> None:
+        self._rest = data
+        self._toggle = 0
+        self.over = False
+
+    def take(self, request: bytes) -> list[bytes]:
+        if request[0] >> 5 != 3:
+            raise SdoAbort(abort.COMMAND)
+        if request[0] >> 4 & 1 != self._toggle:
+            raise SdoAbort(abort.TOGGLE)
+        part, self._rest = self._rest[:7], self._rest[7:]
+        self.over = not self._rest
+        answer = bytes([self._toggle << 4 | (7 - len(part)) << 1 | self.over]) + part
+        self._toggle ^= 1
+        return [answer.ljust(8, b"\0")]
+
+
+class _SegmentedDownload:
+    takes_all = False
+
+    def __init__(self, server: "SdoServer", key: tuple[int, int]) -> None:
+        self._server = server
+        self._key = key
+        self._data = bytearray()
+        self._toggle = 0
+        self.over = False
+
+    def take(self, request: bytes) -> list[bytes]:
+        if request[0] >> 5 != 0:
+            raise SdoAbort(abort.COMMAND)
+        if request[0] >> 4 & 1 != self._toggle:
+            raise SdoAbort(abort.TOGGLE)
+        self._data += request[1 : 8 - (request[0] >> 1 & 7)]
+        answer = bytes([0x20 | self._toggle << 4]).ljust(8, b"\0")
+        self._toggle ^= 1
+        if request[0] & 1:
+            self._server.objects.write(*self._key, bytes(self._data))
+            self.over = True
+        return [answer]
 
 
 class SdoServer:
     """Answers one client; `answer` takes a request and returns the frames to send, in order.
 
+    A new initiate request ends the transfer under way without a word, as most servers do.
+
     Args:
         answers_43h: every expedited read answer says four bytes, as the old LIR-DA158 prints it.
-        sizeless: expedited read answers state no size (42h).
-        block: block upload is offered.
+        sizeless: read answers state no size (42h, 40h).
+        block: block transfers are offered.
+
+    Attributes:
+        block_size: segments per sub-block that the server asks for in a block download.
+        crc: the server checks and computes CRCs.
+        short_answers: answers are only as long as what they say.
+        lose: segments of the next block download that do not arrive the first time.
+        spoil_crc: the next block upload ends with a wrong CRC.
+        refuse_after: (answers, abort code): the server aborts instead of this answer, once.
+        silent_after: the server answers nothing after so many more answers; None for never.
+        stated_size: the size that the next segmented upload announces; None for the true one.
     """
 
     def __init__(
@@ -38,21 +99,35 @@ class SdoServer:
         sizeless: bool = False,
         block: bool = False,
     ) -> None:
-        self._objects = objects
+        self.objects = objects
         self._answers_43h = answers_43h
-        self._sizeless = sizeless
+        self.sizeless = sizeless
         self._block = block
+        self.block_size = 20
+        self.crc = True
+        self.short_answers = False
+        self.lose: tuple[int, ...] = ()
+        self.spoil_crc = False
+        self.refuse_after: tuple[int, int] | None = None
+        self.silent_after: int | None = None
+        self.stated_size: int | None = None
         self.reset()
 
     def reset(self) -> None:
         """Forget a transfer under way."""
         self._key = (0, 0)
-        self._upload: bytes | None = None
-        self._download: bytearray | None = None
-        self._toggle = 0
-        self._blocks: bytes | None = None
-        self._block_size = 0
-        self._position = 0
+        self._transfer: _Transfer | None = None
+
+    @property
+    def busy(self) -> bool:
+        """Whether a transfer of several steps is under way."""
+        return self._transfer is not None
+
+    def give_up(self) -> bytes:
+        """The abort frame for a client that does not go on."""
+        frame = _multiplexed(0x80, *self._key, abort.TIMEOUT.to_bytes(4, "little"))
+        self.reset()
+        return frame
 
     def answer(self, request: bytes) -> list[bytes]:
         """Frames that answer a request; none to an abort of the client."""
@@ -61,113 +136,107 @@ class SdoServer:
             self.reset()
             return []
         try:
-            return self._dispatch(request)
+            answers = self._scripted(self._dispatch(request))
         except SdoAbort as refusal:
             index, sub = self._key
             self.reset()
-            return [_multiplexed(0x80, index, sub, refusal.code.to_bytes(4, "little"))]
+            answers = [_multiplexed(0x80, index, sub, refusal.code.to_bytes(4, "little"))]
+        return [_shortened(each) for each in answers] if self.short_answers else answers
+
+    def _scripted(self, answers: list[bytes]) -> list[bytes]:
+        """What becomes of answers when a fault is scripted."""
+        if not answers:
+            return answers
+        if self.silent_after is not None:
+            if self.silent_after == 0:
+                return []
+            self.silent_after -= 1
+        if self.refuse_after is not None:
+            left, code = self.refuse_after
+            self.refuse_after = (left - 1, code) if left else None
+            if not left:
+                raise SdoAbort(code)
+        return answers
 
     def _dispatch(self, request: bytes) -> list[bytes]:
+        transfer = self._transfer
+        if _starts(request[0]) and not (transfer and transfer.takes_all):
+            self.reset()
+            self._key = int.from_bytes(request[1:3], "little"), request[3]
+            return self._start(request)
+        if transfer is None:
+            raise SdoAbort(abort.COMMAND)
+        answers = transfer.take(request)
+        if transfer.over:
+            self._transfer = None
+        return answers
+
+    def _start(self, request: bytes) -> list[bytes]:
         command = request[0] >> 5
         if command == 1:
-            self._key = _key(request)
             return [self._start_download(request)]
-        if command == 2:
-            self._key = _key(request)
-            return [self._start_upload()]
-        if command == 3 and self._upload is not None:
-            return [self._next_segment(request[0])]
-        if command == 0 and self._download is not None:
-            return [self._take_segment(request)]
-        if command == 5 and self._block:
-            return self._block_upload(request)
-        raise SdoAbort(abort.COMMAND)
+        if command >= 5 and not self._block:
+            raise SdoAbort(abort.COMMAND)
+        if command == 6:
+            return self._start_block_download(request)
+        data = self.objects.read(*self._key)
+        if command == 2 or len(data) <= request[5]:
+            return [self._start_upload(data)]
+        upload = BlockUpload(request[1:4], data, request, crc=self.crc, spoil_crc=self.spoil_crc)
+        self.spoil_crc = False
+        self._transfer = upload
+        return upload.first
 
-    def _start_upload(self) -> bytes:
-        data = self._objects.read(*self._key)
-        if len(data) <= 4:
+    def _start_upload(self, data: bytes) -> bytes:
+        if 0 < len(data) <= 4:
             command = 0x43 if self._answers_43h else _EXPEDITED_BY_SIZE[len(data)]
-            return _multiplexed(0x42 if self._sizeless else command, *self._key, data)
-        self._upload, self._toggle = data, 0
-        return _multiplexed(0x41, *self._key, len(data).to_bytes(4, "little"))
-
-    def _next_segment(self, command: int) -> bytes:
-        self._check_toggle(command)
-        assert self._upload is not None
-        part, rest = self._upload[:7], self._upload[7:]
-        answer = bytes([self._toggle << 4 | (7 - len(part)) << 1 | (not rest)]) + part
-        self._upload = rest or None
-        self._toggle ^= 1
-        return answer.ljust(8, b"\0")
-
-    def _check_toggle(self, command: int) -> None:
-        if command >> 4 & 1 != self._toggle:
-            raise SdoAbort(abort.TOGGLE)
+            return _multiplexed(0x42 if self.sizeless else command, *self._key, data)
+        self._transfer = _SegmentedUpload(data)
+        if self.sizeless:
+            return _multiplexed(0x40, *self._key)
+        size, self.stated_size = self.stated_size or len(data), None
+        return _multiplexed(0x41, *self._key, size.to_bytes(4, "little"))
 
     def _start_download(self, request: bytes) -> bytes:
         command = request[0]
         if command & 2:
             size = 4 - (command >> 2 & 3) if command & 1 else 4
-            self._objects.write(*self._key, request[4 : 4 + size])
+            self.objects.write(*self._key, request[4 : 4 + size])
         else:
-            self._download, self._toggle = bytearray(), 0
+            self.objects.check_writable(*self._key)
+            self._transfer = _SegmentedDownload(self, self._key)
         return _multiplexed(0x60, *self._key)
 
-    def _take_segment(self, request: bytes) -> bytes:
-        self._check_toggle(request[0])
-        assert self._download is not None
-        self._download += request[1 : 8 - (request[0] >> 1 & 7)]
-        answer = bytes([0x20 | self._toggle << 4]).ljust(8, b"\0")
-        self._toggle ^= 1
-        if request[0] & 1:
-            self._objects.write(*self._key, bytes(self._download))
-            self._download = None
-        return answer
-
-    def _block_upload(self, request: bytes) -> list[bytes]:
-        subcommand = request[0] & 3
-        if subcommand == 0:
-            return self._start_block(request)
-        if self._blocks is None:
-            raise SdoAbort(abort.COMMAND)
-        if subcommand == 3:
-            self._position = 0
-            return self._send_block()
-        if subcommand == 2:
-            self._position += 7 * request[1]
-            self._block_size = request[2]
-            return self._send_block() if self._position < len(self._blocks) else [self._end_block()]
-        self._blocks = None
-        return []
-
-    def _start_block(self, request: bytes) -> list[bytes]:
-        self._key = _key(request)
-        self._blocks = self._objects.read(*self._key)
-        self._block_size = request[4]
-        return [_multiplexed(0xC6, *self._key, len(self._blocks).to_bytes(4, "little"))]
-
-    def _send_block(self) -> list[bytes]:
-        assert self._blocks is not None
-        segments = []
-        for number in range(1, self._block_size + 1):
-            at = self._position + 7 * (number - 1)
-            last = at + 7 >= len(self._blocks)
-            part = self._blocks[at : at + 7].ljust(7, b"\0")
-            segments.append(bytes([last << 7 | number]) + part)
-            if last:
-                break
-        return segments
-
-    def _end_block(self) -> bytes:
-        assert self._blocks is not None
-        unused = -len(self._blocks) % 7
-        crc = crc16(self._blocks).to_bytes(2, "little")
-        return (bytes([0xC1 | unused << 2]) + crc).ljust(8, b"\0")
+    def _start_block_download(self, request: bytes) -> list[bytes]:
+        self.objects.check_writable(*self._key)
+        download = BlockDownload(
+            request[1:4],
+            request,
+            partial(self.objects.write, *self._key),
+            block_size=self.block_size,
+            crc=self.crc,
+            lose=self.lose,
+        )
+        self.lose = ()
+        self._transfer = download
+        return download.first
 
 
-def _key(request: bytes) -> tuple[int, int]:
-    return int.from_bytes(request[1:3], "little"), request[3]
+def _starts(command: int) -> bool:
+    """Whether a request begins a transfer."""
+    kind = command >> 5
+    return kind in (1, 2) or (kind == 5 and not command & 3) or (kind == 6 and not command & 1)
 
 
 def _multiplexed(command: int, index: int, sub: int, data: bytes = b"") -> bytes:
     return (bytes([command]) + index.to_bytes(2, "little") + bytes([sub]) + data).ljust(8, b"\0")
+
+
+def _shortened(answer: bytes) -> bytes:
+    """An answer without the bytes that say nothing."""
+    command = answer[0]
+    if command == 0x60:
+        return answer[:4]
+    if command >> 5 == 2 and command & 3 == 3:
+        return answer[: 8 - (command >> 2 & 3)]
+    return answer

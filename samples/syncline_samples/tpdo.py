@@ -27,6 +27,8 @@ class Tpdo:
 
     Attributes:
         skip: how many due frames the device will forget (a scripted fault).
+        hasty: the inhibit time is not kept (a scripted fault).
+        cut_to: bytes that are sent of each frame; None for all (a scripted fault).
         quiet_until_ns: the device has no value to send before this time.
     """
 
@@ -40,11 +42,19 @@ class Tpdo:
         self.inhibit_ns = 0
         self.repeat = 0
         self.sync_count = 0
+        self.generation = 0
         self.frames_left = 0
         self.last_data: bytes | None = None
         self.not_before_ns = 0
         self.skip = 0
+        self.hasty = False
+        self.cut_to: int | None = None
         self.quiet_until_ns = 0
+
+    @property
+    def schedule(self) -> tuple[int, bool, int, int, int]:
+        """What decides when it is sent."""
+        return self.can_id, self.enabled, self.kind, self.timer_ns, self.repeat
 
     def allows_repeat(self, data: bytes) -> bool:
         """Whether the repeat counter lets this frame out (LIR 2800h: k frames per change)."""
@@ -72,34 +82,40 @@ class TpdoSet:
         self._all = tpdos
         self.response = response
         self._running = False
-        self._generation = 0
         self._synchronous: list[Tpdo] = []
         self.rogue = False
         self.type0_sends = False
         self.answers_remote = False
-        node.world.bus.listen(0x080, self._on_sync)
+        node.objects.on_write(0x1005, 0, self.rewritten)
         for tpdo in tpdos:
-            node.world.bus.listen(0x080 + 0x100 * tpdo.number + node.node_id, self._on_remote)
             for sub in (1, 2, 3, 5):
                 node.objects.on_write(0x17FF + tpdo.number, sub, self.rewritten)
+            node.objects.on_write(0x19FF + tpdo.number, 0, self.rewritten)
             node.objects.on_write(0x27FF + tpdo.number, 0, self.rewritten)
+        self.configure()
 
     def __getitem__(self, number: int) -> Tpdo:
         return self._all[number - 1]
 
     def rewritten(self, value: int) -> None:
-        """Take over parameters that a client has written."""
+        """Take over parameters that a client has written; PDOs that did not change go on."""
+        before = [tpdo.schedule for tpdo in self._all]
         self.configure()
-        if self._running:
-            self.start()
+        for tpdo, schedule in zip(self._all, before, strict=True):
+            if self._running and tpdo.schedule != schedule:
+                self._start(tpdo)
 
     def configure(self) -> None:
         """Read the parameters from the object dictionary."""
         objects = self._node.objects
+        sync_id = objects.number(0x1005) & 0x7FF or 0x080
+        self._node.hear("SYNC", sync_id, self._on_sync)
         for tpdo in self._all:
             index = 0x17FF + tpdo.number
             cob_id = objects.number(index, 1)
-            tpdo.can_id, tpdo.enabled = cob_id & 0x7FF, not cob_id & _PDO_OFF
+            mapped = objects.number(0x19FF + tpdo.number)
+            tpdo.can_id, tpdo.enabled = cob_id & 0x7FF, bool(mapped and not cob_id & _PDO_OFF)
+            self._node.hear(f"TPDO{tpdo.number}", tpdo.can_id, self._on_remote)
             tpdo.kind = objects.number(index, 2)
             tpdo.inhibit_ns = objects.number(index, 3) * _INHIBIT_UNIT_NS
             tpdo.timer_ns = objects.number(index, 5) * MS
@@ -112,18 +128,22 @@ class TpdoSet:
     def start(self) -> None:
         """Begin to send: OPERATIONAL was entered."""
         self._running = True
-        self._generation += 1
         for tpdo in self._all:
-            tpdo.sync_count = 0
-            tpdo.last_data = None
-            if tpdo.enabled and tpdo.kind in _CYCLIC and tpdo.timer_ns:
-                self._node.after(tpdo.timer_ns, self._tick, tpdo, self._generation)
+            self._start(tpdo)
+
+    def _start(self, tpdo: Tpdo) -> None:
+        tpdo.generation += 1
+        tpdo.sync_count = 0
+        tpdo.last_data = None
+        if tpdo.enabled and tpdo.kind in _CYCLIC and tpdo.timer_ns:
+            self._node.after(tpdo.timer_ns, self._tick, tpdo, tpdo.generation)
 
     def stop(self) -> None:
         """OPERATIONAL was left."""
         if not self.rogue:
             self._running = False
-            self._generation += 1
+            for tpdo in self._all:
+                tpdo.generation += 1
 
     def trigger(self, number: int) -> None:
         """Send an event-driven TPDO now."""
@@ -133,7 +153,7 @@ class TpdoSet:
             self._queue(tpdo, data, values, None)
 
     def _tick(self, tpdo: Tpdo, generation: int) -> None:
-        if generation != self._generation:
+        if generation != tpdo.generation:
             return
         self._node.after(tpdo.timer_ns, self._tick, tpdo, generation)
         data, values = tpdo.build(self._node.now_ns)
@@ -177,14 +197,14 @@ class TpdoSet:
         now_ns = self._node.now_ns
         if not self._running or now_ns < tpdo.quiet_until_ns:
             return
-        if tpdo.inhibit_ns:
+        if tpdo.inhibit_ns and not tpdo.hasty:
             if now_ns < tpdo.not_before_ns:
                 wait_ns = tpdo.not_before_ns - now_ns
                 self._node.after(wait_ns, self._queue, tpdo, data, values, sync_ns)
                 return
             tpdo.not_before_ns = now_ns + tpdo.inhibit_ns
         told = partial(self._sent, tpdo.can_id, sync_ns, now_ns, values)
-        self._node.send(Frame(tpdo.can_id, data), told)
+        self._node.send(Frame(tpdo.can_id, data[: tpdo.cut_to]), told)
 
     def _sent(
         self,

@@ -5,8 +5,12 @@ without the recorder's stamp jitter and clock steps. Frames that the recorder mi
 """
 
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
+
+_RESETS = (0x81, 0x82)
+_FORGOTTEN_NS = 60_000_000_000
+"""After this nobody takes an answer for one to this request."""
 
 
 class ExpectedFinding(NamedTuple):
@@ -53,7 +57,11 @@ class BootUpTruth(NamedTuple):
 
 
 class EmcyTruth(NamedTuple):
-    """An EMCY frame; alarms and warnings only for devices that send them."""
+    """An EMCY frame; alarms and warnings only for devices that send them.
+
+    `active` are the codes of the errors that were there when it was sent, its own among them; `dlc`
+    is less than 8 for malformed ones, whose `code` is made of the bytes that are there.
+    """
 
     t_ns: int
     node: int
@@ -61,11 +69,43 @@ class EmcyTruth(NamedTuple):
     register: int
     alarms: int
     warnings: int
+    active: tuple[int, ...] = ()
+    dlc: int = 8
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorTruth:
+    """An error of a node from its appearance to its end.
+
+    `raised_ns` and `cleared_ns` are the EMCYs that told of it, None where none did (the node was
+    mute, or within its inhibit time). `status` is `cleared` where an EMCY told of the end, else
+    `lost at reset` or `still active`; `count` are the EMCYs with its code.
+    """
+
+    node: int
+    code: int
+    occurred_ns: int
+    raised_ns: int | None
+    cleared_ns: int | None
+    status: str
+    count: int
 
 
 @dataclass(frozen=True, slots=True)
 class SdoTruth:
-    """A transfer of the master, from the end of its request to the end of the last answer."""
+    """A transfer of a client, from the end of its request to the end of its last frame.
+
+    `result` is what the bus tells: `ok`, `abort`, `no answer` where the initiate request got none,
+    `interrupted` where a transfer of several steps stopped or the node was reset. A slow answer that
+    the client no longer waits for is `ok`, if nothing else was asked meanwhile. Without an answer
+    `end_ns` is when the client gave up, and `last_ns` the last frame.
+
+    Attributes:
+        aborted_by: `client` or `server`.
+        answer_ns: the server's first answer.
+        certain: False where the bus alone does not tell the result from another one: an unanswered
+            request before a reset of the node.
+    """
 
     node: int
     start_ns: int
@@ -77,6 +117,11 @@ class SdoTruth:
     data: bytes
     result: str
     abort_code: int | None
+    aborted_by: str | None = None
+    answer_ns: int | None = None
+    last_ns: int = 0
+    request_id: int = 0
+    certain: bool = True
 
 
 class PdoTruth(NamedTuple):
@@ -103,6 +148,21 @@ class MissedTruth(NamedTuple):
     sync_ns: int
 
 
+class LssTruth(NamedTuple):
+    """An LSS frame: a request on 7E5h, else an answer on 7E4h."""
+
+    t_ns: int
+    request: bool
+    data: bytes
+
+
+class TimeTruth(NamedTuple):
+    """A TIME message: the end of its frame, and the UTC that it tells."""
+
+    t_ns: int
+    told_ns: int
+
+
 @dataclass(slots=True)
 class Truth:
     """Everything a run knows about itself; complete when the run has ended."""
@@ -112,14 +172,20 @@ class Truth:
     commands: list[CommandTruth] = field(default_factory=list)
     boot_ups: list[BootUpTruth] = field(default_factory=list)
     emcy: list[EmcyTruth] = field(default_factory=list)
+    errors: list[ErrorTruth] = field(default_factory=list)
     sdo: list[SdoTruth] = field(default_factory=list)
     pdos: list[PdoTruth] = field(default_factory=list)
     missed: list[MissedTruth] = field(default_factory=list)
     sync_ns: list[int] = field(default_factory=list)
+    lss: list[LssTruth] = field(default_factory=list)
+    time: list[TimeTruth] = field(default_factory=list)
+    deaf: list[tuple[int, int]] = field(default_factory=list)
+    """Stretches [start, end) in which the recorder heard nothing, told or not."""
     recording: bool = True
     """Whether the recorder hears the bus; what is counted below is what it heard."""
     counts: Counter[tuple[str, int]] = field(default_factory=Counter)
-    """`heartbeats`, `empty_heartbeats` among them, `guard_requests`, `guard_answers` and `pdos` by node; `syncs` under node 0."""
+    """`heartbeats`, `empty_heartbeats` among them, `guard_requests`, `guard_answers`, `toggle_errors`,
+    `unanswered_guards` and `pdos` by node; `syncs`, `lss` and `time` under node 0."""
     frames: int = 0
     """Frames that the recorder took, error frames among them."""
     remote_frames: int = 0
@@ -132,6 +198,26 @@ class Truth:
     def count(self, what: str, node: int) -> None:
         """Count a frame, if the recorder hears it."""
         self.counts[what, node] += self.recording
+
+    def settle(self) -> None:
+        """Mark the unanswered requests that a reset may have cut off: call it when the run ends."""
+        resets: dict[int, list[int]] = {}
+        for boot_up in self.boot_ups:
+            resets.setdefault(boot_up.node, []).append(boot_up.t_ns)
+        for command in self.commands:
+            if command.specifier in _RESETS:
+                resets.setdefault(command.node, []).append(command.t_ns)
+        for row, transfer in enumerate(self.sdo):
+            if transfer.result in ("no answer", "interrupted") and transfer.answer_ns is None:
+                later = (
+                    each.start_ns
+                    for each in self.sdo
+                    if each.node == transfer.node and each.start_ns > transfer.start_ns
+                )
+                next_ns = min(later, default=transfer.start_ns + _FORGOTTEN_NS)
+                times = resets.get(transfer.node, []) + resets.get(0, [])
+                if any(transfer.start_ns < t_ns < next_ns for t_ns in times):
+                    self.sdo[row] = replace(transfer, certain=False)
 
     def required(self) -> list[ExpectedFinding]:
         """The findings without which an analysis is wrong."""

@@ -84,6 +84,7 @@ def objects_of(text: EdsText) -> Objects:
             text.warn(f"[{index:04X}]", "the section is missing, only its subindexes are described")
         _add_object(text, found, index, head, parts)
     _check_lists(text, found)
+    _add_compact_pdos(text, found)
     return found
 
 
@@ -193,6 +194,51 @@ def _listed(text: EdsText, section_name: str) -> dict[int, str]:
     section = text.sections.get(section_name)
     values = section.values if section else {}
     return {int(key): value for key, value in values.items() if re.fullmatch(r"\d{1,3}", key)}
+
+
+_COMPACT_PDOS = (
+    ("nrofrxpdo", "RPDO", 0x1400, 0x1600, 0x100),
+    ("nroftxpdo", "TPDO", 0x1800, 0x1A00, 0x80),
+)
+"""Key of the count, kind, first communication and mapping records, and first identifier."""
+_PDO_PARAMETERS = {1: ("COB-ID", "0x7"), 2: ("Transmission type", "0x5"), 3: ("Inhibit time", "0x6"),
+                   5: ("Event timer", "0x6"), 6: ("SYNC start value", "0x5")}  # fmt: skip
+
+
+def _add_compact_pdos(text: EdsText, found: Objects) -> None:
+    """Write out the PDOs that CompactPDO leaves to be understood (CiA 306 4.4.2).
+
+    As many as [DeviceInfo] counts and no section describes, in the gaps from the first on. Their
+    values are not stated; the first four have their identifiers by the predefined connection set.
+    """
+    info = text.sections.get("deviceinfo")
+    if info is None or not number(info.get("compactpdo") or "0"):
+        return
+    for key, kind, communication, mapping, first_id in _COMPACT_PDOS:
+        missing = min(number(info.get(key) or "0") or 0, 512)
+        missing -= sum(communication <= index < communication + 512 for index in found.heads)
+        free = [k for k in range(512) if communication + k not in found.heads]
+        for k in free[: max(0, missing)]:
+            cob_id = f"$NODEID+0x{first_id + 0x100 * (k + 1):X}" if k < 4 else ""
+            _add_record(found, communication + k, f"{kind}{k + 1} communication parameter")
+            for sub, (what, data_type) in _PDO_PARAMETERS.items():
+                value = cob_id if sub == 1 else ""
+                found.entries[communication + k][sub] = _implied(what, data_type, value)
+        for k in range(512):
+            if communication + k in found.heads and mapping + k not in found.heads:
+                _add_record(found, mapping + k, f"{kind}{k + 1} mapping parameter")
+                for sub in range(1, 9):
+                    found.entries[mapping + k][sub] = _implied(f"Mapped object {sub}", "0x7", "")
+
+
+def _add_record(found: Objects, index: int, name: str) -> None:
+    found.heads[index] = {"ParameterName": name, "ObjectType": f"0x{RECORD:X}"}
+    found.entries[index] = {0: _implied("Number of entries", "0x5", "")}
+
+
+def _implied(name: str, data_type: str, default: str) -> Entry:
+    entry = {"ParameterName": name, "ObjectType": "0x7", "DataType": data_type, "AccessType": "rw"}
+    return entry | {"PDOMapping": "0"} | ({"DefaultValue": default} if default else {})
 
 
 def _variable(text: EdsText, section: Section, name: str, object_type: int) -> Entry:

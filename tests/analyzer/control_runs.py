@@ -5,10 +5,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from syncline_analyzer.context import Context
-from syncline_analyzer.findings import bus, emcy, nmt, sdo
+from syncline_analyzer.findings import bus, capture, clock, emcy, nmt, sdo
 from syncline_analyzer.findings.rule import Facts, apply
 from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.folds.control import ControlFold, ControlTables
+from syncline_analyzer.folds.emcy_context import emcy_context
+from syncline_analyzer.folds.emcy_history import error_history
 from syncline_analyzer.nodes import node_rows
 from syncline_analyzer.results import Analysis, CaptureRow, Finding, GapRow, NodeRow
 from syncline_analyzer.shadow import Shadow
@@ -36,7 +38,7 @@ class Run:
 
     def findings(self) -> list[Finding]:
         """Findings of all rules on the control side."""
-        rules = (*nmt.RULES, *sdo.RULES, *emcy.RULES, *bus.RULES)
+        rules = (*nmt.RULES, *sdo.RULES, *emcy.RULES, *bus.RULES, *capture.RULES, *clock.RULES)
         return apply(rules, Facts(self.analysis, self.tables, self.context))
 
     def ids(self) -> list[str]:
@@ -158,7 +160,7 @@ def _finished(
         start_utc_ns=None,
         duration_ns=end_ns - first_ns,
         buses=context.buses,
-        gaps=[GapRow(g.start_ns, g.end_ns, g.reason, g.lost_frames) for g in gaps],
+        gaps=[_gap_row(g, context) for g in gaps],
         first_ns=first_ns,
     )
     analysis = Analysis(
@@ -175,4 +177,12 @@ def _finished(
         bus_load=[],
         findings=[],
     )
+    bus_states = tables.bus_errors.states
+    analysis.emcy_context.extend(emcy_context(analysis, bus_states, timed=context.timed))
+    analysis.error_history.extend(error_history(tables, context, capture.gaps))
     return Run(context, tables, analysis)
+
+
+def _gap_row(gap: Gap, context: Context) -> GapRow:
+    bus = None if gap.bus is None else context.bus_name(gap.bus)
+    return GapRow(gap.start_ns, gap.end_ns, gap.reason, gap.lost_frames, bus)

@@ -7,6 +7,7 @@ import pytest
 from syncline_samples import faults, scenarios
 from syncline_samples.machine import Fault, Scenario
 from syncline_samples.machine import Run as Simulated
+from syncline_samples.node import State
 from syncline_samples.truth import ExpectedFinding
 from syncline_schemas.batch import Gap
 from syncline_schemas.description import BusDescription
@@ -37,6 +38,18 @@ FAULTS: dict[str, Scenario] = {
     "master": one_fault(faults.MasterSilent(15.0, 3.0)),
     "storm": one_fault(faults.EmcyStorm(scenarios.ENTRY, 15.0)),
     "gap": one_fault(faults.RecorderGap(15.0, 1.5)),
+    "boot loop": one_fault(faults.BootLoop(scenarios.ENTRY, 14.0, count=5)),
+    "slow heartbeat": one_fault(faults.HeartbeatPeriod(scenarios.LIFT, 10.0, 300, for_s=15.0)),
+    "fast heartbeat": one_fault(faults.HeartbeatPeriod(scenarios.ENTRY, 10.0, 50, for_s=15.0)),
+    "jittery heartbeat": one_fault(faults.HeartbeatIrregular(scenarios.GUIDE, 10.0, 40, 10.0)),
+    "missing heartbeats": one_fault(faults.HeartbeatsMissing(scenarios.GUIDE, 12.0, 4)),
+    "toggle": one_fault(faults.GuardToggleStuck(scenarios.PLATFORM, 12.0, 20)),
+    "unanswered": one_fault(faults.GuardUnanswered(scenarios.PLATFORM, 12.0, 2)),
+    "falls": one_fault(faults.LeavesOperational(scenarios.ENTRY, 12.0)),
+    "stops": one_fault(faults.LeavesOperational(scenarios.GUIDE, 12.0, State.STOPPED)),
+    "malformed": one_fault(faults.MalformedCommand(12.0)),
+    "clock ahead": one_fault(faults.ClockStep(15.0, 700)),
+    "clock far ahead": one_fault(faults.ClockStep(15.0, 3_600_000)),
     "stop": one_fault(faults.Command(15.0, 0x02), faults.Command(20.0, 0x01)),
     "reset": one_fault(
         faults.Command(15.0, 0x81, scenarios.PRESS), faults.Command(25.0, 0x01, scenarios.PRESS)

@@ -2,19 +2,20 @@
 
 import pytest
 
-from syncline_analyzer.deafness import BUS_OFF, RECORDER_OFF, RESTARTED, with_deafness
+from syncline_analyzer.deafness import RECORDER_OFF, RECORDER_OVERFLOW, with_deafness
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
+from syncline_schemas.can_errors import ErrorClass
 from tests.analyzer.control_runs import MS, Row, frame
 
 ERROR = int(FrameFlag.ERROR)
 
 
 def off(t_ms: float, bus: int = 0) -> Row:
-    return frame(t_ms, BUS_OFF, "00" * 8, bus=bus, flags=ERROR)
+    return frame(t_ms, ErrorClass.BUS_OFF, "00" * 8, bus=bus, flags=ERROR)
 
 
 def back(t_ms: float, bus: int = 0) -> Row:
-    return frame(t_ms, RESTARTED, "00" * 8, bus=bus, flags=ERROR)
+    return frame(t_ms, ErrorClass.RESTARTED, "00" * 8, bus=bus, flags=ERROR)
 
 
 def heard(*rows: Row, batch: int = 100) -> list[str]:

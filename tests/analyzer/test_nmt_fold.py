@@ -295,7 +295,7 @@ def test_two_cadences_under_one_number_are_two_devices(fast: int, slow: int, bat
     result = run(*twins, batch=batch)
     assert result.ids() == ["nmt.duplicate_node_id"]
     (finding,) = result.findings()
-    assert f"one every {fast} ms, the other every " in finding.text
+    assert f"one heartbeat comes every {fast} ms, the other every " in finding.text
     periods = result.tables.nmt.nodes[0, NODE].twins.periods_ns
     assert periods == pytest.approx((fast * MS, slow * 1.003 * MS), rel=1e-6)
 

@@ -147,7 +147,7 @@ def test_sdo_aborts(name: str) -> None:
     ]
     run = analyzed(name)
     found = [
-        (row.node, run.tables.sdo.aborted_by[row.seq], row.index, row.sub, row.abort_code)
+        (row.node, row.abort_by, row.index, row.sub, row.abort_code)
         for row in run.analysis.sdo
         if row.result == "abort"
     ]
@@ -220,7 +220,7 @@ def test_the_guarded_node_of_the_printing_press_is_lost_and_nobody_else() -> Non
 
 def test_key_cycles_are_told_as_the_whole_bus_and_pairs_of_boot_ups_once() -> None:
     run = _named("sevcon_20090331.candump.log")
-    lost = [f for f in run.findings() if f.id == "nmt.node_lost"]
+    lost = [f for f in run.findings() if f.id == "nmt.bus_silent"]
     assert [(f.severity, f.node) for f in lost] == [("warning", 1)]
     assert "whole bus was silent 10 times (at +20.718 s, " in lost[0].text
     assert "for 3.412 s to 92.48 s; node 1 came back with a boot-up each time" in lost[0].text

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from syncline_analyzer.results import SdoRow
 from syncline_schemas.batch import Gap
+from syncline_schemas.description import BusDescription
 from syncline_schemas.devices import load_device
 from tests.analyzer.control_runs import MS, Row, frame, run
 
@@ -132,7 +133,7 @@ def test_block_read_of_any_data(data: bytes, block_size: int) -> None:
     result = run(*block_upload(data, block_size))
     (row,) = result.analysis.sdo
     assert (row.kind, row.result, row.data) == ("block", "ok", data)
-    assert result.tables.sdo.bad_crc == []
+    assert row.crc_ok
 
 
 def test_the_last_segment_of_a_block_read_is_no_abort() -> None:
@@ -143,7 +144,7 @@ def test_the_last_segment_of_a_block_read_is_no_abort() -> None:
 
 def test_a_wrong_block_crc_is_told() -> None:
     result = run(*block_upload(b"some data here", 10, crc=0x1234))
-    assert result.tables.sdo.bad_crc == [result.analysis.sdo[0].end_seq]
+    assert result.analysis.sdo[0].crc_ok is False
     assert result.ids() == ["sdo.block_crc"]
 
 
@@ -175,8 +176,7 @@ def test_aborts_of_either_side(side: str) -> None:
     result = run(*sdo((">", "40 0010 00 00000000"), (side, "80 0010 00 00000206")), alive)
     (row,) = result.analysis.sdo
     assert (row.result, row.abort_code) == ("abort", 0x06020000)
-    by = {"<": "server", ">": "client"}[side]
-    assert result.tables.sdo.aborted_by == {0: by}
+    assert row.abort_by == {"<": "server", ">": "client"}[side]
 
 
 def test_an_abort_of_another_object_does_not_end_the_transfer() -> None:
@@ -243,17 +243,134 @@ def test_two_nodes_and_two_buses_do_not_mix() -> None:
     assert {row.result for row in rows_of(*crossed)} == {"ok"}  # type: ignore[arg-type]
 
 
-def test_a_moved_server_is_followed() -> None:
-    """1200h:1 and :2 read: from the next batch on the server is where they say."""
-    tell = sdo(
-        (">", "40 0012 01 00000000"),
-        ("<", "43 0012 01 40060000"),
-        (">", "40 0012 02 00000000"),
-        ("<", "43 0012 02 C0050000"),
-    )
-    moved = [frame(10, 0x640, "4000100000000000"), frame(11, 0x5C0, "4300100096010100")]
-    rows = rows_of(*tell, *moved, batch=4)
+def told(index: int, sub: int, cob_id: int) -> list[tuple[str, str]]:
+    """A read of an SDO parameter."""
+    name = index.to_bytes(2, "little").hex() + f"{sub:02X}"
+    value = cob_id.to_bytes(4, "little").hex()
+    return [(">", f"40 {name} 00000000"), ("<", f"43 {name} {value}")]
+
+
+MOVED = [frame(10, 0x640, "4000100000000000"), frame(11, 0x5C0, "4300100096010100")]
+
+
+@pytest.mark.parametrize("batch", [1, 3, 100])
+def test_a_moved_server_is_followed_from_the_frame_on_that_tells_it(batch: int) -> None:
+    tell = sdo(*told(0x1200, 1, 0x640), *told(0x1200, 2, 0x5C0))
+    rows = rows_of(*tell, *MOVED, batch=batch)
     assert [(row.node, row.index) for row in rows] == [(5, 0x1200), (5, 0x1200), (5, 0x1000)]
+    assert rows[-1].answer_us == 1000.0
+
+
+@pytest.mark.parametrize("batch", [1, 100])
+def test_an_additional_server_is_followed_until_a_reset_takes_it_back(batch: int) -> None:
+    """1201h written: two clients at once, each on its server; after 81h the identifiers are free."""
+    write = [
+        (">", "23 0112 01 40060000"),
+        ("<", "60 0112 01 00000000"),
+        (">", "23 0112 02 C0050000"),
+        ("<", "60 0112 02 00000000"),
+    ]
+    both = [
+        frame(9.8, 0x605, "4018100100000000"),
+        *MOVED,
+        frame(11.2, 0x585, "4318100112000000"),
+    ]
+    again = [frame(40, 0x640, "4000100000000000"), frame(41, 0x5C0, "4300100096010100")]
+    after = [frame(20, 0x000, "8105"), *again]
+    rows = rows_of(*sdo(*write), *both, *after, batch=batch)
+    assert [(row.node, row.index, row.result) for row in rows] == [
+        (5, 0x1201, "ok"),
+        (5, 0x1201, "ok"),
+        (5, 0x1018, "ok"),
+        (5, 0x1000, "ok"),
+        (0x40, 0x1000, "ok"),
+    ]
+
+
+def test_a_server_that_the_bus_description_puts_elsewhere() -> None:
+    text = """[node.5.objects]
+"1200:1" = 0x640
+"1200:2" = 0x5C0
+"""
+    (row,) = rows_of(*MOVED, description=BusDescription.loads(text))
+    assert (row.node, row.index, row.value) == (5, 0x1000, 0x10196)
+
+
+def test_two_clients_on_one_server() -> None:
+    """Requests overlap; each answer finds its own, also when one of them never comes."""
+    rows = rows_of(
+        *sdo(
+            (">", "40 0010 00 00000000"),
+            (">", "40 0110 00 00000000"),
+            ("<", "43 0010 00 01000000"),
+            (">", "40 0210 00 00000000"),
+            ("<", "4F 0110 00 02000000"),
+            (">", "40 0310 00 00000000"),
+            ("<", "4F 0310 00 03000000"),
+        )
+    )
+    assert [(row.index, row.result, row.value) for row in rows] == [
+        (0x1000, "ok", 1),
+        (0x1001, "ok", 2),
+        (0x1002, "no answer", None),
+        (0x1003, "ok", 3),
+    ]
+    assert [row.answer_us for row in rows[:2]] == [2000.0, 3000.0]
+
+
+def test_an_abort_that_names_another_object_counts_when_no_answer_comes() -> None:
+    rows = rows_of(
+        *sdo(
+            (">", "40 0010 00 00000000"),
+            ("<", "80 1000 00 00000206"),
+            (">", "40 0110 00 00000000"),
+            ("<", "4F 0110 00 00000000"),
+        )
+    )
+    assert [(row.index, row.result, row.abort_code, row.abort_by) for row in rows] == [
+        (0x1000, "abort", 0x06020000, "server"),
+        (0x1001, "ok", None, None),
+    ]
+
+
+@pytest.mark.parametrize("request_byte", ["41", "43", "4F", "5C"])
+def test_a_read_with_reserved_bits_counts_when_it_is_answered(request_byte: str) -> None:
+    (row,) = rows_of(*sdo((">", request_byte + "0010 00 00000000"), ("<", "43 0010 00 01000000")))
+    assert (row.direction, row.result, row.value) == ("upload", "ok", 1)
+    assert rows_of(*sdo((">", request_byte + "0010 00 00000000"))) == []
+
+
+def test_a_read_that_looked_like_a_segment_of_a_block() -> None:
+    """The client broke a block download off without a word and reads: 40h is also segment 64."""
+    rows = rows_of(
+        *sdo(
+            (">", "C2 0120 00 11000000"),
+            ("<", "A0 0120 00 7F 000000"),
+            (">", "01 01020304050607"),
+            (">", "40 0010 00 00000000"),
+            ("<", "43 0010 00 01000000"),
+        )
+    )
+    assert [(row.index, row.result) for row in rows] == [(0x2001, "interrupted"), (0x1000, "ok")]
+
+
+@pytest.mark.parametrize(
+    ("index", "data", "value"),
+    [
+        (0x1008, "4A4E32310000", "JN21"),
+        (0x1018, "", None),
+        (0x1029, "02", 2),
+        (0x1F50, "0102", "0102"),
+        (0x2000, "0102", "0102"),
+    ],
+)
+def test_payloads_by_the_type_of_the_object(index: int, data: str, value: object) -> None:
+    payload = bytes.fromhex(data)
+    name = index.to_bytes(2, "little").hex() + "01" * (index != 0x1008) + "00" * (index == 0x1008)
+    size = len(payload).to_bytes(4, "little").hex()
+    end = f"{7 - len(payload) << 1 | 1:02X}" + payload.ljust(7, b"\0").hex()
+    (row,) = rows_of(*sdo((">", f"40{name}"), ("<", f"41{name}{size}"), (">", "60"), ("<", end)))
+    assert (row.result, row.value, row.size) == ("ok", value, len(payload))
 
 
 @given(st.lists(st.tuples(st.sampled_from([0x585, 0x605]), st.binary(max_size=8)), max_size=40))

@@ -1,5 +1,9 @@
 """The object-dictionary shadow: what is known of an object, from where, and since when."""
 
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
 from syncline_analyzer.shadow import Known, Shadow, Source
 from syncline_schemas.description import BusDescription, NodeEntry
 from syncline_schemas.devices import load_device
@@ -123,3 +127,132 @@ def test_a_device_is_identified_by_what_it_answers() -> None:
     )
     assert result.nodes[10].device == "jn2100"
     assert result.analysis.sdo[1].value == "JN2100"
+
+
+COMMUNICATION, NODE, BOOT = 0x82, 0x81, 0
+
+
+def written(store: Shadow) -> list[int | None]:
+    """A heartbeat time and a manufacturer's object that were written and not saved."""
+    return [store.number(0, 5, 0x1017), store.number(0, 5, 0x2040)]
+
+
+@pytest.mark.parametrize(
+    ("resets", "left"),
+    [
+        ([(COMMUNICATION, 1)], [None, 7]),
+        ([(COMMUNICATION, 1), (BOOT, 2)], [None, 7]),
+        ([(COMMUNICATION, 1), (BOOT, 2), (BOOT, 2)], [None, 7]),
+        ([(COMMUNICATION, 1), (BOOT, 60)], [None, None]),
+        ([(COMMUNICATION, 1), (NODE, 2), (BOOT, 3)], [None, None]),
+        ([(NODE, 1)], [None, None]),
+        ([(BOOT, 1)], [None, None]),
+    ],
+)
+def test_82h_resets_the_communication_profile_only(
+    resets: list[tuple[int, int]], left: list[int | None]
+) -> None:
+    """CiA 301 7.3.2.2: reset communication concerns 1000h..1FFFh, reset node everything."""
+    store = shadow()
+    learn(store, 0x1017, 250, 1)
+    learn(store, 0x2040, 7, 2)
+    for seq, (specifier, second) in enumerate(resets, start=10):
+        store.reset(0, 5, seq, second * 1_000_000_000, specifier)
+    assert written(store) == left
+
+
+def test_82h_drops_everything_where_the_maker_says_so() -> None:
+    """Haomiao sheet, section 1: unsaved values are lost by "reset communication"."""
+    store = shadow("haomiao-38")
+    learn(store, 0x6001, 4096, 1)
+    store.reset(0, 5, 2, 0, COMMUNICATION)
+    assert store.get(0, 5, 0x6001) == Known(8192, "eds-default")
+
+
+def test_a_device_resets_by_a_write() -> None:
+    """JN2100 2002h = 1 resets without an NMT frame."""
+    store = shadow("jn2100")
+    learn(store, 0x1017, 250, 1)
+    learn(store, 0x2002, 1, 2)
+    assert store.get(0, 5, 0x1017) == Known(0, "eds-default")
+
+
+def test_the_makers_values_come_back_by_a_write() -> None:
+    """JN2100 207Fh = 1: 2000h..5FFFh, not the communication profile."""
+    store = shadow("jn2100")
+    learn(store, 0x2043, 4, 1)
+    learn(store, 0x1017, 250, 2)
+    learn(store, 0x207F, 1, 3)
+    assert store.get(0, 5, 0x2043) == Known(2, "eds-default")
+    assert store.number(0, 5, 0x2043, seq=2) == 4
+    assert store.number(0, 5, 0x1017) == 250
+
+
+def test_every_value_has_the_stretch_in_which_it_held() -> None:
+    store = shadow()
+    learn(store, 0x1017, 100, 1, source="sdo-read")
+    learn(store, 0x1017, 250, 5)
+    learn(store, 0x1017, 250, 7, source="sdo-read")
+    store.reset(0, 5, 9, 9)
+    learn(store, 0x1017, 100, 11, source="sdo-read")
+    told = [
+        (span.change.cause, span.change.known and span.change.known.value, span.until_seq)
+        for span in store.spans(0, 5, 0x1017)
+    ]
+    assert told == [
+        ("sdo-read", 100, 5),
+        ("sdo-write", 250, 7),
+        ("sdo-read", 250, 9),
+        ("reset", 100, 11),
+        ("sdo-read", 100, None),
+    ]
+
+
+def test_a_value_that_is_polled_is_one_change() -> None:
+    store = shadow()
+    for seq in range(10):
+        learn(store, 0x6004, 77, seq, source="sdo-read")
+    assert store.changes(0, 5, 0x6004) == [0]
+
+
+def test_only_what_the_node_told_is_confirmed() -> None:
+    store = shadow("lir-da158a", x1017=700)
+    assert store.confirmed(0, 5, 0x1017) is None
+    assert store.confirmed(0, 5, 0x1800, 2) is None
+    learn(store, 0x1017, 250, 10)
+    assert store.confirmed(0, 5, 0x1017) == 250
+    assert store.confirmed(0, 5, 0x1017, 0, 9) is None
+
+
+@given(
+    st.lists(
+        st.one_of(
+            st.tuples(st.sampled_from(["sdo-read", "sdo-write"]), st.integers(0, 3)),
+            st.sampled_from(["save", "reset"]),
+        ),
+        max_size=30,
+    )
+)
+def test_a_reset_gives_what_a_simple_memory_would(steps: list[object]) -> None:
+    """Against two plain variables: RAM and EEPROM, where a read tells what is in both."""
+    store, ram, eeprom = shadow(), None, None
+    dirty = False
+    for seq, step in enumerate(steps, start=1):
+        if step == "save":
+            store.save(0, 5)
+            if ram is not None or dirty:
+                eeprom, dirty = ram, False
+        elif step == "reset":
+            store.reset(0, 5, seq)
+            if dirty:
+                ram, dirty = eeprom, False
+        else:
+            assert isinstance(step, tuple)
+            source, value = step
+            learn(store, 0x1017, value, seq, source=source)
+            ram = value
+            if source == "sdo-write":
+                dirty = True
+            elif not dirty:
+                eeprom = value
+        assert store.number(0, 5, 0x1017) == ram

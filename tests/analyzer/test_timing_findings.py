@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from syncline_analyzer.findings.timing import MAX_EVIDENCE, MAX_FINDINGS, RULES
+from syncline_analyzer.findings import pdo, timing
+from syncline_analyzer.findings.timing import MAX_EVIDENCE, MAX_FINDINGS
 from syncline_analyzer.results import (
     Analysis,
     Finding,
@@ -19,6 +20,7 @@ from syncline_analyzer.results import (
 from tests.analyzer.analysis_builder import at, capture_row
 from tests.analyzer.rule_facts import judge
 
+RULES = (*timing.RULES, *pdo.RULES)
 PERIOD = Quantiles(19_900, 20_000, 20_100, 20_200)
 
 
@@ -94,6 +96,7 @@ def only(found: list[Finding]) -> Finding:
     return finding
 
 
+@pytest.mark.triggers("sync.missing")
 def test_missing_syncs() -> None:
     finding = only(judge(RULES, analysis(sync=[sync_row()], holes=[hole(10, 10.08, 3)])))
     assert (finding.id, finding.severity, finding.node) == ("sync.missing", "warning", None)
@@ -128,6 +131,7 @@ def test_a_silence_of_everything_says_so() -> None:
     assert finding.cause.startswith("Nothing else was heard either")
 
 
+@pytest.mark.near_miss("sync.missing")
 def test_no_holes_no_finding() -> None:
     assert judge(RULES, analysis(sync=[sync_row(missing=0)], pdos=[pdo_row(missed=0)])) == []
 
@@ -147,6 +151,7 @@ def jitter(start: float = 5.0, **changes: Any) -> SyncJitterRow:
     return SyncJitterRow(**plain | changes)
 
 
+@pytest.mark.triggers("sync.jitter")
 def test_jitter_gives_its_numbers() -> None:
     finding = only(judge(RULES, analysis(sync=[sync_row()], sync_jitter=[jitter()])))
     assert (finding.id, finding.start_ns, finding.end_ns) == ("sync.jitter", at(5), at(13))
@@ -160,13 +165,14 @@ def test_jitter_all_the_time_is_one_finding() -> None:
     assert (finding.start_ns, finding.end_ns) == (rows[0].start_ns, rows[-1].end_ns)
 
 
+@pytest.mark.triggers("pdo.missed")
 def test_missed_pdos() -> None:
     gone = hole(38, 38.2, 5, cob_id=0x284, service="pdo", evidence=[7, 9, 11])
     finding = only(judge(RULES, analysis(pdos=[pdo_row()], holes=[gone])))
     assert (finding.id, finding.node) == ("pdo.missed", 4)
     assert finding.text == (
-        "TPDO2 of node 4 (284h) did not come 5 times, up to 5 in a row, each time after a SYNC that"
-        " it had to answer; its transmission type is 2 (sdo-read)."
+        "Node 4: TPDO2 (284h) did not come 5 times, up to 5 in a row, each time after a SYNC that it"
+        " had to answer; its transmission type is 2 (sdo-read)."
     )
     assert finding.evidence == [7, 9, 11]
 
@@ -187,6 +193,7 @@ def test_a_cyclic_pdo_misses_periods_of_its_timer() -> None:
     )
 
 
+@pytest.mark.near_miss("pdo.missed")
 def test_holes_of_another_bus_are_not_mixed_in() -> None:
     gone = hole(38, 38.2, 5, cob_id=0x284, service="pdo", bus="can1")
     assert judge(RULES, analysis(pdos=[pdo_row()], holes=[gone])) == []
@@ -200,6 +207,7 @@ def responses(values: list[float]) -> Responses:
     )
 
 
+@pytest.mark.triggers("pdo.late")
 def test_late_answers_are_the_slowest_ones() -> None:
     tables = {"pdos": [pdo_row(missed=0, late=2)], "responses": [responses([500, 3000, 600, 2500])]}
     finding = only(judge(RULES, analysis(**tables)))
@@ -209,6 +217,7 @@ def test_late_answers_are_the_slowest_ones() -> None:
     assert "2 times of 500" in finding.text
 
 
+@pytest.mark.near_miss("pdo.late")
 @pytest.mark.parametrize("late", [0, 1])
 def test_late_needs_a_window_and_answers(late: int) -> None:
     assert judge(RULES, analysis(pdos=[pdo_row(missed=0, late=late)])) == []

@@ -100,6 +100,10 @@ def test_trace_samples_keep_every_sample_and_flag(tmp_path: Path) -> None:
 def test_columns_are_those_of_the_rows() -> None:
     special = {
         "period_us",
+        "heartbeat_period_us",
+        "guard_period_us",
+        "confirmed_ms",
+        "boot_ms",
         "response_us",
         "device_us_low",
         "device_us_high",

@@ -11,6 +11,7 @@ class Report:
     start_ns: int = 100
     end_ns: int = 120
     text: str = ""
+    chain: "tuple[Report, ...]" = ()
 
 
 def expected(
@@ -53,3 +54,14 @@ def test_an_event_may_be_told_under_another_name() -> None:
 def test_equal_reports_are_counted_one_by_one() -> None:
     outcome = compare([], [Report(), Report()])
     assert len(outcome.unexpected) == 2
+
+
+def test_a_piece_of_a_story_is_found_like_a_finding_of_its_own() -> None:
+    story = Report(id="nmt.duplicate_node_id", chain=(Report(),))
+    outcome = compare([expected(), expected("nmt.duplicate_node_id")], [story])
+    assert outcome.agrees
+
+
+def test_a_piece_of_a_story_can_be_unexpected() -> None:
+    story = Report(chain=(Report(id="pdo.missed"),))
+    assert [piece.id for piece in compare([expected()], [story]).unexpected] == ["pdo.missed"]

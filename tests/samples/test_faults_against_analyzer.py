@@ -4,8 +4,6 @@ from pathlib import Path
 
 import pytest
 
-from syncline_analyzer import open_session
-from syncline_samples.comparison import compare
 from syncline_samples.faults import (
     AngleJump,
     CableLoose,
@@ -29,11 +27,11 @@ from syncline_samples.faults import (
     SyncJitter,
     WatchdogReset,
 )
-from syncline_samples.generate import candump_log
 from syncline_samples.machine import DeviceSpec, Fault, Scenario
 from syncline_samples.master import PRE_OPERATIONAL, RESET_COMMUNICATION, RESET_NODE, STOP
 from syncline_samples.motion import Shaft
 from syncline_samples.sdo_client import read, write
+from tests.samples.one_story import told, told_alone
 
 NODE = 5
 FAULTS: tuple[Fault, ...] = (
@@ -108,20 +106,5 @@ def test_a_restart_is_told_whatever_the_boot_up_byte(
     told_alone(scenario(WatchdogReset(NODE, 12.0, boot_ms), device=device), tmp_path)
 
 
-def told_alone(script: Scenario, tmp_path: Path) -> None:
-    """The analyzer tells what was scripted, and nothing else."""
-    run = script.run()
-    log, description = tmp_path / "one.log", tmp_path / "one.toml"
-    log.write_bytes(candump_log(run))
-    description.write_text(run.description_toml, encoding="utf-8")
-    outcome = compare(
-        run.truth.findings, open_session(log, description=description).analysis.findings
-    )
-    assert outcome.missing == []
-    assert outcome.unexpected == []
-
-
 def test_without_a_fault_there_is_no_finding(tmp_path: Path) -> None:
-    log = tmp_path / "one.log"
-    log.write_bytes(candump_log(scenario().run()))
-    assert open_session(log).analysis.findings == []
+    assert told(scenario(), tmp_path) == []

@@ -302,6 +302,16 @@ def test_values_read_as_the_canopen_library_reads_them(code: int, data: bytes) -
     assert decode_value(code, exact) == pytest.approx(expected, nan_ok=True)
 
 
+@given(st.integers(0, 0xFFFF), st.integers(0, 86_399_999))
+def test_times_are_days_and_milliseconds(days: int, ms: int) -> None:
+    data = ms.to_bytes(4, "little") + days.to_bytes(2, "little")
+    since = datetime.timedelta(days=days, milliseconds=ms)
+    moment = datetime.datetime(1984, 1, 1) + since  # noqa: DTZ001
+    said = f"{moment:%H:%M:%S}.{ms % 1000:03d}"
+    assert decode_value(0x0C, data) == f"{moment:%Y-%m-%d} {said}"
+    assert decode_value(0x0D, data) == f"{days} d {said}"
+
+
 def test_values_that_are_too_short_stay_bytes() -> None:
     assert decode_value(0x07, b"\x01\x02") == b"\x01\x02"
     assert decode_value(None, b"\x01") == b"\x01"

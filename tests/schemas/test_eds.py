@@ -169,6 +169,23 @@ def test_compact_arrays_are_written_out() -> None:
     assert [assumed_value(loaded.od, 0x2000, sub, 1) for sub in range(4)] == [3, 7, 7, 9]
 
 
+@pytest.mark.parametrize(("mask", "implied"), [("0x3F", True), ("0", False), ("", False)])
+def test_compact_pdos_are_written_out(mask: str, implied: bool) -> None:
+    """Three TPDOs of which the file describes the second: 1 and 3 are to be understood."""
+    info = f"[DeviceInfo]\nNrOfRXPDO=0\nNrOfTXPDO=3\nCompactPDO={mask}\n"
+    described = "[1801]\nParameterName=Mine\nObjectType=9\nSubNumber=1\n" + variable(
+        "1801sub1", data_type="0x7", default="0x222"
+    )
+    data = f"[FileInfo]\nFileName=x.eds\n{info}\n{described}".encode()
+    loaded = load_eds(data)
+    found = {variable.index for variable in variables(loaded.od) if variable.index >= 0x1000}
+    assert found == ({0x1800, 0x1801, 0x1802, 0x1A00, 0x1A01, 0x1A02} if implied else {0x1801})
+    if implied:
+        ids = [assumed_value(loaded.od, index, 1, 5) for index in (0x1800, 0x1801, 0x1802)]
+        assert ids == [0x185, 0x222, 0x385]
+        assert assumed_value(loaded.od, 0x1802, 2, 5) is None
+
+
 def test_data_types_defined_in_the_file_are_followed() -> None:
     limited = "[A0]\nObjectType=6\n[A0sub1]\nDefaultValue=0x0006\n"
     loaded = load_eds(eds(limited, variable(data_type="0xA0", default="5")))
@@ -232,9 +249,13 @@ def test_files_of_the_wild_load_and_lose_nothing(path: Path) -> None:
     found = {(v.index, v.subindex) for v in variables(loaded.od)}
     assert expected - found == set()
     extra = found - expected
-    assert all(index in DATA_TYPES for index, _ in extra), "only dummies are added"
+    implied = {index for index, _ in extra if 0x1400 <= index < 0x1C00}
+    assert bool(implied) == ("lely" in path.name), "the only one with CompactPDO and no PDOs"
+    assert all(index in DATA_TYPES for index, _ in extra if index not in implied), "only dummies"
     assert text.count("$NODEID") == sum(
-        "$NODEID" in getattr(v, "default_raw", "") for v in variables(loaded.od)
+        "$NODEID" in getattr(v, "default_raw", "")
+        for v in variables(loaded.od)
+        if v.index not in implied
     )
 
 

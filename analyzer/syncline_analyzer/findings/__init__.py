@@ -1,7 +1,23 @@
 """Rules over the tables, one module per family; what they return is what the report says."""
 
 from syncline_analyzer.context import Context
-from syncline_analyzer.findings import angle, bus, emcy, nmt, sdo, timing
+from syncline_analyzer.findings import (
+    angle,
+    bus,
+    capture,
+    clock,
+    config,
+    device,
+    emcy,
+    errors,
+    identity,
+    idle,
+    lss,
+    nmt,
+    pdo,
+    sdo,
+    timing,
+)
 from syncline_analyzer.findings.rule import Facts, Rule, apply
 from syncline_analyzer.findings.story import joined
 from syncline_analyzer.folds.control import ControlTables
@@ -9,11 +25,20 @@ from syncline_analyzer.results import Analysis, Finding
 
 RULES: tuple[Rule, ...] = (
     *bus.RULES,
+    *errors.RULES,
+    *capture.RULES,
+    *clock.RULES,
     *nmt.RULES,
     *emcy.RULES,
     *sdo.RULES,
+    *config.RULES,
+    *lss.RULES,
     *timing.RULES,
+    *pdo.RULES,
     *angle.RULES,
+    *device.RULES,
+    *identity.RULES,
+    *idle.RULES,
 )
 """Every rule, by family."""
 _RANK = {"error": 0, "warning": 1, "info": 2}

@@ -9,47 +9,83 @@ TOGETHER_NS = 10_000_000_000
 """Events no further apart than this are one finding [ns]."""
 MAX_FINDINGS = 10
 MAX_EVIDENCE = 100
+WIDE = 0x100
+"""From the index of a 16-bit slope to that of the same axis in 32 bits (CiA 410)."""
+WARNINGS = 0x6505
 _AT_PRESET = "preset value"
+_DEGREES = {"cpr": "6001h (counts per turn)", "res": "6000h (resolution)"}
+_SETTINGS = {
+    "range": "6002h or 6502h",
+    "scaling": "6000h bit 2",
+    "direction": "6000h bit 0",
+    "quad": "2040h",
+    "angle_def": "2044h",
+    "profile": "1000h",
+}
+"""Objects of the settings of a scale by their short names."""
 _ASSUMED = "assumed"
 
 
 def _jumps(facts: Facts) -> Iterator[Finding]:
     """Steps faster than the device can turn; a wrap or a preset by SDO is none."""
     for trace in facts.analysis.traces:
-        for group in _together(_events(facts.analysis, trace, "jump")):
-            yield _jump(trace, group)
+        if _events(facts.analysis, trace, "gray code"):
+            continue
+        jumps = [e for e in _events(facts.analysis, trace, "jump") if _AT_PRESET not in e.text]
+        for group in _together(jumps):
+            yield _jump(facts, trace, group)
 
 
-def _jump(trace: TraceRow, group: Sequence[TraceEventRow]) -> Finding:
-    first = group[0]
-    more = f" ({len(group)} jumps)" if len(group) > 1 else ""
-    by_wire = _AT_PRESET in first.text
-    cause = (
-        "The set input (wire) of the encoder was activated: it puts the position to the preset value"
-        " without any bus message."
-        if by_wire
-        else "The encoder lost its position (fault, loose coupling, disturbed sensor), or its"
-        " offset was changed without a message in this capture."
-    )
-    check = (
-        "Check the wire of the set input and what drives it; insulate it when it is not used."
-        if by_wire
-        else "Compare with the true position of the shaft; look at coupling, shielding and EMCY"
-        " messages of the encoder."
-    )
+def _presets(facts: Facts) -> Iterator[Finding]:
+    """Steps onto the preset value, on devices that a wire can set."""
+    for trace in facts.analysis.traces:
+        jumps = [e for e in _events(facts.analysis, trace, "jump") if _AT_PRESET in e.text]
+        for group in _together(jumps):
+            yield _preset(facts, trace, group)
+
+
+def _jump(facts: Facts, trace: TraceRow, group: Sequence[TraceEventRow]) -> Finding:
     return Finding(
         "angle.jump",
-        "warning" if by_wire else "error",
+        "error",
         trace.bus,
         trace.node,
-        first.t_ns,
+        group[0].t_ns,
         group[-1].t_ns + 1,
-        f"{trace.name} of node {trace.node} jumped from {_value(first.before)} to"
-        f" {_value(first.after)} {trace.unit} without a command on the bus{more}: {first.text}."
-        f"{_rests_on(trace)}",
-        cause,
-        check,
+        _stepped(facts, trace, group),
+        "The encoder lost its position (fault, loose coupling, disturbed sensor), or its"
+        " offset was changed without a message in this capture.",
+        "Compare with the true position of the shaft; look at coupling, shielding and EMCY"
+        " messages of the encoder.",
         [event.seq for event in group][:MAX_EVIDENCE],
+        assumed=_scale(trace),
+    )
+
+
+def _preset(facts: Facts, trace: TraceRow, group: Sequence[TraceEventRow]) -> Finding:
+    return Finding(
+        "angle.preset_by_wire",
+        "warning",
+        trace.bus,
+        trace.node,
+        group[0].t_ns,
+        group[-1].t_ns + 1,
+        _stepped(facts, trace, group),
+        "The set input (wire) of the encoder was activated: it puts the position to the preset value"
+        " without any bus message.",
+        "Check the wire of the set input and what drives it; insulate it when it is not used.",
+        [event.seq for event in group][:MAX_EVIDENCE],
+        assumed=_scale(trace),
+    )
+
+
+def _stepped(facts: Facts, trace: TraceRow, group: Sequence[TraceEventRow]) -> str:
+    first = group[0]
+    more = f" ({len(group)} jumps)" if len(group) > 1 else ""
+    return (
+        f"{trace.name} of {_whose(facts, trace)} jumped from {_value(first.before)} to"
+        f" {_value(first.after)} {trace.unit} without a command on the bus{more}: {first.text}."
+        f"{_rests_on(trace)}"
     )
 
 
@@ -70,14 +106,152 @@ def _out_of_range(facts: Facts) -> Iterator[Finding]:
             trace.node,
             first.t_ns,
             events[-1].t_ns + 1,
-            f"{trace.name} of node {trace.node} shows impossible values, {trace.flags['out_of_range']}"
+            f"{trace.name} of {_whose(facts, trace)} shows impossible values,"
+            f" {trace.flags['out_of_range']}"
             f" of {trace.samples}, the first is {_value(first.after)} {trace.unit} ({first.text}).",
             f"The scale that was assumed is wrong: {objects}; the sensor itself may be fine."
             if assumed
             else f"{objects} changed without a message in this capture, or the device is faulty.",
             f"Read {objects} from the device, or state them in the bus description.",
             [event.seq for event in events][:MAX_EVIDENCE],
+            assumed=_scale(trace) if assumed else [],
         )
+
+
+def _frozen(facts: Facts) -> Iterator[Finding]:
+    """Values that stand still while the same quantity moves in another PDO or width."""
+    for trace in facts.analysis.traces:
+        for group in _together(_events(facts.analysis, trace, "frozen")):
+            first = group[0]
+            yield Finding(
+                "angle.frozen",
+                "error",
+                trace.bus,
+                trace.node,
+                first.t_ns,
+                group[-1].t_ns + 1,
+                f"{trace.name} of {_whose(facts, trace)} is frozen at {_value(first.before)}"
+                f" ({first.text}) while the same quantity moves in another PDO of the node.",
+                "The device goes on sending an old value: its firmware hangs in part, or a gateway"
+                " repeats what it got last.",
+                "Restart the device or the gateway; compare both values with the true position.",
+                [event.seq for event in group][:MAX_EVIDENCE],
+            )
+
+
+def _ambiguous_16(facts: Facts) -> Iterator[Finding]:
+    """Angles of 16 bits with so fine a resolution that they repeat within the circle."""
+    traced = {(t.bus, t.node, t.object >> 8) for t in facts.analysis.traces}
+    for trace in facts.analysis.traces:
+        wide = (trace.bus, trace.node, (trace.object >> 8) + WIDE)
+        if wide in traced or trace.unit != "deg":
+            continue
+        for event in _events(facts.analysis, trace, "ambiguous"):
+            span = float(event.text.split()[-2])
+            value = event.after or 0.0
+            count = int(360 / span) + 1
+            same = [value + k * span for k in range(-count, count + 1)]
+            candidates = ", ".join(_value(round(v, 3)) for v in same if -180 <= v < 360)
+            yield Finding(
+                "angle.ambiguous_16",
+                "info",
+                trace.bus,
+                trace.node,
+                event.t_ns,
+                event.t_ns + 1,
+                f"{trace.name} of {_whose(facts, trace)} is ambiguous: {event.text}. The last one"
+                f" may be {candidates} deg.",
+                "16 bits are too few for 0..360 deg at this resolution (6000h).",
+                "Use TPDO2 (6110h and 6120h, 32 bits), or a coarser resolution.",
+                [event.seq],
+                assumed=_scale(trace),
+            )
+
+
+def _gray(facts: Facts) -> Iterator[Finding]:
+    """Counts in the wrong code."""
+    for trace in facts.analysis.traces:
+        for event in _events(facts.analysis, trace, "gray code"):
+            yield Finding(
+                "angle.gray_code",
+                "warning",
+                trace.bus,
+                trace.node,
+                event.t_ns,
+                facts.analysis.capture.end_ns,
+                f"{trace.name} of {_whose(facts, trace)} steps by powers of two while the shaft"
+                f" turns steadily: {event.text} (Gray/binary mismatch), the values are not noise.",
+                "6000h bit 12 (Gray to binary) does not fit the SSI encoder behind the converter.",
+                "Compare 6000h bit 12 with the code of the SSI encoder; positions are wrong until"
+                " then.",
+                [event.seq],
+                assumed=_scale(trace),
+            )
+
+
+def _scale_assumed(facts: Facts) -> Iterator[Finding]:
+    """Nodes whose degrees rest on an assumed scale while the shaft or the platform moves."""
+    told: set[tuple[str, int]] = set()
+    for trace in facts.analysis.traces:
+        guessed = [name for name in trace.assumed if name in _DEGREES]
+        moves = trace.min is not None and trace.min != trace.max
+        if not guessed or not moves or (trace.bus, trace.node) in told:
+            continue
+        told.add((trace.bus, trace.node))
+        objects = " and ".join(_DEGREES[name] for name in guessed)
+        capture = facts.analysis.capture
+        yield Finding(
+            "angle.scale_assumed",
+            "info",
+            trace.bus,
+            trace.node,
+            capture.begin_ns,
+            capture.end_ns,
+            f"The degrees of {_whose(facts, trace)} rest on an assumed scale ({trace.shows}):"
+            f" {objects} was not seen in this capture.",
+            "The recorder started after the settings were read, or nobody reads them.",
+            f"Read {objects} from the device, or state it in the bus description.",
+            [],
+            assumed=_scale(trace),
+        )
+
+
+def _alarms(facts: Facts) -> Iterator[Finding]:
+    """Alarm and warning bits of the measurement (6503h, 6505h)."""
+    for trace in facts.analysis.traces:
+        for group in _together(_events(facts.analysis, trace, "alarm")):
+            first = group[0]
+            bits = int(first.after or 0)
+            words = f" ({first.text})" if first.text else ""
+            more = f", {len(group)} times" if len(group) > 1 else ""
+            yield Finding(
+                "angle.sensor_alarm",
+                "info" if trace.object >> 8 == WARNINGS else "warning",
+                trace.bus,
+                trace.node,
+                first.t_ns,
+                group[-1].t_ns + 1,
+                f"{_whose(facts, trace).capitalize()} says {trace.object >> 8:04X}h ="
+                f" {bits:04X}h{words}{more}.",
+                "The sensor itself doubts its position."
+                if trace.object >> 8 != WARNINGS
+                else "The sensor reports a condition that is no failure yet.",
+                "Do not trust its position until the bit is gone; look at its EMCY messages.",
+                [event.seq for event in group][:MAX_EVIDENCE],
+            )
+
+
+def _whose(facts: Facts, trace: TraceRow) -> str:
+    """The node within a sentence."""
+    who = facts.who(trace.bus, trace.node)
+    return who[0].lower() + who[1:]
+
+
+def _scale(trace: TraceRow) -> list[str]:
+    """Settings of the scale that were only assumed, in words."""
+    return [
+        f"{name} ({_DEGREES.get(name, _SETTINGS.get(name, 'default'))})" for name in trace.assumed
+    ]
 
 
 def _events(analysis: Analysis, trace: TraceRow, kind: str) -> list[TraceEventRow]:
@@ -108,7 +282,7 @@ def _rests_on(trace: TraceRow) -> str:
     return " The scale is assumed in part." if trace.flags["scale_assumed"] else ""
 
 
-RULES = (
+RULES: tuple[Rule, ...] = (
     Rule(
         "angle.jump",
         "A position stepped further than the device can turn in that time.",
@@ -127,6 +301,59 @@ RULES = (
         "The first sample of each such stretch.",
         ("The text says whether the scale was only assumed.",),
         _out_of_range,
+        untimed=True,
+    ),
+    Rule(
+        "angle.preset_by_wire",
+        "A position stepped onto its preset value without a command: the set input was active.",
+        "The two samples around the step.",
+        ("Only on devices that have such an input; a preset by SDO cuts the trace instead.",),
+        _presets,
+    ),
+    Rule(
+        "angle.frozen",
+        "A value stands still while the same quantity moves in another PDO of the node.",
+        "The first of the equal samples.",
+        (
+            "Standstill makes all PDOs stand.",
+            "A repeat counter sends no long row of equal values.",
+            "Two axes are not compared with one another.",
+        ),
+        _frozen,
+    ),
+    Rule(
+        "angle.ambiguous_16",
+        "A 16-bit angle repeats within the circle at the resolution that is set.",
+        "The first sample of the trace.",
+        ("Not told where the 32-bit object of the same axis is there too.",),
+        _ambiguous_16,
+        untimed=True,
+    ),
+    Rule(
+        "angle.gray_code",
+        "Positions step by powers of two at steady turning: Gray code and binary are mixed up.",
+        "The first sample of the trace.",
+        (
+            "Only on converters that have such a setting.",
+            "The motion must be far smoother in the other code.",
+        ),
+        _gray,
+        untimed=True,
+    ),
+    Rule(
+        "angle.scale_assumed",
+        "Degrees rest on a scale that nobody read or stated.",
+        "No single frame: it was not seen.",
+        ("Not told of what stands still, nor of a setting that changes no degrees.",),
+        _scale_assumed,
+        untimed=True,
+    ),
+    Rule(
+        "angle.sensor_alarm",
+        "The sensor itself reports an alarm or a warning about its position (6503h, 6505h).",
+        "The PDO or SDO answer with the bit.",
+        ("Only bits that came up; a 0 is no alarm.",),
+        _alarms,
         untimed=True,
     ),
 )

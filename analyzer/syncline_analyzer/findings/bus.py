@@ -1,22 +1,25 @@
-"""Findings on the bus and the recording itself: bus-off, steps of the clock, gaps."""
+"""Findings on a bus as a whole: bus-off, silence, load."""
 
 from collections.abc import Iterator
 from itertools import groupby
 
 from syncline_analyzer.context import Context
-from syncline_analyzer.deafness import RECORDER_OFF
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import Stretch, seconds
 from syncline_analyzer.folds.control import ControlTables
+from syncline_analyzer.folds.load import OVERLOAD_PERCENT
 from syncline_analyzer.folds.nmt_events import Interval, Lost
 from syncline_analyzer.folds.nmt_timeline import Timeline
-from syncline_analyzer.results import Analysis, EmcyRow, Finding
+from syncline_analyzer.results import Analysis, BusSilenceRow, EmcyRow, Finding
 from syncline_schemas.wording import counted
 
 RECOVERED = 0x8140
 """EMCY "recovered from bus-off" (CiA 301 table 27)."""
-REORDERED_NS = 1_000_000
-"""Stamps that run back by less are the driver's reordering, not a step of the clock [ns]."""
+RESTART_NS = 1_000_000_000
+"""A restart this close to a silence explains it [ns]."""
+MAX_FINDINGS = 10
+"""More silences of one bus become one finding."""
+MAX_EVIDENCE = 20
 TOGETHER_NS = 10_000_000_000
 
 
@@ -87,7 +90,10 @@ def _node_off_story(control: ControlTables, context: Context, rows: list[EmcyRow
     often = f" {len(rows)} times" if len(rows) > 1 else ""
     silent = seconds(sum(stretch.end_ns - stretch.last_ns for stretch in lost))
     away = f"; it had been silent for {silent}" if lost else ""
-    fell = f"; then it was {fall.state.value} without a command" if fall else ""
+    fell = ""
+    if fall is not None:
+        reaction = _reaction(context, (number, first.node), fall.evidence)
+        fell = f"; then it was {fall.state.value} without a command{reaction}"
     seqs = {row.seq for row in rows}
     if fall is not None and fall.evidence is not None:
         seqs.add(fall.evidence)
@@ -112,6 +118,15 @@ def _node_off_story(control: ControlTables, context: Context, rows: list[EmcyRow
     )
 
 
+def _reaction(context: Context, key: tuple[int, int], seq: int | None) -> str:
+    """That the device does so by itself after a communication error, where it was set to."""
+    known = context.shadow.get(*key, 0x1029, 1, seq)
+    if known is None or not isinstance(known.value, int):
+        return ""
+    source = "" if known.confirmed else f", {known.source}"
+    return f", which is its error reaction (1029h:01 = {known.value}{source})"
+
+
 def _fall(timeline: Timeline, rows: list[EmcyRow], lost: list[Lost]) -> Interval | None:
     """The state that the node went to from OPERATIONAL by itself, about when it was bus-off."""
     fallen = {change[0] for change in timeline.changes if change[2] == "OPERATIONAL"}
@@ -127,63 +142,73 @@ def _fall(timeline: Timeline, rows: list[EmcyRow], lost: list[Lost]) -> Interval
     return None
 
 
-def _steps(facts: Facts) -> Iterator[Finding]:
-    """Steps back of the clock; the smaller disorder of a driver is told once."""
-    control = facts.control
-    steps = [step for step in control.clock.steps if step.back_ns >= REORDERED_NS]
-    for step in steps[:20]:
-        yield Finding(
-            "clock.step_back",
-            "warning",
-            step.bus,
-            None,
-            step.t_ns,
-            step.t_ns + step.back_ns,
-            f"The stamps step back by {seconds(step.back_ns)}; durations across it are not told.",
-            "The recorder's clock was set, or files were joined in the wrong order.",
-            "Let the recorder's clock run in step (NTP, GPS) or record with the adapter's clock.",
-            [step.seq],
-        )
-    small = [step for step in control.clock.steps if step.back_ns < REORDERED_NS]
-    if small:
-        yield Finding(
-            "clock.step_back",
-            "info",
-            small[0].bus,
-            None,
-            small[0].t_ns,
-            small[-1].t_ns,
-            f"{counted(len(small), 'frame')} {'is' if len(small) == 1 else 'are'} stamped earlier"
-            " than the frame before, by up to"
-            f" {max(step.back_ns for step in small) / 1e3:.0f} us.",
-            "The driver handed frames over in another order than it stamped them.",
-            "Nothing: states follow the order of the frames.",
-            [step.seq for step in small[:20]],
-        )
+def _silent(facts: Facts) -> Iterator[Finding]:
+    """Silences of a whole bus, after which everybody goes on."""
+    for bus in facts.context.buses:
+        rows = [
+            row
+            for row in facts.analysis.bus_silences
+            if row.bus == bus and not _restarted(facts, row)
+        ]
+        if len(rows) > MAX_FINDINGS:
+            yield _silence(facts, rows)
+        else:
+            yield from (_silence(facts, [row]) for row in rows)
 
 
-def _gaps(facts: Facts) -> Iterator[Finding]:
-    """Gaps, but for those that the recorder's own bus-off explains."""
-    for gap in facts.analysis.capture.gaps:
-        if gap.reason == RECORDER_OFF:
+def _restarted(facts: Facts, silence: BusSilenceRow) -> bool:
+    """Whether nodes started anew in a silence, or right after it: then their own findings tell."""
+    return any(
+        row.start_ns < silence.end_ns + RESTART_NS and row.end_ns > silence.start_ns
+        for row in facts.analysis.nmt_states
+        if row.bus == silence.bus
+        and (row.state == "INITIALISING" or row.cause.startswith("boot-up"))
+        and row.start_ns > silence.start_ns - RESTART_NS
+    )
+
+
+def _silence(facts: Facts, rows: list[BusSilenceRow]) -> Finding:
+    first, last = rows[0], rows[-1]
+    longest = max(row.end_ns - row.start_ns for row in rows)
+    heard = {row.node for row in facts.analysis.nodes if row.bus == first.bus and row.heartbeats}
+    often = f" {len(rows)} times, at most" if len(rows) > 1 else ""
+    return Finding(
+        "bus.silent",
+        "warning",
+        first.bus,
+        None,
+        first.start_ns,
+        last.end_ns,
+        f"Nothing at all was heard on {first.bus}{often} for {seconds(longest)}, though heartbeats"
+        f" of {counted(len(heard), 'node')} were due: this accuses no node.",
+        "The recorder paused or was unplugged without noting it, its clock was set forward, the bus"
+        " was interrupted near it, or the whole machine was off.",
+        "Look at the log of the recording computer at that time; was the machine switched off?",
+        [seq for row in rows for seq in row.evidence][:MAX_EVIDENCE],
+    )
+
+
+def _overload(facts: Facts) -> Iterator[Finding]:
+    """Seconds in a row in which the bus was nearly full."""
+    for bus in facts.context.buses:
+        rows = [row for row in facts.analysis.overloads if row.bus == bus]
+        if not rows:
             continue
-        number = gap.lost_frames or 0
-        lost = (
-            f"; {counted(number, 'frame')} {'was' if number == 1 else 'were'} lost"
-            if number
-            else ""
-        )
+        total = sum(row.end_ns - row.start_ns for row in rows)
+        often = f" in {len(rows)} stretches" if len(rows) > 1 else ""
+        worst = max(row.percent for row in rows)
         yield Finding(
-            "capture.gap",
-            "info",
-            gap.bus,
+            "bus.overload",
+            "warning",
+            bus,
             None,
-            gap.start_ns,
-            gap.end_ns,
-            f"The recorder was blind for {seconds(gap.end_ns - gap.start_ns)}"
-            f" ({gap.reason}){lost}: nothing is concluded from that time.",
-            "See the reason; what happened in it is not known.",
-            "Adapter, its plug, and the load of the recording computer.",
+            rows[0].start_ns,
+            rows[-1].end_ns,
+            f"The load of {bus} was above {OVERLOAD_PERCENT:.0f} % for {seconds(total)}{often}, up to"
+            f" {worst:.0f} %: frames of low priority had to wait for long.",
+            "Too many or too frequent PDOs for this bit rate, or a node that sends without pause.",
+            "See which identifiers come most often; raise inhibit times and event timers, use SYNC"
+            " with a longer period, or a higher bit rate.",
             [],
         )
 
@@ -198,19 +223,23 @@ RULES = (
         untimed=True,
     ),
     Rule(
-        "clock.step_back",
-        "The stamps of the capture run back.",
-        "The first frame after the step.",
-        ("Disorder below 1 ms is the driver's and told once, as a note.",),
-        _steps,
-        untimed=True,
+        "bus.silent",
+        "Nothing at all was heard of a bus for a while, and then everybody went on.",
+        "The frames before and after the silence.",
+        (
+            "Only where heartbeats were due; a gap that the recorder noted is told as such.",
+            "A step of the clock is told as such; a restart of nodes is told of the nodes.",
+        ),
+        _silent,
     ),
     Rule(
-        "capture.gap",
-        "The recorder was blind; nothing is concluded from that time.",
-        "The gap itself, as the recorder noted it.",
-        ("Only gaps that the recorder noted, and its own bus-off.",),
-        _gaps,
-        untimed=True,
+        "bus.overload",
+        "The bus was nearly full for seconds.",
+        "The number and length of the frames in windows of one second.",
+        (
+            "Only where the bit rate is known.",
+            "A single full second is none; more than 100 % is a delay of the recorder's stamps.",
+        ),
+        _overload,
     ),
 )

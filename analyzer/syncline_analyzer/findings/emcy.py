@@ -1,70 +1,175 @@
-"""Findings on EMCY messages: errors that were active, storms, inhibit times."""
+"""Findings on the errors of nodes: active, partly cleared, from before the capture, in storms."""
 
-from collections.abc import Iterator
-from itertools import groupby
+from collections.abc import Iterable, Iterator, Sequence
+from typing import NamedTuple
 
-from syncline_analyzer.context import Context
+from syncline_analyzer.findings import emcy_history, emcy_messages, emcy_pattern
 from syncline_analyzer.findings.bus import tells_bus_off
+from syncline_analyzer.findings.emcy_hints import check_next
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import error_name, seconds
-from syncline_analyzer.folds.control import ControlTables
-from syncline_analyzer.results import Analysis, ErrorRow, Finding
-from syncline_schemas.wording import counted
+from syncline_analyzer.results import EmcyContextRow, EmcyRow, ErrorRow, Finding, Severity
+from syncline_schemas.canopen.nmt import NmtState
+from syncline_schemas.devices import emcy_meaning
 
 LIFE_GUARD = 0x8130
 """Told as the story of the master's silence, by the NMT findings."""
+SETTLED_NS = 2_000_000_000
+"""A node that was heard at work this long did not send its first EMCY because it started [ns]."""
 
 
 def _active(facts: Facts) -> Iterator[Finding]:
-    """Errors by node and code; those still active at the end are apart from those that are over."""
-    analysis, control, context = facts.analysis, facts.control, facts.context
-    rows = [row for row in analysis.errors if not _told_elsewhere(analysis, context, row)]
-    rows.sort(key=lambda row: (row.bus, row.node, row.code, row.status == "still active"))
-    for (bus, node, _, still), group in groupby(
-        rows, key=lambda row: (row.bus, row.node, row.code, row.status == "still active")
-    ):
-        found = sorted(group, key=lambda row: row.evidence[0])
-        yield _active_finding(control, context, bus, node, found, still)
+    """Errors by what they are; those still active at the end are apart from those that are over."""
+    contexts = {row.seq: row for row in facts.analysis.emcy_context}
+    for (_, _, _, maker), rows in sorted(emcy_pattern.kinds(facts).items()):
+        for still in (False, True):
+            found = [row for row in rows if (row.status == "still active") == still]
+            if not found or _told_elsewhere(facts, found[0]):
+                continue
+            text = _reports(facts, found, maker)
+            told = _still_active(facts, found, text) if still else _over(facts, found, text)
+            yield _error_finding(found, told, contexts.get(found[0].evidence[0]))
 
 
-def _active_finding(
-    control: ControlTables, context: Context, bus: str, node: int, rows: list[ErrorRow], still: bool
-) -> Finding:
-    first = rows[0]
-    end_ns = control.nmt.end_ns
+def _told_elsewhere(facts: Facts, row: ErrorRow) -> bool:
+    own_story = row.code == LIFE_GUARD or tells_bus_off(row.code, row.meaning)
+    return facts.context.timed and own_story
+
+
+class _Told(NamedTuple):
+    """How bad it is, until when, and the sentence that says so."""
+
+    severity: Severity
+    end_ns: int
+    text: str
+
+
+def _still_active(facts: Facts, rows: Sequence[ErrorRow], text: str) -> _Told:
+    end_ns = facts.control.nmt.end_ns
+    if blind_ns := _blind_after(facts, rows[-1]):
+        text += (
+            f"; no clear was seen, but the recorder was blind for {seconds(blind_ns)} after it,"
+            " so it may be over."
+        )
+        return _Told("warning", end_ns, text)
+    if _fell_silent(facts, rows[0]):
+        return _Told("error", end_ns, f"{text}; it was not cleared before the node fell silent.")
+    return _Told("error", end_ns, f"{text}; it is still active at the end of the capture.")
+
+
+def _fell_silent(facts: Facts, row: ErrorRow) -> bool:
+    """Whether the node is lost at the end of the capture."""
+    states = facts.analysis.nmt_states
+    own = [s.state for s in states if (s.bus, s.node) == (row.bus, row.node)]
+    return bool(own) and own[-1] == NmtState.LOST
+
+
+def _over(facts: Facts, rows: Sequence[ErrorRow], text: str) -> _Told:
+    timed = facts.context.timed
     ends = [row.cleared_ns if row.cleared_ns is not None else row.raised_ns for row in rows]
-    count = sum(row.count for row in rows)
-    text = f"Node {node} reports {error_name(first.code, first.meaning)}"
-    text += f" in {count} messages" if count > len(rows) else ""
-    lasted = sum((row.cleared_ns or row.raised_ns) - row.raised_ns for row in rows)
+    passed = [(row.cleared_ns or row.raised_ns) - row.raised_ns for row in rows]
+    timed = timed and min(passed) >= 0
+    lasted = sum(passed)
     lost = sum(row.status == "lost at reset" for row in rows)
-    if still:
-        text += "; it is still active at the end of the capture."
-    elif lost == len(rows):
+    if lost == len(rows):
         often = f"it came {lost} times, each time " if lost > 1 else ""
         text += f"; {often}ended by a restart of the node, not cleared."
     else:
         often = f"it came {len(rows)} times and was " if len(rows) > 1 else ""
         text += f"; {often}cleared"
-        text += f" after {seconds(lasted)}" if context.timed else ""
-        text += " altogether" if context.timed and often else ""
+        text += f" after {seconds(lasted)}" if timed else ""
+        text += " altogether" if timed and often else ""
         text += f" ({lost} of them ended by a restart of the node)." if lost else "."
+    return _Told("warning", max(*ends, rows[0].raised_ns), text)
+
+
+def _reports(facts: Facts, rows: Sequence[ErrorRow], maker: str) -> str:
+    first, count = rows[0], sum(row.count for row in rows)
+    name = error_name(first.code, first.meaning)
+    text = f"{facts.who(first.bus, first.node)} reports {name}"
+    text += f" with the maker's bytes {maker}" if maker.strip("0") else ""
+    return f"{text} in {count} messages" if count > len(rows) else text
+
+
+def _error_finding(
+    rows: Sequence[ErrorRow], told: _Told, context: EmcyContextRow | None
+) -> Finding:
+    first = rows[0]
     return Finding(
         "emcy.active",
-        "error" if still else "warning",
-        bus,
-        node,
+        told.severity,
+        first.bus,
+        first.node,
         first.raised_ns,
-        end_ns if still else max(ends),
-        text,
-        "The node itself found this fault; the code is its own word for it.",
-        "Look the code up in the device's manual; read 1001h and 1003h of the node.",
+        told.end_ns,
+        told.text,
+        f"The node itself found this fault; the code is its own word for it.{_around(context)}",
+        check_next(first.code),
         [seq for row in rows for seq in row.evidence][:20],
     )
 
 
-def _told_elsewhere(analysis: Analysis, context: Context, row: ErrorRow) -> bool:
-    return context.timed and (row.code == LIFE_GUARD or tells_bus_off(row.code, row.meaning))
+def _around(context: EmcyContextRow | None) -> str:
+    """What else was known when the error came: states and measured values; begins with a blank."""
+    if context is None:
+        return ""
+    told = []
+    if context.state != NmtState.UNKNOWN:
+        told.append(f"the node was {context.state} ({context.certainty})")
+    if context.bus_state not in (None, "active", "unknown"):
+        told.append(f"the recorder's controller was {context.bus_state}")
+    for value in list(context.values.values())[:3]:
+        if value["before"] is not None:
+            told.append(f"{value['name']} was {value['before']:.6g} {value['unit']}".rstrip())
+    return f" When it came, {', '.join(told)}." if told else ""
+
+
+def _blind_after(facts: Facts, row: ErrorRow) -> int:
+    """How long the recorder was blind after the last EMCY of the node [ns]."""
+    last_ns = max(
+        (m.t_ns for m in facts.analysis.emcy if (m.bus, m.node) == (row.bus, row.node)),
+        default=row.raised_ns,
+    )
+    gaps = [gap for gap in facts.analysis.capture.gaps if gap.bus in (None, row.bus)]
+    return sum(gap.end_ns - gap.start_ns for gap in gaps if gap.start_ns >= last_ns)
+
+
+def _partly_cleared(facts: Facts) -> Iterator[Finding]:
+    """Nodes whose last word was "no error" while errors were left."""
+    told_before = {entry.seq for entry in facts.control.emcy.before}
+    started = {(boot.bus, boot.node): boot.seq for boot in facts.control.nmt.boot_ups}
+    last: dict[tuple[str, int], EmcyRow] = {}
+    for row in facts.analysis.emcy:
+        if row.transition != "malformed":
+            last[row.bus, row.node] = row
+    for key, row in sorted(last.items()):
+        over = started.get(key, -1) > row.seq
+        if row.transition == "partly cleared" and row.seq not in told_before and not over:
+            when = f" at {facts.moment(row.t_ns)}" if facts.context.timed else ""
+            yield Finding(
+                "emcy.partly_cleared",
+                "warning",
+                row.bus,
+                row.node,
+                row.t_ns,
+                row.t_ns,
+                f"{facts.who(row.bus, row.node)} said that an error is gone (EMCY"
+                f" {row.code or 0:04X}h{when}), but it is not healthy: {_left(facts, row)} still"
+                " there.",
+                "The code 0000h only says that one error is gone; the error register and the"
+                " maker's bytes of the same message tell of others.",
+                "Do not take EMCY 0000h alone as healthy; read 1001h and 1003h of the node.",
+                [row.seq],
+            )
+
+
+def _left(facts: Facts, row: EmcyRow) -> str:
+    """What a partial clear leaves: the errors that were raised, else the bits; and a verb."""
+    device = facts.context.shadow.device(facts.number(row.bus), row.node)
+    named = [error_name(code, emcy_meaning(device, code)) for code in dict.fromkeys(row.active)]
+    bits = [bit for name, value in row.details.items() if name.endswith("_bits") for bit in value]
+    left = named or bits or row.registers or [f"register {row.error_register or 0:02X}h"]
+    return f"{', '.join(left)} {'is' if len(left) == 1 else 'are'}"
 
 
 def _storms(facts: Facts) -> Iterator[Finding]:
@@ -76,7 +181,7 @@ def _storms(facts: Facts) -> Iterator[Finding]:
             storm.node,
             storm.start_ns,
             storm.end_ns,
-            f"Node {storm.node} sent {storm.number} EMCYs within"
+            f"{facts.who(storm.bus, storm.node)} sent {storm.number} EMCYs within"
             f" {seconds(storm.end_ns - storm.start_ns)}.",
             "A fault that comes and goes many times a second: loose contact, or a limit without"
             " hysteresis; no inhibit time (1015h) holds it back.",
@@ -86,70 +191,99 @@ def _storms(facts: Facts) -> Iterator[Finding]:
 
 
 def _before(facts: Facts) -> Iterator[Finding]:
-    """A partial clear as first EMCY: an error was there before the capture began."""
-    wanted = set(facts.control.emcy.before)
+    """Errors that no EMCY of the capture raised: by bits left, by 1001h, by a first clear."""
+    told = {entry.seq: entry.codes for entry in facts.control.emcy.before}
+    by_bits = [row for row in facts.analysis.emcy if row.seq in told]
+    yield from (_before_by_bits(facts, row, told[row.seq]) for row in by_bits)
+    known = {(row.bus, row.node) for row in by_bits}
+    if facts.context.timed:
+        yield from _cleared_first(facts, known)
+        yield from emcy_history.register_before(facts)
+
+
+def _before_by_bits(facts: Facts, row: EmcyRow, codes: Sequence[int]) -> Finding:
+    device = facts.context.shadow.device(facts.number(row.bus), row.node)
+    named = [error_name(code, emcy_meaning(device, code)) for code in codes]
+    left = " or ".join(named[:4]) or ", ".join(row.registers)
+    left = left or f"register {row.error_register or 0:02X}h"
+    who = facts.who(row.bus, row.node)
+    clears = row.transition == "partly cleared"
+    text = (
+        f"An EMCY of {_lower(who)} clears one error and leaves others: {left}."
+        if clears
+        else f"An EMCY of {_lower(who)} also shows the bits of another error: {left}."
+    )
+    blind = _blind_before(facts, row)
+    return Finding(
+        "emcy.active_before",
+        "warning",
+        row.bus,
+        row.node,
+        row.t_ns,
+        row.t_ns,
+        text,
+        "No EMCY of the capture raised it: it came before the capture began"
+        + (", or while the recorder was blind." if blind else "."),
+        "Read 1003h of the node for the codes.",
+        [row.seq],
+    )
+
+
+def _lower(who: str) -> str:
+    return who[:1].lower() + who[1:]
+
+
+def _blind_before(facts: Facts, row: EmcyRow) -> bool:
+    gaps = facts.analysis.capture.gaps
+    return any(gap.bus in (None, row.bus) and gap.start_ns < row.t_ns for gap in gaps)
+
+
+def _cleared_first(facts: Facts, known: Iterable[tuple[str, int]]) -> Iterator[Finding]:
+    """A node at work whose first EMCY is a clear, and no start of it before that explains it."""
+    started: dict[tuple[str, int], int] = {}
+    for boot in facts.control.nmt.boot_ups:
+        started.setdefault((boot.bus, boot.node), boot.seq)
+    first: dict[tuple[str, int], EmcyRow] = {}
+    clears: dict[tuple[str, int], int] = {}
     for row in facts.analysis.emcy:
-        if row.seq in wanted:
-            left = ", ".join(row.registers) or f"register {row.error_register or 0:02X}h"
+        key = (row.bus, row.node)
+        first.setdefault(key, row)
+        clears[key] = clears.get(key, 0) + (row.transition == "all cleared")
+    for key, row in sorted(first.items()):
+        plain = key not in known and row.transition == "all cleared" and clears[key] == 1
+        if not plain or started.get(key, row.seq) < row.seq or _blind_before(facts, row):
+            continue
+        if _at_work_ns(facts, row) >= SETTLED_NS:
             yield Finding(
                 "emcy.active_before",
-                "warning",
+                "info",
                 row.bus,
                 row.node,
                 row.t_ns,
                 row.t_ns,
-                f"The first EMCY of node {row.node} clears one error and leaves others: {left}.",
-                "These errors were raised before the capture began.",
-                "Read 1003h of the node for the codes.",
+                f"{facts.who(*key)} says at {facts.moment(row.t_ns)} that its error is gone; the"
+                " capture holds none that it raised.",
+                "The error came before the capture began.",
+                "Read 1003h of the node for its code.",
                 [row.seq],
             )
 
 
-def _too_soon(facts: Facts) -> Iterator[Finding]:
-    rows = sorted(facts.control.emcy.too_soon, key=lambda row: (row.bus, row.node, row.seq))
-    for (bus, node), group in groupby(rows, key=lambda row: (row.bus, row.node)):
-        found = list(group)
-        yield Finding(
-            "emcy.inhibit_time",
-            "info",
-            bus,
-            node,
-            found[0].t_ns,
-            found[-1].t_ns,
-            f"Node {node} sent {counted(len(found), 'EMCY')} sooner than its inhibit time 1015h allows"
-            f" ({found[0].passed_us:.0f} us after the one before instead of"
-            f" {found[0].inhibit_us:.0f} us).",
-            "1015h is not in effect, or the recorder's stamps are not exact.",
-            "Read 1015h back.",
-            [row.seq for row in found[:20]],
-        )
+def _at_work_ns(facts: Facts, row: EmcyRow) -> int:
+    """How long the node had been heard in a steady state before a message [ns]."""
+    steady = (NmtState.OPERATIONAL, NmtState.PRE_OPERATIONAL)
+    begun = [
+        state.start_ns
+        for state in facts.analysis.nmt_states
+        if (state.bus, state.node) == (row.bus, row.node)
+        and state.state in steady
+        and state.certainty == "observed"
+        and state.start_ns <= row.t_ns
+    ]
+    return row.t_ns - min(begun) if begun else 0
 
 
-def _malformed(facts: Facts) -> Iterator[Finding]:
-    """EMCYs that are too short to tell an error (CiA 301 7.2.7.3: eight bytes)."""
-    rows = [row for row in facts.analysis.emcy if row.transition == "malformed"]
-    rows.sort(key=lambda row: (row.bus, row.node, row.seq))
-    for (bus, node), group in groupby(rows, key=lambda row: (row.bus, row.node)):
-        found = list(group)
-        yield Finding(
-            "emcy.malformed",
-            "warning",
-            bus,
-            node,
-            found[0].t_ns,
-            found[-1].t_ns,
-            f"{counted(len(found), 'frame')} on the EMCY identifier of node {node}"
-            f" {'does' if len(found) == 1 else 'do'} not have eight bytes (the first is an"
-            f" {found[0].meaning}): no error is concluded from"
-            f" {'it' if len(found) == 1 else 'them'}.",
-            "The device does not keep to CiA 301, or the identifier carries something else than"
-            " EMCYs.",
-            "Look at the frames; read 1014h of the node and 1005h of all nodes.",
-            [row.seq for row in found[:20]],
-        )
-
-
-RULES = (
+RULES: tuple[Rule, ...] = (
     Rule(
         "emcy.storm",
         "A node sends more than 10 EMCYs in a second.",
@@ -164,31 +298,35 @@ RULES = (
         (
             "Life-guard and bus-off errors are told as the stories of their causes.",
             "Nothing is concluded from frames shorter than eight bytes.",
+            "After a capture gap an error that was not seen cleared is only said to be possible.",
         ),
         _active,
         untimed=True,
     ),
     Rule(
+        "emcy.partly_cleared",
+        'A node\'s last EMCY says "no error" (00xxh), but bits in it tell of errors that are left.',
+        "The EMCY with its register and the maker's bytes.",
+        (
+            "Not where a later EMCY clears everything, or the node started again.",
+            "Bits that no error of the capture explains are errors from before it.",
+        ),
+        _partly_cleared,
+        untimed=True,
+    ),
+    Rule(
         "emcy.active_before",
         "An error was active before the capture began.",
-        "The first EMCY of the node, which clears one error and leaves others.",
-        ("Only the node's first EMCY is judged so.",),
+        "The EMCY that clears or shows an error that none raised, or the read of 1001h.",
+        (
+            "The bits generic and communication alone tell of no other error.",
+            "A first EMCY 0000h of a node that just started is how some devices begin.",
+            "Never after a capture gap, unless bits are left.",
+        ),
         _before,
         untimed=True,
     ),
-    Rule(
-        "emcy.inhibit_time",
-        "EMCYs follow one another sooner than 1015h allows.",
-        "The EMCYs that came too soon.",
-        ("Only where 1015h is known.",),
-        _too_soon,
-    ),
-    Rule(
-        "emcy.malformed",
-        "Frames on an EMCY identifier do not have eight bytes.",
-        "These frames.",
-        ("No error is concluded from them.",),
-        _malformed,
-        untimed=True,
-    ),
+    *emcy_pattern.RULES,
+    *emcy_messages.RULES,
+    *emcy_history.RULES,
 )

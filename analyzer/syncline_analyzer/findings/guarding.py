@@ -1,80 +1,103 @@
-"""EMCY 8130h as one story: who fell silent, who missed it, and what it did then (analysis.md 8)."""
+"""Node guarding: stories of EMCY 8130h, answers that stay away, toggle bits, life times."""
 
 from collections.abc import Iterator
 from itertools import groupby
 
-from syncline_analyzer.context import Context
-from syncline_analyzer.findings.stretch import Stretch, moment, seconds
+from syncline_analyzer.findings.rule import Facts, Rule
+from syncline_analyzer.findings.stretch import Stretch, seconds
 from syncline_analyzer.folds.control import ControlTables
-from syncline_analyzer.folds.nmt import NodeKey
-from syncline_analyzer.results import Analysis, EmcyRow, Finding
+from syncline_analyzer.folds.nmt import NodeKey, NodeNmt
+from syncline_analyzer.folds.nmt_events import Unanswered
+from syncline_analyzer.folds.nmt_timeout import (
+    GUARD_TIME,
+    LIFE_TIME_FACTOR,
+    PRODUCER_TIME,
+    life_time_ns,
+)
+from syncline_analyzer.nodes import toggles_restarted
+from syncline_analyzer.results import EmcyRow, Finding
+from syncline_schemas.wording import counted
 
 STORY_NS = 10_000_000_000
 """Events this close to an EMCY belong to its story [ns]."""
 LIFE_GUARD = 0x8130
+IN_A_ROW = 2
+"""Unanswered guard requests in a row that are worth a word."""
+SINGLE = 5
+"""The same for single ones over the whole capture."""
+REPEATED = 2
+"""Guard answers with the toggle bit of the one before, from which on it is told."""
+EVIDENCE = 40
 
 
-def guarding_stories(
-    analysis: Analysis, control: ControlTables, context: Context
-) -> Iterator[Finding]:
+def _guarding_lost(facts: Facts) -> Iterator[Finding]:
     """EMCY 8130h: a node missed its master, not the other way round."""
     rows = [
-        row for row in analysis.emcy if row.code == LIFE_GUARD and row.transition != "malformed"
+        row
+        for row in facts.analysis.emcy
+        if row.code == LIFE_GUARD and row.transition in ("raised", "further")
     ]
     rows.sort(key=lambda row: (row.bus, row.node, row.t_ns))
     for (bus, node), group in groupby(rows, key=lambda row: (row.bus, row.node)):
-        yield from _guarding_of(analysis, control, context, bus, node, list(group))
+        found = list(group)
+        for begin, end in Stretch.of([row.t_ns for row in found], STORY_NS):
+            told = [row for row in found if begin <= row.t_ns <= end]
+            yield _story(facts, bus, node, told)
 
 
-def _guarding_of(
-    analysis: Analysis,
-    control: ControlTables,
-    context: Context,
-    bus: str,
-    node: int,
-    rows: list[EmcyRow],
-) -> Iterator[Finding]:
-    stretch = Stretch.of([row.t_ns for row in rows], STORY_NS)
-    for begin, end in stretch:
-        told = [row for row in rows if begin <= row.t_ns <= end]
-        first = told[0]
-        key = (context.buses.index(bus) if bus in context.buses else 0, node)
-        silent = _silent_before(control, key, first.t_ns)
-        fall = _fall_after(control, key, first.t_ns)
-        pieces, evidence = [], [row.seq for row in told]
-        start = first.t_ns
-        if silent is not None:
-            who, last_ns, last_seq = silent
-            pieces.append(f"{who} silent from {moment(analysis, last_ns)} on")
-            evidence.insert(0, last_seq)
-            start = last_ns
-        pieces.append(
-            f"node {node} misses it after {seconds(first.t_ns - start)}"
+def told_by_guarding(facts: Facts) -> set[int]:
+    """Frames that the stories of lost guarding rest on."""
+    return {seq for finding in _guarding_lost(facts) for seq in finding.evidence}
+
+
+def guarding_stories(facts: Facts) -> list[Finding]:
+    """The stories of EMCY 8130h."""
+    return list(_guarding_lost(facts))
+
+
+def _story(facts: Facts, bus: str, node: int, told: list[EmcyRow]) -> Finding:
+    """Who fell silent, who missed it, and what it did then."""
+    first, last = told[0], told[-1]
+    key = (facts.number(bus), node)
+    silent = _silent_before(facts.control, key, first.t_ns)
+    fall = _fall_after(facts.control, key, first.t_ns)
+    pieces, evidence = [], [row.seq for row in told]
+    start = first.t_ns
+    if silent is not None:
+        name, last_ns, last_seq = silent
+        pieces.append(f"{name} silent from {facts.moment(last_ns)} on")
+        evidence.insert(0, last_seq)
+        start = last_ns
+    pieces.append(
+        f"node {node} misses it after {seconds(first.t_ns - start)}"
+        if silent
+        else f"node {node} misses its master"
+    )
+    life = life_time_ns(facts.context, *key, first.seq)
+    pieces[-1] += f" ({life[1]})" if life is not None and silent else ""
+    pieces.append(f"EMCY 8130h at {facts.moment(first.t_ns)}")
+    if fall is not None:
+        pieces.append(f"node {node} goes {fall[1]} and its PDOs stop")
+        evidence.append(fall[0])
+    text = " -> ".join(pieces)
+    return Finding(
+        "nmt.guarding_lost",
+        "error",
+        bus,
+        node,
+        start,
+        max(last.t_ns, fall[2] if fall else last.t_ns),
+        f"{text[:1].upper()}{text[1:]}.",
+        (
+            f"{silent[0][:1].upper() + silent[0][1:]} stopped: the root is there, not at node {node}."
             if silent
-            else f"node {node} misses its master"
-        )
-        pieces.append(f"EMCY 8130h at {moment(analysis, first.t_ns)}")
-        if fall is not None:
-            pieces.append(f"node {node} goes {fall[1]} and its PDOs stop")
-            evidence.append(fall[0])
-        yield Finding(
-            "nmt.guarding_lost",
-            "error",
-            bus,
-            node,
-            start,
-            max(end, fall[2] if fall else end),
-            " -> ".join(pieces)[:1].upper() + " -> ".join(pieces)[1:] + ".",
-            (
-                f"{silent[0][:1].upper() + silent[0][1:]} stopped: the root is there, not at node {node}."
-                if silent
-                else f"The master stopped guarding or its heartbeat did not reach node {node}; no silence of"
-                " a master stands in the capture."
-            ),
-            "Look at the master (program stopped, restarted, bus-off?) before changing the sensor;"
-            f" compare its period with 100Ch x 100Dh or 1016h of node {node}.",
-            evidence,
-        )
+            else "The master stopped guarding or its heartbeat did not reach node"
+            f" {node}; no silence of a master stands in the capture."
+        ),
+        "Look at the master (program stopped, restarted, bus-off?) before changing the sensor;"
+        f" compare its period with 100Ch x 100Dh or 1016h of node {node}.",
+        evidence,
+    )
 
 
 def _silent_before(control: ControlTables, key: NodeKey, t_ns: int) -> tuple[str, int, int] | None:
@@ -90,7 +113,7 @@ def _silent_before(control: ControlTables, key: NodeKey, t_ns: int) -> tuple[str
         last_ns, node, lost = max(losses, key=lambda entry: entry[0])
         return f"master (node {node})", last_ns, lost.last_seq
     node_nmt = control.nmt.nodes.get(key)
-    for pause in reversed(node_nmt.pauses if node_nmt else []):
+    for pause in reversed(node_nmt.guarding.pauses if node_nmt else []):
         covers = pause.start_ns <= t_ns and (pause.end_ns is None or t_ns <= pause.end_ns)
         if covers and t_ns - pause.start_ns <= STORY_NS:
             return "guarding master", pause.start_ns, pause.start_seq
@@ -103,3 +126,183 @@ def _fall_after(control: ControlTables, key: NodeKey, t_ns: int) -> tuple[int, s
         if before == "OPERATIONAL" and 0 <= change_ns - t_ns <= STORY_NS:
             return seq, after, change_ns
     return None
+
+
+def _unanswered(facts: Facts) -> Iterator[Finding]:
+    """Guard requests without an answer of a node that was there all the time."""
+    for key, nmt in facts.control.nmt.nodes.items():
+        runs = [run for run in nmt.guarding.unanswered if not _away(facts, key, run)]
+        long = [run for run in runs if run.number >= IN_A_ROW]
+        number = sum(run.number for run in runs)
+        if not long and number < SINGLE:
+            continue
+        bus, node = facts.context.bus_name(key[0]), key[1]
+        most = max(run.number for run in runs)
+        row = f", up to {most} in a row" if most > 1 else ""
+        asked = nmt.counts.guard_requests
+        yield Finding(
+            "nmt.guard_unanswered",
+            "warning",
+            bus,
+            node,
+            runs[0].start_ns,
+            runs[-1].end_ns,
+            f"{facts.who(bus, node)} left {number} of {asked} guard requests"
+            f" unanswered{row}, although it was there.",
+            "The node is overloaded, its guarding was switched off (100Ch, 100Dh, 1017h written), or"
+            " its answers were destroyed on the bus or lost by the recorder.",
+            "Look for error frames and bus load at these times; read 100Ch, 100Dh and 1017h.",
+            [run.seq for run in runs][:EVIDENCE],
+        )
+
+
+def _away(facts: Facts, key: NodeKey, run: Unanswered) -> bool:
+    """Whether the node was lost, restarting, or a clock step spoils the times: told elsewhere."""
+    timeline = facts.control.nmt.timelines[key]
+    gone = [*timeline.lost, *timeline.restarts]
+    if any(lost.last_ns <= run.end_ns and run.start_ns <= lost.end_ns for lost in gone):
+        return True
+    return any(
+        interval.state.value in ("INITIALISING", "LOST", "UNKNOWN")
+        and interval.start_ns <= run.end_ns
+        and run.start_ns <= interval.end_ns
+        for interval in timeline.intervals
+    )
+
+
+def _toggles(facts: Facts) -> Iterator[Finding]:
+    """Toggle bits that do not alternate, but for those that a write has restarted."""
+    for (bus, node), nmt in facts.control.nmt.nodes.items():
+        repeated = nmt.counts.toggle_errors - toggles_restarted(facts.context.shadow, (bus, node))
+        if repeated < REPEATED:
+            continue
+        name = facts.context.bus_name(bus)
+        stuck = nmt.counts.toggle_errors >= nmt.counts.guard_answers - 2
+        how = (
+            f"always had the same toggle bit ({nmt.counts.guard_answers} of them)"
+            if stuck
+            else f"repeated the toggle bit of the answer before {nmt.counts.toggle_errors} times"
+        )
+        yield Finding(
+            "nmt.guard_toggle",
+            "warning",
+            name,
+            node,
+            facts.control.nmt.first_ns,
+            facts.control.nmt.end_ns,
+            f"The guard answers of {facts.inside(name, node)} {how}.",
+            "The node does not keep to CiA 301: its answers may be made by its CAN controller while"
+            " its program hangs."
+            if stuck
+            else "The node does not keep to CiA 301, two devices answer, or frames were not recorded.",
+            "Compare with another recorder; look for a second device under this number.",
+            nmt.toggle_seqs[:20],
+        )
+
+
+def _both(facts: Facts) -> Iterator[Finding]:
+    """Remote frames to a node that sends heartbeats: some devices then send an empty byte."""
+    for (bus, node), nmt in facts.control.nmt.nodes.items():
+        if nmt.guarding.both_at is None:
+            continue
+        seq, t_ns = nmt.guarding.both_at
+        empty = nmt.counts.empty
+        effect = f" Since then {counted(empty, 'heartbeat')} carried no state." if empty else ""
+        name = facts.context.bus_name(bus)
+        yield Finding(
+            "config.rtr_on_heartbeat_node",
+            "warning",
+            name,
+            node,
+            t_ns,
+            t_ns,
+            f"{facts.who(name, node)} sends heartbeats and is asked by remote frames as well.{effect}",
+            "The master guards a node whose heartbeat (1017h) is on; only one of both is allowed"
+            " (CiA 301 7.2.8.3.2.2).",
+            "Switch node guarding off in the master for this node, or 1017h to 0; after that reset"
+            " the node.",
+            [seq],
+        )
+
+
+def _life_times(facts: Facts) -> Iterator[Finding]:
+    """Masters that ask less often than the node's life time allows."""
+    for key, nmt in facts.control.nmt.nodes.items():
+        period = nmt.guarding.periods.median_ns()
+        last = facts.control.nmt.timelines[key].history.beats
+        if period is None or not nmt.counts.guard_answers or not last:
+            continue
+        life = life_time_ns(facts.context, *key, last[-1].seq)
+        producer = facts.context.shadow.number(*key, PRODUCER_TIME)
+        if life is None or period < life[0] or (producer and _heard_beats(nmt)):
+            continue
+        bus, node = facts.context.bus_name(key[0]), key[1]
+        values = (facts.context.shadow.get(*key, i) for i in (GUARD_TIME, LIFE_TIME_FACTOR))
+        seqs = [known.seq for known in values if known is not None and known.seq is not None]
+        yield Finding(
+            "nmt.life_time",
+            "warning",
+            bus,
+            node,
+            facts.control.nmt.first_ns,
+            facts.control.nmt.end_ns,
+            f"The master asks {facts.inside(bus, node)} every {seconds(period)}, but its {life[1]}"
+            " is over before: it must report EMCY 8130h again and again.",
+            "100Ch or 100Dh of the node does not fit to the guard period of the master.",
+            "Set 100Ch to the master's guard period and 100Dh to 3.",
+            [*sorted(seqs), last[-1].seq],
+        )
+
+
+def _heard_beats(nmt: NodeNmt) -> bool:
+    return nmt.counts.heartbeats > nmt.counts.guard_answers
+
+
+RULES = (
+    Rule(
+        "nmt.guarding_lost",
+        "A node missed its master: life guarding or heartbeat consumption failed (EMCY 8130h).",
+        "The master's last frame, the EMCY, and the state the node went to.",
+        ("Only where the node itself says so.",),
+        _guarding_lost,
+    ),
+    Rule(
+        "nmt.guard_unanswered",
+        "A node that answers guard requests left some of them unanswered.",
+        "The requests without an answer.",
+        (
+            "Only after its first answer: a master may search for nodes that are not there.",
+            (
+                "Not while it is lost, restarting, or its state is not known; single ones only when"
+                " there are many."
+            ),
+        ),
+        _unanswered,
+    ),
+    Rule(
+        "nmt.guard_toggle",
+        "The toggle bit of a node's guard answers does not alternate.",
+        "The answers that repeat it.",
+        (
+            "A single repetition is none; nor is the first answer after a reset or a gap.",
+            "Writes that restart the bit on some devices are not counted.",
+        ),
+        _toggles,
+        untimed=True,
+    ),
+    Rule(
+        "nmt.life_time",
+        "A master guards a node less often than the node's life time (100Ch x 100Dh) asks for.",
+        "The values of 100Ch and 100Dh, and an answer.",
+        ("Only values read or written on the bus, or described, and a measured guard period.",),
+        _life_times,
+    ),
+    Rule(
+        "config.rtr_on_heartbeat_node",
+        "A node that sends heartbeats is guarded by remote frames as well.",
+        "The first guard request.",
+        ("Only nodes that sent at least three heartbeats unasked.",),
+        _both,
+        untimed=True,
+    ),
+)

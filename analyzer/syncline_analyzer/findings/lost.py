@@ -1,23 +1,34 @@
 """Nodes that fell silent: each by itself, or with the whole bus, equal losses told as one."""
 
 from collections.abc import Iterator
-from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from itertools import groupby
+from typing import NamedTuple
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.findings.bus import tells_bus_off
-from syncline_analyzer.findings.guarding import STORY_NS
-from syncline_analyzer.findings.stretch import moment, seconds, several
+from syncline_analyzer.findings.guarding import STORY_NS, told_by_guarding
+from syncline_analyzer.findings.rule import Facts, Rule
+from syncline_analyzer.findings.stretch import seconds, several
 from syncline_analyzer.folds.control import ControlTables
-from syncline_analyzer.folds.nmt import NodeKey
-from syncline_analyzer.folds.nmt_events import Lost
-from syncline_analyzer.results import Analysis, Finding
+from syncline_analyzer.folds.nmt import RESETS, NodeKey
+from syncline_analyzer.folds.nmt_events import IN_FLIGHT_NS, Command, Lost
+from syncline_analyzer.folds.nmt_timeline import Timeline
+from syncline_analyzer.results import Analysis, Finding, Severity
 
 BOOT_UP_NS = 1_000_000_000
 """A boot-up this soon after a silence belongs to it [ns]."""
 EVIDENCE = 40
 """Frames named at most."""
+
+
+class FailedReset(NamedTuple):
+    """A reset after which a node was silent for too long; `back` when it was heard again."""
+
+    command: Command
+    end_ns: int
+    end_seq: int | None
+    back: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,36 +54,99 @@ class _Loss:
         return self.bus, self.nodes, self.whole_bus, self.booted, self.over
 
 
-def lost_nodes(
-    analysis: Analysis, control: ControlTables, context: Context, told: AbstractSet[int]
-) -> Iterator[Finding]:
-    """Findings on silences, but for those whose last frame another story tells already."""
-    entries = [
-        (lost.last_ns, key, lost)
-        for key, timeline in control.nmt.timelines.items()
-        for lost in timeline.lost
-        if lost.last_seq not in told and not was_bus_off(analysis, context, key, lost)
-    ]
-    entries.sort(key=lambda entry: (entry[1][0], entry[0], entry[1]))
-    losses = [_loss(control, context, [e]) for e in entries if not e[2].whole_bus]
-    whole = [entry for entry in entries if entry[2].whole_bus]
-    for _, group in groupby(whole, key=lambda e: (e[1][0], e[0] // 1_000_000_000)):
-        losses.append(_loss(control, context, list(group)))
+def _lost_nodes(facts: Facts) -> Iterator[Finding]:
+    """Silences of single nodes, but for those that another story tells already."""
+    losses = [_loss(facts, [entry]) for entry in _entries(facts) if not entry[2].whole_bus]
     losses.sort(key=lambda loss: (loss.kind, loss.start_ns))
     for _, equal in groupby(losses, key=lambda loss: loss.kind):
-        yield _finding(analysis, context, list(equal))
+        found = list(equal)
+        first = found[0]
+        text, cause, check_next = _alone(facts, found)
+        yield _finding(
+            "nmt.node_lost", "error", facts, found, first.nodes[0], text, cause, check_next
+        )
 
 
-def _loss(
-    control: ControlTables, context: Context, group: list[tuple[int, NodeKey, Lost]]
-) -> _Loss:
+def _silent_buses(facts: Facts) -> Iterator[Finding]:
+    """Silences of a whole bus: they accuse no node, unless the only one on it started anew."""
+    whole = [entry for entry in _entries(facts) if entry[2].whole_bus]
+    grouped = groupby(whole, key=lambda e: (e[1][0], e[0] // 1_000_000_000))
+    losses = [_loss(facts, list(group)) for _, group in grouped]
+    losses.sort(key=lambda loss: (loss.kind, loss.start_ns))
+    for _, equal in groupby(losses, key=lambda loss: loss.kind):
+        found = list(equal)
+        first = found[0]
+        node = first.nodes[0] if first.booted and len(first.nodes) == 1 else None
+        severity: Severity = "warning" if first.booted else "info"
+        yield _finding("nmt.bus_silent", severity, facts, found, node, *_whole_bus(facts, found))
+
+
+def _entries(facts: Facts) -> list[tuple[int, NodeKey, Lost]]:
+    """(last sign of life, node, silence) of what is no story of guarding, bus-off or a reset."""
+    told = told_by_guarding(facts)
+    entries = [
+        (lost.last_ns, key, lost)
+        for key, timeline in facts.control.nmt.timelines.items()
+        for lost in timeline.lost
+        if lost.last_seq not in told
+        and not _after_reset(timeline, lost)
+        and not was_bus_off(facts.analysis, facts.context, key, lost)
+    ]
+    return sorted(entries, key=lambda entry: (entry[1][0], entry[0], entry[1]))
+
+
+def failed_resets(facts: Facts) -> Iterator[tuple[NodeKey, FailedReset]]:
+    """Resets that silenced a node for longer than a start may take."""
+    for key, timeline in facts.control.nmt.timelines.items():
+        found = False
+        for lost in timeline.lost:
+            command = _after_reset(timeline, lost)
+            if command is not None:
+                found = True
+                back = lost.end_seq is not None
+                yield key, FailedReset(command, lost.end_ns, lost.end_seq, back)
+        if not found and (command := _last_reset(facts, key, timeline)):
+            yield key, FailedReset(command, timeline.history.end_ns, None, False)
+
+
+def _after_reset(timeline: Timeline, lost: Lost) -> Command | None:
+    """The reset command that began a silence; None where it is a loss of another kind."""
+    if lost.whole_bus or lost.state_before != "INITIALISING":
+        return None
+    resets = [
+        command
+        for command in timeline.history.commands
+        if command.specifier in RESETS and lost.last_ns - STORY_NS <= command.t_ns <= lost.start_ns
+    ]
+    return resets[-1] if resets else None
+
+
+def _last_reset(facts: Facts, key: NodeKey, timeline: Timeline) -> Command | None:
+    """A reset after which nothing at all came of a node whose silence nobody times."""
+    last = timeline.intervals[-1] if timeline.intervals else None
+    if last is None or last.state.value != "INITIALISING" or last.certainty != "commanded":
+        return None
+    command = next((c for c in timeline.history.commands if c.seq == last.evidence), None)
+    heard = facts.control.nmt.nodes[key].heard_ns
+    if command is None or heard is None or not 0 <= command.t_ns + IN_FLIGHT_NS - heard <= STORY_NS:
+        return None
+    others = [
+        nmt.heard_ns or 0
+        for other, nmt in facts.control.nmt.nodes.items()
+        if other[0] == key[0] and other != key
+    ]
+    until = command.t_ns + timeline.reset_quiet_ns
+    return command if max(others, default=0) > until else None
+
+
+def _loss(facts: Facts, group: list[tuple[int, NodeKey, Lost]]) -> _Loss:
     _, (bus, _), first = group[0]
     frames = [seq for _, _, lost in group for seq in (lost.last_seq, lost.end_seq)]
     return _Loss(
         bus,
         tuple(sorted({key[1] for _, key, _ in group})),
         first.whole_bus,
-        any(_booted(control, context, key, lost) for _, key, lost in group),
+        any(_booted(facts.control, facts.context, key, lost) for _, key, lost in group),
         any(lost.end_seq is not None for _, _, lost in group),
         min(lost.last_ns for _, _, lost in group),
         max(lost.end_ns for _, _, lost in group),
@@ -81,42 +155,42 @@ def _loss(
     )
 
 
-def _finding(analysis: Analysis, context: Context, losses: list[_Loss]) -> Finding:
-    first = losses[0]
-    words = _whole_bus if first.whole_bus else _alone
-    severity, text, cause, check_next = words(analysis, losses)
+def _finding(
+    rule: str,
+    severity: Severity,
+    facts: Facts,
+    losses: list[_Loss],
+    node: int | None,
+    text: str,
+    cause: str,
+    check_next: str,
+) -> Finding:
     return Finding(
-        "nmt.node_lost",
-        "error" if severity == "error" else "warning",
-        context.bus_name(first.bus),
-        first.nodes[0] if len(first.nodes) == 1 and not _accuses_nobody(first) else None,
-        first.start_ns,
+        rule,
+        severity,
+        facts.context.bus_name(losses[0].bus),
+        node,
+        losses[0].start_ns,
         losses[-1].end_ns,
         text,
         cause,
         check_next,
         [seq for loss in losses for seq in loss.evidence][:EVIDENCE],
+        assumed=sorted({loss.limit.strip() for loss in losses if "eds-default" in loss.limit}),
     )
 
 
-def _accuses_nobody(loss: _Loss) -> bool:
-    """Whether nothing shows that it was the node: nobody was heard, and it did not start anew."""
-    return loss.whole_bus and not loss.booted
-
-
-def _alone(analysis: Analysis, losses: list[_Loss]) -> tuple[str, str, str, str]:
-    """(severity, text, cause, what to check) where the other nodes were heard all the time."""
+def _alone(facts: Facts, losses: list[_Loss]) -> tuple[str, str, str]:
+    """(text, cause, what to check) where the other nodes were heard all the time."""
     first = losses[0]
-    node, lasted = f"Node {first.nodes[0]}", _lasted(losses)
+    who, lasted = facts.who(facts.context.bus_name(first.bus), first.nodes[0]), _lasted(losses)
     if not first.over:
-        since = moment(analysis, first.start_ns)
-        text = f"{node} is silent from {since} on, {lasted} up to the end."
+        text = f"{who} is silent from {facts.moment(first.start_ns)} on, {lasted} up to the end."
     else:
         how = "with a boot-up" if first.booted else "without a boot-up"
-        often, each = _often(analysis, losses), " each time" if len(losses) > 1 else ""
-        text = f"{node} was lost {often}for {lasted} and came back {how}{each}."
+        often, each = _often(facts, losses), " each time" if len(losses) > 1 else ""
+        text = f"{who} was lost {often}for {lasted} and came back {how}{each}."
     return (
-        "error",
         text + first.limit,
         "The node lost its supply or restarted: it came back with a boot-up."
         if first.booted
@@ -126,13 +200,13 @@ def _alone(analysis: Analysis, losses: list[_Loss]) -> tuple[str, str, str, str]
     )
 
 
-def _whole_bus(analysis: Analysis, losses: list[_Loss]) -> tuple[str, str, str, str]:
+def _whole_bus(facts: Facts, losses: list[_Loss]) -> tuple[str, str, str]:
     """The same where nobody at all was heard: that accuses no node."""
     first, names = losses[0], _names(losses[0].nodes)
     lasted = _lasted(losses)
     if first.booted:
         each = " each time" if len(losses) > 1 else ""
-        text = f"The whole bus was silent {_often(analysis, losses)}for {lasted};"
+        text = f"The whole bus was silent {_often(facts, losses)}for {lasted};"
         text += f" {names} came back with a boot-up{each}."
         cause = "The machine was switched off and on (all nodes started anew)."
     else:
@@ -141,12 +215,12 @@ def _whole_bus(analysis: Analysis, losses: list[_Loss]) -> tuple[str, str, str, 
         cause = "The machine was switched off, the recorder was unplugged, or the bus was broken"
         cause += " near it."
     check_next = "Was it switched off on purpose? If not: supply of the whole machine, cable at"
-    return "warning", text, cause, check_next + " the recorder."
+    return text, cause, check_next + " the recorder."
 
 
-def _often(analysis: Analysis, losses: list[_Loss]) -> str:
+def _often(facts: Facts, losses: list[_Loss]) -> str:
     """How often and when, for more than one."""
-    return several([moment(analysis, loss.start_ns) for loss in losses])
+    return several([facts.moment(loss.start_ns) for loss in losses])
 
 
 def _lasted(losses: list[_Loss]) -> str:
@@ -179,3 +253,34 @@ def _booted(control: ControlTables, context: Context, key: NodeKey, lost: Lost) 
 
 def _names(nodes: tuple[int, ...]) -> str:
     return f"node {nodes[0]}" if len(nodes) == 1 else "nodes " + ", ".join(map(str, nodes))
+
+
+RULES = (
+    Rule(
+        "nmt.node_lost",
+        "A node that was heard periodically fell silent while others were heard.",
+        "Its last frame before the silence and its first one after it.",
+        (
+            (
+                "Never across a capture gap; a silence of the whole bus, as a step of the clock looks"
+                " like one, accuses no node."
+            ),
+            "Only nodes whose error control is periodic, and any frame of a node is a sign of life.",
+            "A heartbeat that was switched off or slowed down by a write of 1017h is no loss.",
+            "A guarded node only while the master asks it.",
+        ),
+        _lost_nodes,
+    ),
+    Rule(
+        "nmt.bus_silent",
+        "Nobody on the bus was heard for a while: the machine was off, or the recorder cut off.",
+        "The last frames before the silence and the first ones after it.",
+        (
+            (
+                "Only where a node starts anew after it, or nobody is heard again; a bare pause in the"
+                " stamps may be a step of the clock."
+            ),
+        ),
+        _silent_buses,
+    ),
+)

@@ -25,6 +25,11 @@ class Facts:
         name = self.context.shadow.name(self.number(bus), node)
         return f"Node {node} ({name})" if name else f"Node {node}"
 
+    def inside(self, bus: str, node: int) -> str:
+        """The same within a sentence."""
+        who = self.who(bus, node)
+        return who[:1].lower() + who[1:]
+
     def moment(self, t_ns: int) -> str:
         """A moment as seconds into the capture."""
         return f"+{(t_ns - self.analysis.capture.first_ns) / 1e9:.3f} s"

@@ -1,158 +1,272 @@
-"""Findings on SDO transfers: refused, unanswered, damaged."""
+"""Findings on SDO transfers that were refused or not answered, and all rules on SDO."""
 
 from collections.abc import Iterator
-from itertools import groupby
 
-from syncline_analyzer.context import Context
+from syncline_analyzer.findings import sdo_answers, sdo_protocol, sdo_writes
 from syncline_analyzer.findings.rule import Facts, Rule
-from syncline_analyzer.findings.stretch import Stretch, seconds
-from syncline_analyzer.folds.control import ControlTables
+from syncline_analyzer.findings.sdo_groups import (
+    by_node,
+    evidence,
+    grouped,
+    object_words,
+    objects_words,
+    state_at,
+    stretches,
+    timed_out,
+    times,
+    unanswered,
+)
+from syncline_analyzer.findings.sdo_protocol import TOLD_BY_PROTOCOL
+from syncline_analyzer.findings.sdo_writes import failed_configurations
+from syncline_analyzer.findings.stretch import seconds
 from syncline_analyzer.results import Finding, SdoRow
 from syncline_schemas.canopen.sdo import abort_meaning
-from syncline_schemas.devices import quirks
+from syncline_schemas.devices import Quirks, quirks
 from syncline_schemas.wording import counted
 
-TIMED_OUT = 0x05040000
-PROBING = (0x06020000, 0x06090011)
+PROBING = (0x06010001, 0x06020000, 0x06090011, 0x08000024)
 """Abort codes with which a node says that it does not have what a master looks for."""
-TOGETHER_NS = 60_000_000_000
-"""Unanswered requests closer than this are told as one [ns]."""
+ERROR_LIST, NO_SUBINDEX, READ_ONLY = 0x1003, 0x06090011, 0x06010002
+STARTING_NS = 1_000_000_000
+"""After its boot-up and the silence that its maker describes a node may take as long [ns]."""
 
 
 def _aborts(facts: Facts) -> Iterator[Finding]:
     """One finding for all equal refusals of a node."""
-    rows = [row for row in facts.analysis.sdo if row.result == "abort" and not _timed_out(row)]
-    rows.sort(key=lambda row: (*_what(row), row.seq))
-    for _, group in groupby(rows, key=_what):
-        yield _abort(facts.control, facts.context, list(group))
+    told = {row.seq for rows in failed_configurations(facts) for row in rows}
+    rows = [
+        row
+        for row in facts.analysis.sdo
+        if row.result == "abort"
+        and not timed_out(row)
+        and row.abort_code not in TOLD_BY_PROTOCOL
+        and row.seq not in told
+    ]
+    for group in grouped(rows, _what):
+        yield _abort(facts, group)
 
 
-def _what(row: SdoRow) -> tuple[str, int, int, int, str, int]:
+def _what(row: SdoRow) -> tuple[str, int, int, int, str, int, str]:
     code = row.abort_code if row.abort_code is not None else -1
-    return row.bus, row.node, row.index or 0, row.sub or 0, row.direction, code
+    by = row.abort_by or ""
+    return row.bus, row.node, row.index or 0, row.sub or 0, row.direction, code, by
 
 
-def _abort(control: ControlTables, context: Context, rows: list[SdoRow]) -> Finding:
+def _abort(facts: Facts, rows: list[SdoRow]) -> Finding:
     first, last = rows[0], rows[-1]
-    code = first.abort_code or 0
-    by_client = control.sdo.aborted_by.get(first.seq) == "client"
-    probing = first.direction == "upload" and (code in PROBING or _normal(context, first))
-    times = "" if len(rows) == 1 else f", {len(rows)} times"
-    verb = "read" if first.direction == "upload" else "write"
-    who = "The client gave up" if by_client else f"Node {first.node} refused"
-    what = f"the {verb} of {_object(first)}"
+    who = facts.who(first.bus, first.node)
+    reading = first.direction == "upload"
+    probing = reading and (first.abort_code in PROBING or _normal(facts, first))
+    what = f"the {'read' if reading else 'write'} of {object_words(first)}"
+    by_client = first.abort_by == "client"
+    said = f"{who}: the client broke off {what}" if by_client else f"{who} refused {what}"
+    swapped, described = _swapped(first), _described(facts, first)
+    if described:
+        cause = described
+        check = "Nothing, if the client can do without it."
+    elif swapped is not None:
+        cause = f"The client sends the index with its bytes exchanged: {swapped:04X}h is meant."
+        check = "The byte order of the index in the client's program: low byte first."
+    elif probing:
+        cause = "The master looks for an object that this device does not have."
+        check = "Nothing, if the object is optional; else compare the device with the planned one."
+    elif by_client:
+        cause = "The client did not accept what the node answered, or was told to stop."
+        check = "The client's log at that time; the node's answer against its manual."
+    else:
+        cause = "The client's configuration does not fit this device or its present state."
+        check = "Compare object, length and value with the device's manual; was it needed?"
     return Finding(
         "sdo.abort",
-        "info" if probing else "warning",
+        "info" if probing or described else "warning",
         first.bus,
         first.node,
         first.start_ns,
         last.end_ns,
-        f"{who} {what}: {abort_meaning(code)} ({code:08X}h){times}.",
-        "The master looks for an object that this device does not have."
-        if probing
-        else "The client's configuration does not fit this device or its present state.",
-        "Nothing, if the object is optional; else compare the device with the one that was planned."
-        if probing
-        else "Compare object, data length and value with the device's manual; was the write needed?",
-        [row.seq for row in rows[:20]],
+        f"{said}: {_reason(first)}{times(len(rows))}.",
+        cause,
+        check,
+        evidence(rows),
     )
 
 
-def _unanswered(facts: Facts) -> Iterator[Finding]:
-    """Requests to nodes that are there; numbers where nobody is are a master's search."""
-    analysis, control, context = facts.analysis, facts.control, facts.context
-    there = {(row.bus, row.node) for row in analysis.nodes}
+def _described(facts: Facts, row: SdoRow) -> str:
+    """Why a node refuses by its description or by CiA 301; "" where nothing there says so."""
+    if row.abort_by == "client":
+        return ""
+    if row.index == ERROR_LIST and row.abort_code == NO_SUBINDEX:
+        if row.direction == "upload":
+            return (
+                "The error list has no such entry yet: fewer errors are stored (CiA 301 7.5.2.3)."
+            )
+        return "The node did not clear its error list: only a 0 to 1003h:0 clears it."
+    device = facts.context.shadow.device(facts.number(row.bus), row.node)
+    if device is None or row.direction == "upload":
+        return ""
+    known = device.object(row.index or 0, row.sub or 0)
+    if known is None and row.abort_code in PROBING:
+        return f"A {device.title} has no such object, as its description says."
+    if known is not None and known.access in ("ro", "const") and row.abort_code == READ_ONLY:
+        return f"The object is read-only on a {device.title}, as its description says."
+    return ""
+
+
+def _swapped(row: SdoRow) -> int | None:
+    """The index that is meant where the refused one is none of an object (0000h to 0FFFh)."""
+    index = row.index or 0
+    meant = (index & 0xFF) << 8 | index >> 8
+    return meant if 0 < index < 0x1000 <= meant and row.abort_code == 0x06020000 else None
+
+
+def _reason(row: SdoRow) -> str:
+    if row.abort_code is None:
+        return "the abort frame is cut short and gives no code"
+    return f"{abort_meaning(row.abort_code)} ({row.abort_code:08X}h)"
+
+
+def _quirks(facts: Facts, row: SdoRow) -> Quirks:
+    return quirks(facts.context.shadow.device(facts.number(row.bus), row.node))
+
+
+def _normal(facts: Facts, row: SdoRow) -> bool:
+    """Refusals that the device's maker describes."""
+    device = facts.context.shadow.device(facts.number(row.bus), row.node)
+    known = device.object(row.index or 0, row.sub or 0) if device else None
+    return row.index in quirks(device).absent or (known is not None and known.access == "wo")
+
+
+def _silent_rows(facts: Facts) -> list[SdoRow]:
+    """Requests without an answer to nodes that are there; elsewhere a master searches."""
+    there = {(row.bus, row.node) for row in facts.analysis.nodes}
+    late = {
+        odd.asked.seq
+        for found in facts.control.sdo.oddities.values()
+        for odd in found
+        if odd.kind == "late"
+    }
+    return [
+        row
+        for row in facts.analysis.sdo
+        if unanswered(row) and (row.bus, row.node) in there and row.seq not in late
+    ]
+
+
+def _stopped(facts: Facts, row: SdoRow) -> bool:
+    mute = "sdo" in _quirks(facts, row).mute_in_stopped
+    return mute and state_at(facts, row.bus, row.node, row.start_ns) == "STOPPED"
+
+
+def _no_answer(facts: Facts) -> Iterator[Finding]:
     rows = [
         row
-        for row in analysis.sdo
-        if (row.result == "no answer" or (_timed_out(row) and row.answer_us is None))
-        and (row.bus, row.node) in there
-        and not _explained(control, context, row)
+        for row in _silent_rows(facts)
+        if not _stopped(facts, row) and not _explained(facts, row) and not _not_on_yet(facts, row)
     ]
-    rows.sort(key=lambda row: (row.bus, row.node, row.seq))
-    for (bus, node), group in groupby(rows, key=lambda row: (row.bus, row.node)):
-        found = list(group)
-        for start, end in Stretch.of([row.start_ns for row in found], TOGETHER_NS):
-            part = [row for row in found if start <= row.start_ns <= end]
-            objects = sorted({_object(row) for row in part})
-            named = ", ".join(objects[:5]) + (" ..." if len(objects) > 5 else "")
-            yield Finding(
-                "sdo.no_answer",
-                "warning",
-                bus,
-                node,
-                start,
-                max(row.end_ns for row in part),
-                f"Node {node} did not answer {counted(len(part), 'SDO request')} ({named})"
-                + (f" within {seconds(end - start)}." if end > start else "."),
-                "The node was busy or restarting, its SDO server moved (1200h), or it is STOPPED.",
-                "Look at its state at that time; repeat the request.",
-                [row.seq for row in part[:20]],
-            )
+    for found in by_node(rows):
+        for part in stretches(found):
+            yield _unanswered(facts, part)
 
 
-def _timed_out(row: SdoRow) -> bool:
-    return row.result == "abort" and row.abort_code == TIMED_OUT
+def _unanswered(facts: Facts, rows: list[SdoRow]) -> Finding:
+    first, last = rows[0], rows[-1]
+    end_ns = max(row.end_ns for row in rows)
+    span = last.start_ns - first.start_ns
+    within = f" within {seconds(span)}" if span > 0 else ""
+    others = sum(
+        row.bus == first.bus
+        and row.node == first.node
+        and row.answer_us is not None
+        and first.start_ns <= row.start_ns <= end_ns
+        for row in facts.analysis.sdo
+    )
+    meanwhile = f"; {counted(others, 'other request')} in that time it answered" if others else ""
+    return Finding(
+        "sdo.no_answer",
+        "warning",
+        first.bus,
+        first.node,
+        first.start_ns,
+        end_ns,
+        f"{facts.who(first.bus, first.node)} did not answer {counted(len(rows), 'SDO request')} "
+        f"({objects_words(rows)}){within}{meanwhile}.",
+        "The node was busy or restarting, its SDO server was moved (1200h), or its answer lost.",
+        "Look at its state and at the bus errors at that time; repeat the request.",
+        evidence(rows),
+    )
 
 
-def _normal(context: Context, row: SdoRow) -> bool:
-    """Refusals that the device's maker describes."""
-    if row.bus not in context.buses or row.direction != "upload":
-        return False
-    device = context.shadow.device(context.buses.index(row.bus), row.node)
-    facts = device.object(row.index or 0, row.sub or 0) if device else None
-    return row.index in quirks(device).absent or (facts is not None and facts.access == "wo")
-
-
-def _explained(control: ControlTables, context: Context, row: SdoRow) -> bool:
+def _explained(facts: Facts, row: SdoRow) -> bool:
     """Whether the node was silent altogether, or starting: that is told by another finding."""
-    if row.bus not in context.buses:
-        return False
-    timeline = control.nmt.timelines.get((context.buses.index(row.bus), row.node))
+    timeline = facts.control.nmt.timelines.get((facts.number(row.bus), row.node))
     if timeline is None:
         return False
     gone = [*timeline.lost, *timeline.restarts]
     if any(lost.last_ns <= row.end_ns and row.start_ns < lost.end_ns for lost in gone):
         return True
+    quiet_ns = _quirks(facts, row).reset_quiet_ms * 1_000_000 + STARTING_NS
     return any(
         interval.state.value == "INITIALISING"
-        and interval.start_ns <= row.start_ns < interval.end_ns
+        and interval.start_ns <= row.start_ns < interval.end_ns + quiet_ns
+        and not _answered(facts, row, interval.end_ns)
         for interval in timeline.intervals
     )
 
 
-def _bad_crc(facts: Facts) -> Iterator[Finding]:
-    wrong = set(facts.control.sdo.bad_crc)
-    for row in facts.analysis.sdo:
-        if row.end_seq in wrong:
+def _answered(facts: Facts, row: SdoRow, since_ns: int = 0) -> bool:
+    """Whether the node answered any request between a moment and this one."""
+    return any(
+        (other.bus, other.node) == (row.bus, row.node)
+        and other.answer_us is not None
+        and since_ns <= other.start_ns < row.start_ns
+        for other in facts.analysis.sdo
+    )
+
+
+def _not_on_yet(facts: Facts, row: SdoRow) -> bool:
+    """Whether the node was switched on only later: nothing of it was heard before its boot-up."""
+    boots = [
+        boot.t_ns
+        for boot in facts.control.nmt.boot_ups
+        if (boot.bus, boot.node) == (row.bus, row.node)
+    ]
+    if not boots or min(boots) <= row.start_ns:
+        return False
+    return not _answered(facts, row) and state_at(facts, row.bus, row.node, row.start_ns) in (
+        None,
+        "UNKNOWN",
+        "INITIALISING",
+    )
+
+
+def _while_stopped(facts: Facts) -> Iterator[Finding]:
+    rows = [row for row in _silent_rows(facts) if _stopped(facts, row)]
+    for found in by_node(rows):
+        for part in stretches(found):
+            first = part[0]
             yield Finding(
-                "sdo.block_crc",
-                "warning",
-                row.bus,
-                row.node,
-                row.start_ns,
-                row.end_ns,
-                f"The CRC of the block transfer of {_object(row)} does not match its data.",
-                "A segment was damaged or not recorded, or the sender computes its CRC wrongly.",
-                "Repeat the transfer and compare.",
-                [row.seq, row.end_seq or row.seq],
+                "sdo.while_stopped",
+                "info",
+                first.bus,
+                first.node,
+                first.start_ns,
+                part[-1].end_ns,
+                f"{facts.who(first.bus, first.node)} was STOPPED and therefore did not answer "
+                f"{counted(len(part), 'SDO request')} ({objects_words(part)}).",
+                "The client asks a node that may not answer: STOPPED allows NMT commands only.",
+                "The client's program; who stopped the node.",
+                evidence(part),
             )
 
 
-def _object(row: SdoRow) -> str:
-    name = f" ({row.name})" if row.name else ""
-    return f"{row.index or 0:04X}h:{row.sub or 0:02X}{name}"
-
-
-RULES = (
+RULES: tuple[Rule, ...] = (
     Rule(
         "sdo.abort",
-        "An SDO transfer was refused or given up, with the reason in words.",
+        "An SDO transfer was refused or broken off, with the reason in words.",
         "The requests that were refused.",
         (
             "Reads of objects that a device does not have are a note: a master that searches.",
             "Refusals that the device's maker describes are a note.",
+            "Time-outs, CRC and toggle errors and failed configurations have rules of their own.",
         ),
         _aborts,
         untimed=True,
@@ -163,17 +277,20 @@ RULES = (
         "The requests without an answer.",
         (
             "Numbers where nobody was heard are a master's search.",
-            "Not while the node was lost, restarting, or the recorder blind.",
+            "Not before the node's first boot-up, while it was lost, starting or STOPPED.",
+            "Not where the capture ends or has a gap soon after the request.",
         ),
-        _unanswered,
+        _no_answer,
         untimed=True,
     ),
     Rule(
-        "sdo.block_crc",
-        "The CRC of a block transfer does not match its data.",
-        "The first and the last frame of the transfer.",
-        ("Only transfers that were recorded whole and use a CRC.",),
-        _bad_crc,
-        untimed=True,
+        "sdo.while_stopped",
+        "A client asked a STOPPED node, which may not answer: the client's mistake, not the node's.",
+        "The requests without an answer.",
+        ("Only for devices that are silent in STOPPED, while nothing else explains the silence.",),
+        _while_stopped,
     ),
+    *sdo_answers.RULES,
+    *sdo_protocol.RULES,
+    *sdo_writes.RULES,
 )

@@ -1,10 +1,13 @@
-"""Findings on SYNC and PDO timing (analysis.md 5)."""
+"""Findings on SYNC (analysis.md 5)."""
 
 from collections.abc import Iterator, Sequence
+
+import numpy as np
 
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import seconds
 from syncline_analyzer.results import Analysis, Finding, HoleRow, PdoRow, SyncJitterRow, SyncRow
+from syncline_schemas.wording import counted
 
 TOGETHER_NS = 10_000_000_000
 """Holes no further apart than this are one finding [ns]."""
@@ -12,13 +15,17 @@ MAX_FINDINGS = 10
 """More findings of one kind and identifier than this become one."""
 MAX_EVIDENCE = 100
 _LONG_SILENCE_NS = 1_000_000_000
+_PRODUCES = 1 << 30
+"""Bit of 1005h: the node sends SYNC (CiA 301 7.5.2.6)."""
+_PERIOD_OFF = 0.05
+_FEW_PERIODS = 20
 
 
 def _sync_missing(facts: Facts) -> Iterator[Finding]:
     """SYNCs that did not come while nothing else explains it."""
     analysis = facts.analysis
     for row in analysis.sync:
-        for group in _together(_holes(analysis, "sync", row)):
+        for group in together(holes_of(analysis, "sync", row)):
             yield _missing_syncs(row, group)
 
 
@@ -44,12 +51,12 @@ def _missing_syncs(row: SyncRow, group: Sequence[HoleRow]) -> Finding:
         None,
         group[0].start_ns,
         group[-1].end_ns,
-        f"{_count(missing, 'SYNC')} of {row.cob_id:03X}h missing: it stayed away {times}, at most"
+        f"{counted(missing, 'SYNC')} of {row.cob_id:03X}h missing: it stayed away {times}, at most"
         f" {seconds(longest.end_ns - longest.start_ns)} long{period}.",
         cause,
         "Look at the SYNC producer (1006h, its cycle and CPU load, its error state) and for error"
         " frames at the same time.",
-        _evidence(group),
+        evidence_of(group),
     )
 
 
@@ -85,65 +92,8 @@ def _jitter(rows: Sequence[SyncJitterRow]) -> Finding:
     )
 
 
-def _pdo_missed(facts: Facts) -> Iterator[Finding]:
-    """PDOs that were due and did not come while their node was OPERATIONAL."""
-    analysis = facts.analysis
-    for row in analysis.pdos:
-        for group in _together(_holes(analysis, "pdo", row)) if row.missed else ():
-            yield _missed(row, group)
-
-
-def _missed(row: PdoRow, group: Sequence[HoleRow]) -> Finding:
-    missed = sum(hole.missing for hole in group)
-    longest = max(group, key=lambda hole: hole.missing)
-    synchronous = row.response_us is not None or (row.transmission_type or 0xFF) <= 0xF0
-    due = "SYNC that it had to answer" if synchronous else "period of its event timer"
-    in_a_row = f", up to {longest.missing} in a row" if longest.missing > 1 else ""
-    return Finding(
-        "pdo.missed",
-        "warning",
-        row.bus,
-        row.node,
-        group[0].start_ns,
-        group[-1].end_ns,
-        f"{_name(row)} did not come {_count(missed, 'time')}{in_a_row}, each time after a {due};"
-        f" {_type(row)}.",
-        "The device was too busy or had no new value, it was about to leave OPERATIONAL, or the"
-        " frame lost arbitration until the next one was due.",
-        "Compare with EMCY messages and bus load at these times; read 180xh:2/5 and, on devices"
-        " that have it, the repeat counter (280xh).",
-        _evidence(group),
-    )
-
-
-def _pdo_late(facts: Facts) -> Iterator[Finding]:
-    """Answers after the synchronous window length."""
-    analysis = facts.analysis
-    for row in analysis.pdos:
-        responses = [r for r in analysis.responses if (r.bus, r.cob_id) == (row.bus, row.cob_id)]
-        if not row.late or not responses or row.response_us is None:
-            continue
-        slowest = responses[0].response_us.argsort()[::-1][: min(row.late, MAX_EVIDENCE)]
-        t_ns = responses[0].t_ns[slowest]
-        yield Finding(
-            "pdo.late",
-            "warning",
-            row.bus,
-            row.node,
-            int(t_ns.min()),
-            int(t_ns.max()) + 1,
-            f"{_name(row)} answered {_count(row.late, 'time')} of {row.frames} later than the"
-            f" synchronous window (1007h) allows; the slowest took"
-            f" {row.response_us.max / 1000:.4g} ms.",
-            "Frames with a higher priority kept the bus busy after the SYNC, or the device itself"
-            " takes too long.",
-            "Compare the bounds of the device time with the response: if the lower bound is small,"
-            " relieve the bus (identifiers, types, bit rate); else look at the device.",
-            sorted(responses[0].seq[slowest].tolist()),
-        )
-
-
-def _holes(analysis: Analysis, service: str, row: SyncRow | PdoRow) -> list[HoleRow]:
+def holes_of(analysis: Analysis, service: str, row: SyncRow | PdoRow) -> list[HoleRow]:
+    """Holes of one SYNC or PDO, in order of time."""
     return [
         hole
         for hole in analysis.holes
@@ -151,7 +101,7 @@ def _holes(analysis: Analysis, service: str, row: SyncRow | PdoRow) -> list[Hole
     ]
 
 
-def _together(holes: Sequence[HoleRow]) -> list[list[HoleRow]]:
+def together(holes: Sequence[HoleRow]) -> list[list[HoleRow]]:
     """Holes in groups that belong together; all in one when there would be too many groups."""
     groups: list[list[HoleRow]] = []
     for hole in holes:
@@ -162,24 +112,88 @@ def _together(holes: Sequence[HoleRow]) -> list[list[HoleRow]]:
     return groups if len(groups) <= MAX_FINDINGS else [list(holes)]
 
 
-def _evidence(group: Sequence[HoleRow]) -> list[int]:
+def evidence_of(group: Sequence[HoleRow]) -> list[int]:
+    """The first frames that prove a group of holes."""
     return sorted({seq for hole in group for seq in hole.evidence})[:MAX_EVIDENCE]
 
 
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}{'' if number == 1 else 's'}"
+def _two_producers(facts: Facts) -> Iterator[Finding]:
+    """A second rhythm that joined the first, or left it."""
+    for bus, cob_id in sorted({(row.bus, row.cob_id) for row in facts.analysis.sync_doubles}):
+        rows = [r for r in facts.analysis.sync_doubles if (r.bus, r.cob_id) == (bus, cob_id)]
+        first, last = rows[0], rows[-1]
+        often = f" in {len(rows)} stretches" if len(rows) > 1 else ""
+        yield Finding(
+            "sync.two_producers",
+            "error",
+            bus,
+            None,
+            first.start_ns,
+            last.end_ns,
+            f"Two producers sent SYNC {cob_id:03X}h at the same time{often}: a second one with the"
+            f" same period of {first.period_us / 1000:.4g} ms came {first.offset_us / 1000:.4g} ms"
+            f" beside the first, {counted(sum(row.pairs for row in rows), 'time')}.",
+            "A second device was set to produce SYNC (1005h bit 30, 1006h), or a second master was"
+            " connected.",
+            "Read 1005h of all nodes: only one may have bit 30 set; look for a service tool on the"
+            " bus.",
+            first.evidence,
+        )
 
 
-def _name(row: PdoRow) -> str:
-    whose = f"{row.pdo} of node {row.node}" if row.pdo else "A PDO"
-    return f"{whose} ({row.cob_id:03X}h)"
+def _sync_period(facts: Facts) -> Iterator[Finding]:
+    """SYNC whose period is not the one that its producer was given (1006h)."""
+    for row in facts.analysis.sync:
+        for node, period_us in _producers(facts, row):
+            found = _median_since(facts, row, node)
+            if found is None or abs(found - period_us) <= _PERIOD_OFF * period_us:
+                continue
+            yield Finding(
+                "sync.period",
+                "warning",
+                row.bus,
+                node,
+                facts.analysis.capture.begin_ns,
+                facts.analysis.capture.end_ns,
+                f"{facts.who(row.bus, node)} was set to send SYNC every {period_us / 1000:.4g} ms"
+                f" (1006h), but SYNC {row.cob_id:03X}h comes every {found / 1000:.4g} ms.",
+                "The device rounds the period to steps of its own, is overloaded, or another node"
+                " sends SYNC.",
+                "Read 1005h and 1006h of all nodes, and look up which periods the producer takes.",
+                [],
+            )
 
 
-def _type(row: PdoRow) -> str:
-    """The transmission type in words, with its source."""
-    if row.type_source.startswith("inferred"):
-        return f"its transmission type is {row.type_source}"
-    return f"its transmission type is {row.transmission_type} ({row.type_source})"
+def _producers(facts: Facts, row: SyncRow) -> Iterator[tuple[int, int]]:
+    """(node, 1006h) of each node that was seen to be set to produce this SYNC."""
+    shadow, bus = facts.context.shadow, facts.number(row.bus)
+    for node_bus, node in shadow.nodes():
+        if node_bus != bus:
+            continue
+        identifier, period = (shadow.get(bus, node, index) for index in (0x1005, 0x1006))
+        if (
+            identifier is None
+            or period is None
+            or "eds-default" in (period.source, identifier.source)
+        ):
+            continue
+        told, period_us = identifier.value, period.value
+        if not isinstance(told, int) or not isinstance(period_us, int) or not period_us:
+            continue
+        if told & _PRODUCES and told & 0x7FF == row.cob_id:
+            yield node, period_us
+
+
+def _median_since(facts: Facts, row: SyncRow, node: int) -> float | None:
+    """Median period [us] since 1006h was last seen to change; None with too few of them."""
+    bus = facts.number(row.bus)
+    period = facts.context.shadow.get(bus, node, 0x1006)
+    since_ns = period.t_ns if period is not None and period.t_ns is not None else 0
+    for series in facts.analysis.series:
+        if (series.bus, series.name) == (row.bus, f"SYNC {row.cob_id:03X}h period"):
+            chosen = series.value[series.t_ns > since_ns]
+            return float(np.median(chosen)) if len(chosen) >= _FEW_PERIODS else None
+    return None
 
 
 RULES = (
@@ -201,20 +215,26 @@ RULES = (
         _sync_jitter,
     ),
     Rule(
-        "pdo.missed",
-        "A PDO that was due did not come while its node was OPERATIONAL.",
-        "The SYNCs without an answer, or the frame before the silence.",
+        "sync.two_producers",
+        "Two producers sent SYNC on one identifier.",
+        "The first SYNCs of the stretch in which both sent.",
         (
-            "Not where a repeat counter, transmission type 0 or the node's state explains it.",
-            "Not over a capture gap or a step of the clock.",
+            (
+                "Only where one of the two rhythms was also seen alone: a producer with a coarse timer"
+                " may alternate between two periods."
+            ),
+            "At least 20 pairs in a row.",
         ),
-        _pdo_missed,
+        _two_producers,
     ),
     Rule(
-        "pdo.late",
-        "A PDO came after the synchronous window (1007h).",
-        "The slowest answers.",
-        ("Only where 1007h is known.",),
-        _pdo_late,
+        "sync.period",
+        "SYNC does not come with the period that its producer was set to (1006h).",
+        "The median of the periods since 1006h was seen.",
+        (
+            "Only where 1005h bit 30 and 1006h of the producer were seen or described.",
+            "Deviations of up to 5 % are none.",
+        ),
+        _sync_period,
     ),
 )

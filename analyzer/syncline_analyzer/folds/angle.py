@@ -2,7 +2,7 @@
 
 from bisect import insort
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -11,14 +11,23 @@ import numpy as np
 from syncline_analyzer.context import Context
 from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.folds.block import BLOCK_FRAMES, Block, Blocks
-from syncline_analyzer.folds.samples import Key, SampleReader, Samples, changes_within
+from syncline_analyzer.folds.frozen import with_frozen
+from syncline_analyzer.folds.samples import (
+    Key,
+    SampleReader,
+    Samples,
+    alarm_objects,
+    changes_within,
+)
 from syncline_analyzer.folds.trace import Converter, Derived, Encoder, Plain, Tilt, TraceState
+from syncline_analyzer.object_history import Known, ObjectHistory
 from syncline_analyzer.pdo_binding import PdoBindings
 from syncline_analyzer.results import Trace, TraceEventRow, TraceRow
 from syncline_schemas.batch import Gap
 from syncline_schemas.decoder import decode_nmt
 from syncline_schemas.devices import Device, Jump, quirks
 from syncline_schemas.measurement import (
+    ambiguous_rpm,
     encoder_scale,
     measured_by,
     position_objects,
@@ -80,6 +89,8 @@ class AngleFold:
         self._states: dict[Key, TraceState] = {}
         self._writes: dict[tuple[int, int], deque[Cut]] = {}
         self._seen: dict[int, int] = {}
+        self._resets: dict[tuple[int, int], list[int]] = {}
+        self._jump_from_ns: dict[tuple[Key, int], int] = {}
 
     def update(self, batch: IndexedBatch) -> None:
         """Take in the next frames."""
@@ -93,15 +104,27 @@ class AngleFold:
             if gap.bus in (None, bus):
                 state.cut(self._seen.get(bus, 0), gap.start_ns, f"capture gap: {gap.reason}")
 
-    def finish(self, end_ns: int) -> AngleTables:
-        """All traces; a jump that a write explains is told as a cut."""
+    def finish(self, end_ns: int, starts: Sequence[tuple[str, int, int]] = ()) -> AngleTables:
+        """All traces; a jump that a write explains is told as a cut.
+
+        Args:
+            end_ns: end of the capture.
+            starts: (bus, node, t_ns) of every restart; a jump over one is none.
+        """
         self._flush()
         tables = AngleTables()
-        for (bus, node, _), state in sorted(self._states.items()):
+        for key, state in sorted(self._states.items()):
+            bus, node, _ = key
+            _note_ambiguous(state)
+            _note_gray(state)
             tables.traces.append(state.row())
             tables.trace_data.append(state.trace())
             writes = list(self._writes.get((bus, node), ()))
-            tables.events.extend(e for e in state.events if not _explained(e, writes))
+            own = [t for name, n, t in starts if (name, n) == (state.bus, node)]
+            for event in state.events:
+                since_ns = self._jump_from_ns.get((key, event.seq), event.t_ns)
+                if not _explained(event, writes) and not _restarted(event, since_ns, own):
+                    tables.events.append(event)
         return tables
 
     def _flush(self) -> None:
@@ -110,13 +133,22 @@ class AngleFold:
 
     def _take(self, block: Block) -> None:
         for bus in block.by_bus:
-            found = self._reader.read(block, bus)
+            found = with_frozen(self._reader.read(block, bus), self._quantity)
             nodes = {node for _, node, _ in found} | {n for b, n, _ in self._states if b == bus}
             last_seq = block.batch.seq0 + len(block.batch) - 1
             cuts = {node: self._cuts(block, bus, node, last_seq) for node in nodes}
             for key in sorted(set(found) | {k for k in self._states if k[0] == bus}):
                 self._extend(key, found.get(key), cuts[key[1]])
             self._seen[bus] = last_seq
+
+    def _quantity(self, key: Key) -> tuple[int, int, str, int]:
+        """What an object measures: two objects of the same axis measure the same."""
+        bus, node, number = key
+        device = self._context.shadow.device(bus, node)
+        device_type = self._context.shadow.number(bus, node, 0x1000)
+        by, _ = measured_by(device, device_type, number >> 8, number & 0xFF)
+        axis = tilt_axis(by, number >> 8)
+        return (bus, node, "object", number) if axis is None else (bus, node, "axis", axis)
 
     def _extend(self, key: Key, samples: Samples | None, cuts: list[Cut]) -> None:
         """Add the samples of a block to a trace, cut where it must be."""
@@ -167,6 +199,12 @@ class AngleFold:
         derived = state.add(piece, converter, timed=self._context.timed)
         self._note_jumps(state, key, piece, derived, converter)
         self._note_outside(state, piece, derived)
+        _note_frozen(state, piece)
+        device = self._context.shadow.device(key[0], key[1])
+        if (key[2] >> 8, key[2] & 0xFF) in alarm_objects(device):
+            _note_alarms(state, piece, device)
+        elif isinstance(converter, Encoder) and device and "gray" in device.measurement:
+            state.gray.add(piece.raw[piece.valid], converter.scale.range_counts)
 
     def _note_jumps(
         self,
@@ -179,10 +217,12 @@ class AngleFold:
         for jump in derived.jumps:
             text = self._jump_text(key, jump.after, converter, int(piece.seq[jump.row]))
             limit = converter.scale.max_rpm if isinstance(converter, Encoder) else None
+            seq, t_ns = int(piece.seq[jump.row]), int(piece.t_ns[jump.row])
+            self._jump_from_ns[key, seq] = t_ns - jump.span_ns
             state.note(
                 "jump",
-                int(piece.seq[jump.row]),
-                int(piece.t_ns[jump.row]),
+                seq,
+                t_ns,
                 jump.before,
                 jump.after,
                 f"{jump.span_ns / 1e6:.4g} ms apart, which takes {jump.speed_rpm:.0f} rpm;"
@@ -225,10 +265,11 @@ class AngleFold:
         device = shadow.device(bus, node)
 
         def lookup(index: int, sub: int) -> tuple[int, bool] | None:
-            known = shadow.get(bus, node, index, sub, seq)
+            known = self._acting(bus, node, device, (index, sub), seq)
             if known is None or not isinstance(known.value, int):
                 return None
-            return known.value, known.source == "eds-default"
+            doubtful = self._doubtful(bus, node, device, (index, sub), known, seq)
+            return known.value, known.source == "eds-default" or doubtful
 
         index = number >> 8
         overrides = self._context.overrides(bus, node)
@@ -241,11 +282,59 @@ class AngleFold:
             if by is not device and "res" in tilt.assumed:
                 return Plain(1.0, "counts", ("res", *profile))
             tilt = replace(tilt, assumed=(*tilt.assumed, *profile))
-            return Tilt(tilt, tilt.axes[axis], piece.entry.bits)
+            reference = self._reference(bus, node, device, seq)
+            return Tilt(tilt, tilt.axes[axis], piece.entry.bits, reference=reference)
         if by is not None:
             encoder = encoder_scale(by, lookup, overrides)
             return Encoder(replace(encoder, assumed=(*encoder.assumed, *profile)))
         return Plain(piece.entry.scale, piece.entry.unit)
+
+    def _acting(
+        self, bus: int, node: int, device: Device | None, key: tuple[int, int], seq: int
+    ) -> Known | None:
+        """The value that acts at `seq`: on some devices a new scale acts after a restart only."""
+        shadow, pending = self._context.shadow, quirks(device).pending_until_reset
+        known = shadow.get(bus, node, key[0], key[1], seq)
+        if not pending or device is None:
+            return known
+        histories = dict(shadow.history(bus, node))
+        if key in pending and key in histories:
+            resets = self._resets.get((bus, node), [])
+            return _acting(histories[key], resets, seq) or shadow.assumed(bus, node, *key)
+        per_turn = device.measurement.get("counts_per_turn")
+        if key == device.measurement.get("range") and per_turn in pending and known is not None:
+            changed = self._acting(bus, node, device, per_turn, seq)
+            if changed is None or changed.source != "sdo-write":
+                return known
+            return known if (known.seq or 0) > (changed.seq or 0) else None
+        return known
+
+    def _doubtful(
+        self,
+        bus: int,
+        node: int,
+        device: Device | None,
+        key: tuple[int, int],
+        known: Known,
+        seq: int,
+    ) -> bool:
+        """Whether a reset came since, and the maker does not say that the value survives it."""
+        facts = device.object(*key) if device else None
+        if facts is None or facts.persisted != "?" or not known.confirmed:
+            return False
+        resets = self._resets.get((bus, node), [])
+        return any((known.seq or 0) < reset <= seq for reset in resets)
+
+    def _reference(self, bus: int, node: int, device: Device | None, seq: int) -> str:
+        """Whether angles count from gravity or from a pose that was taught."""
+        keys = device.measurement.get("reference", ()) if device else ()
+        if not keys:
+            return ""
+        shadow = self._context.shadow
+        values = [shadow.confirmed(bus, node, index, sub, seq) for index, sub in keys]
+        if 1 in values:
+            return "relative"
+        return "absolute" if all(value == 2 for value in values) else "reference unknown"
 
     def _cuts(self, block: Block, bus: int, node: int, last_seq: int) -> list[Cut]:
         """Everything in a block that cuts the traces of a node."""
@@ -260,7 +349,9 @@ class AngleFold:
             for seq in self._context.shadow.changes(bus, node, *key)
             if first < seq <= last_seq
         )
-        return sorted([*writes, *news, *_resets(block, bus, node)])
+        resets = list(_resets(block, bus, node))
+        self._resets.setdefault((bus, node), []).extend(cut.seq for cut in resets)
+        return sorted([*writes, *news, *resets])
 
     def _explaining_writes(
         self, bus: int, node: int, device: Device | None, first: int, last: int
@@ -281,8 +372,102 @@ def scale_objects(device: Device | None) -> list[tuple[int, int]]:
         return [(0x1000, 0), *_STANDARD_SCALE]
     assert device is not None
     keys = [device.measurement[role] for role in _SCALE_ROLES if role in device.measurement]
+    keys += device.measurement.get("reference", ())
     flags = [device.measurement.get(role) for role in ("direction", "scaling")]
     return keys + [flag["object"] for flag in flags if flag]
+
+
+def _acting(history: ObjectHistory, resets: Sequence[int], seq: int) -> Known | None:
+    """What an object acts as where a written value waits for the next reset."""
+    acting: Known | None = None
+    waits = False
+    for change in history.changes:
+        if change.seq > seq:
+            break
+        waits = (waits or change.cause == "sdo-write") and not any(
+            change.seq < reset <= seq for reset in resets
+        )
+        if not waits:
+            acting = change.known
+    return acting
+
+
+def _note_frozen(state: TraceState, piece: Samples) -> None:
+    """The first sample of each stretch in which a sibling moves and this one does not."""
+    if piece.frozen is None:
+        state.frozen = False
+        return
+    starts = np.flatnonzero(np.diff(piece.frozen.astype(np.int8), prepend=int(state.frozen)) > 0)
+    state.frozen = bool(piece.frozen[-1])
+    for row in starts.tolist():
+        later = piece.frozen[row:] & (piece.source[row:] == piece.source[row])
+        last = row + int(np.flatnonzero(later)[-1])
+        lasted = (int(piece.t_ns[last]) - int(piece.t_ns[row])) / 1e9
+        value = float(piece.raw[row])
+        text = f"{int(later.sum())} equal values in {piece.source[row]:03X}h over {lasted:.4g} s"
+        state.note("frozen", int(piece.seq[row]), int(piece.t_ns[row]), value, value, text)
+
+
+def _note_alarms(state: TraceState, piece: Samples, device: Device | None) -> None:
+    """Bits that came up in an alarm or warning object."""
+    raw = piece.raw[piece.valid]
+    before = np.concatenate(([state.alarm_bits], raw[:-1]))
+    seqs, stamps = piece.seq[piece.valid], piece.t_ns[piece.valid]
+    for row in np.flatnonzero(raw & ~before).tolist():
+        words = device.object(state.object >> 8, state.object & 0xFF) if device else None
+        value = int(raw[row])
+        text = words.describe(value) if words else ""
+        state.note(
+            "alarm", int(seqs[row]), int(stamps[row]), float(before[row]), float(value), text
+        )
+    if len(raw):
+        state.alarm_bits = int(raw[-1])
+
+
+def _note_ambiguous(state: TraceState) -> None:
+    """What the samples cannot tell, once per trace, where most of them cannot."""
+    count = int(state.flag_counts[2])
+    if 2 * count < state.samples or not count or state.first_ns is None:
+        return
+    converter = state.converter
+    text = ""
+    if isinstance(converter, Encoder):
+        text = _too_seldom(state, converter)
+    elif isinstance(converter, Tilt):
+        span = 65536 * converter.scale.deg_per_count
+        text = f"16 bits at {converter.scale.deg_per_count:g} deg repeat every {span:g} deg"
+    if text:
+        first = state.last_value
+        state.note("ambiguous", state.first_seq, state.first_ns, None, first, text)
+
+
+def _too_seldom(state: TraceState, converter: Encoder) -> str:
+    scale = converter.scale
+    spacing_ns = min(state.link.spacing_ns.values(), default=0.0)
+    if not scale.counts_per_turn or not scale.range_counts or not spacing_ns:
+        return ""
+    limit = ambiguous_rpm(scale.range_counts, scale.counts_per_turn, spacing_ns / 1e9)
+    return (
+        f"samples every {spacing_ns / 1e6:.4g} ms tell direction and speed only below"
+        f" {limit:.4g} rpm, the device may turn {scale.max_rpm:g} rpm"
+    )
+
+
+def _note_gray(state: TraceState) -> None:
+    mismatch = state.gray.mismatch
+    if mismatch is None or state.first_ns is None:
+        return
+    text = (
+        "Gray code is read as binary counts"
+        if mismatch == "gray"
+        else "binary counts are converted as if they were Gray code"
+    )
+    state.note("gray code", state.first_seq, state.first_ns, None, None, text)
+
+
+def _restarted(event: TraceEventRow, since_ns: int, starts: Sequence[int]) -> bool:
+    """Whether the device started anew between the two samples of a jump."""
+    return event.kind == "jump" and any(since_ns <= start <= event.t_ns for start in starts)
 
 
 def _cut(state: TraceState, cut: Cut) -> None:
@@ -324,4 +509,5 @@ def _piece(samples: Samples, begin: int, stop: int) -> Samples:
         raw=samples.raw[part],
         valid=samples.valid[part],
         source=samples.source[part],
+        frozen=None if samples.frozen is None else samples.frozen[part],
     )

@@ -1,6 +1,8 @@
 """Small batches joined into blocks, so that work per batch does not count."""
 
+from collections.abc import Sequence
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +56,18 @@ class Block:
     def frames(self) -> FrameBatch:
         """The columns."""
         return self.batch.frames
+
+    def parts(self, cuts: Sequence[int]) -> list["Block"]:
+        """The block cut before the rows of these `seq`, ascending; itself where there are none."""
+        if not cuts:
+            return [self]
+        batch = self.batch
+        edges = [0, *(seq - batch.seq0 for seq in cuts), len(batch)]
+        return [
+            Block(IndexedBatch(batch.frames[a:b], batch.seq0 + a, timed=batch.timed))
+            for a, b in pairwise(edges)
+            if b > a
+        ]
 
     @cached_property
     def wire_bits(self) -> NDArray[np.int64]:

@@ -1,16 +1,34 @@
 """Error frames: what the recorder's own controller said of the bus (SocketCAN error classes)."""
 
-from dataclasses import dataclass, field
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from syncline_analyzer.context import Context
-from syncline_analyzer.deafness import BUS_OFF, RESTARTED
+from syncline_analyzer.deafness import RECORDER_OFF, RECORDER_OVERFLOW
 from syncline_analyzer.fold import IndexedBatch
-from syncline_schemas.batch import FrameFlag
+from syncline_analyzer.results import BusErrorRow, BusStateRow
+from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
+from syncline_schemas.can_errors import PASSIVE_COUNT, WARNING_COUNT, CanError, can_error
 
 MAX_EVENTS = 10_000
+MAX_KINDS = 200
+"""Kinds of error frames kept apart per bus."""
+OTHER_KINDS = "other kinds"
+MAX_EVIDENCE = 20
+MAX_STRETCHES = 1000
+TOGETHER_NS = 10_000_000_000
+"""Error frames no further apart than this are one stretch [ns]."""
+RETRY_BITS = 250
+"""A frame that ends so soon after an error frame is the repetition of the destroyed one [bit]."""
+RETRY_NS = 1_000_000
+"""The same where the bit rate is not known [ns]."""
+
+Rows = NDArray[np.intp]
 
 
 class BusError(NamedTuple):
@@ -22,36 +40,288 @@ class BusError(NamedTuple):
     restarted: bool
 
 
+@dataclass(slots=True)
+class ErrorStretch:
+    """Error frames of one sort that follow one another, by `seq`."""
+
+    bus: str
+    start_ns: int
+    end_ns: int
+    count: int = 0
+    kinds: Counter[str] = field(default_factory=Counter)
+    evidence: list[int] = field(default_factory=list)
+    followers: Counter[int] = field(default_factory=Counter)
+    """How often which 11-bit identifier came next after a destroyed frame."""
+    usual: Counter[int] = field(default_factory=Counter)
+    """Frames by identifier, of the batches in which the error frames lie."""
+
+
 @dataclass(frozen=True, slots=True)
 class BusErrorTable:
-    """Changes in order of `seq`, and the number of error frames by bus."""
+    """What the error frames tell; `events` in order of `seq`, `frames` their number by bus."""
 
     events: list[BusError] = field(default_factory=list)
     frames: dict[str, int] = field(default_factory=dict)
+    states: list[BusStateRow] = field(default_factory=list)
+    kinds: list[BusErrorRow] = field(default_factory=list)
+    destroyed: list[ErrorStretch] = field(default_factory=list)
+    """Frames destroyed on the wire."""
+    no_ack: list[ErrorStretch] = field(default_factory=list)
+    overflow: list[ErrorStretch] = field(default_factory=list)
+    """Overruns of the controller's receive buffer."""
+
+
+@dataclass(slots=True)
+class _Kind:
+    count: int
+    first_ns: int
+    last_ns: int
+    evidence: list[int]
+
+
+@dataclass(slots=True)
+class _Bus:
+    state: str | None = None
+    """As last told; None before the first."""
+    rows: list[BusStateRow] = field(default_factory=list)
+    kinds: dict[str, _Kind] = field(default_factory=dict)
+    stretches: dict[str, list[ErrorStretch]] = field(default_factory=dict)
 
 
 class BusErrorFold:
-    """Counts error frames and keeps those that tell of bus-off."""
+    """Follows the state of each bus's controller, and counts error frames by what they say."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
-        self._table = BusErrorTable()
+        self._buses: dict[int, _Bus] = {}
+        self._events: list[BusError] = []
+        self._frames: dict[str, int] = {}
+        self._begin_ns: int | None = None
 
     def update(self, batch: IndexedBatch) -> None:
         """Take in the next frames."""
-        frames, table = batch.frames, self._table
+        frames = batch.frames
+        if self._begin_ns is None and len(frames):
+            self._begin_ns = int(frames.t_ns[0])
         rows = np.flatnonzero(frames.flags & FrameFlag.ERROR)
-        for bus, count in zip(*np.unique(frames.bus[rows], return_counts=True), strict=True):
-            name = self._context.bus_name(int(bus))
-            table.frames[name] = table.frames.get(name, 0) + int(count)
-        telling = rows[(frames.can_id[rows] & (BUS_OFF | RESTARTED)) != 0]
-        for row in telling[: max(0, MAX_EVENTS - len(table.events))].tolist():
-            name = self._context.bus_name(int(frames.bus[row]))
-            restarted = not frames.can_id[row] & BUS_OFF
-            table.events.append(
-                BusError(name, batch.seq(row), int(frames.t_ns[row]), bool(restarted))
-            )
+        waiting = [n for n, bus in self._buses.items() if bus.state in ("bus-off", "restarted")]
+        for bus in sorted({*frames.bus[rows].tolist(), *waiting}):
+            self._take(batch, bus, rows[frames.bus[rows] == bus])
 
-    def finish(self) -> BusErrorTable:
-        """Everything seen."""
-        return self._table
+    def gap(self, gap: Gap) -> None:
+        """After a gap the state is not known until it is told again."""
+        if gap.reason in (RECORDER_OFF, RECORDER_OVERFLOW):
+            return
+        for number, bus in self._buses.items():
+            if gap.bus in (None, number) and bus.state is not None:
+                self._change(number, "unknown", gap.start_ns, f"gap: {gap.reason}", None, None)
+
+    def finish(self, end_ns: int) -> BusErrorTable:
+        """Everything seen; `end_ns` is the end of the capture."""
+        table = BusErrorTable(self._events, self._frames)
+        for number, bus in sorted(self._buses.items()):
+            name = self._context.bus_name(number)
+            table.states.extend(_closed(bus.rows, end_ns))
+            table.kinds.extend(
+                BusErrorRow(name, text, kind.count, kind.first_ns, kind.last_ns, kind.evidence)
+                for text, kind in sorted(bus.kinds.items(), key=lambda entry: entry[1].first_ns)
+            )
+            table.destroyed.extend(bus.stretches.get("destroyed", ()))
+            table.no_ack.extend(bus.stretches.get("no_ack", ()))
+            table.overflow.extend(bus.stretches.get("overflow", ()))
+        return table
+
+    def _take(self, batch: IndexedBatch, bus: int, rows: Rows) -> None:
+        state = self._buses.setdefault(bus, _Bus())
+        name = self._context.bus_name(bus)
+        if len(rows):
+            self._frames[name] = self._frames.get(name, 0) + len(rows)
+        group, errors = _decoded(batch.frames, rows)
+        for number, error in enumerate(errors):
+            self._count(batch, state, rows[group == number], error)
+        for sort, chosen in _sorts(group, errors):
+            self._stretch(batch, bus, sort, rows[chosen], errors, group[chosen])
+        self._follow(batch, bus, rows, group, errors)
+
+    def _count(self, batch: IndexedBatch, state: _Bus, rows: Rows, error: CanError) -> None:
+        t_ns = batch.frames.t_ns[rows]
+        text = error.words
+        if text not in state.kinds and len(state.kinds) >= MAX_KINDS:
+            text = OTHER_KINDS
+        kind = state.kinds.setdefault(text, _Kind(0, int(t_ns[0]), int(t_ns[0]), []))
+        kind.count += len(rows)
+        kind.last_ns = int(t_ns[-1])
+        room = MAX_EVIDENCE - len(kind.evidence)
+        kind.evidence.extend((batch.seq0 + rows[:room]).tolist())
+
+    def _stretch(
+        self,
+        batch: IndexedBatch,
+        bus: int,
+        sort: str,
+        rows: Rows,
+        errors: list[CanError],
+        group: NDArray[np.intp],
+    ) -> None:
+        """Gather error frames of one sort to stretches."""
+        stretches = self._buses[bus].stretches.setdefault(sort, [])
+        t_ns = batch.frames.t_ns[rows]
+        before = stretches[-1].end_ns if stretches else int(t_ns[0])
+        apart = np.diff(t_ns, prepend=before)
+        cuts = np.flatnonzero((apart > TOGETHER_NS) | (apart < 0))
+        starts = sorted({0, *cuts.tolist()})
+        for first, stop in zip(starts, [*starts[1:], len(rows)], strict=True):
+            goes_on = bool(stretches) and first not in cuts
+            if not goes_on and len(stretches) >= MAX_STRETCHES:
+                return
+            if not goes_on:
+                start_ns = int(t_ns[first])
+                stretches.append(ErrorStretch(self._context.bus_name(bus), start_ns, start_ns))
+            _extend(stretches[-1], batch, rows[first:stop], group[first:stop], errors)
+            if sort == "destroyed":
+                bitrate = self._context.bitrates.get(self._context.bus_name(bus))
+                retry_ns = RETRY_BITS * 10**9 // bitrate if bitrate else RETRY_NS
+                _add_followers(stretches[-1], batch, bus, rows[first:stop], retry_ns)
+
+    def _follow(
+        self,
+        batch: IndexedBatch,
+        bus: int,
+        rows: Rows,
+        group: NDArray[np.intp],
+        errors: list[CanError],
+    ) -> None:
+        """Changes of the controller's state, in order; being heard ends a bus-off."""
+        state, frames = self._buses[bus], batch.frames
+        mine = frames.bus == bus
+        heard = np.flatnonzero(mine & ((frames.flags & FrameFlag.ERROR) == 0))
+        row = 0
+        for at in _telling(group, errors):
+            told = int(rows[at])
+            self._heard(batch, bus, heard, row, told)
+            error, row = errors[int(group[at])], told
+            if error.state in ("bus-off", "restarted") and len(self._events) < MAX_EVENTS:
+                self._events.append(
+                    BusError(
+                        self._context.bus_name(bus),
+                        batch.seq(told),
+                        int(frames.t_ns[told]),
+                        error.state == "restarted",
+                    )
+                )
+            if error.state is not None and error.state != state.state:
+                seq, t_ns = batch.seq(told), int(frames.t_ns[told])
+                exact = can_error(int(frames.can_id[told]), frames.data[told, :8].tobytes())
+                self._change(bus, error.state, t_ns, exact.words, seq, exact)
+        self._heard(batch, bus, heard, row, len(batch))
+
+    def _heard(self, batch: IndexedBatch, bus: int, heard: Rows, first: int, stop: int) -> None:
+        if self._buses[bus].state not in ("bus-off", "restarted"):
+            return
+        at = int(np.searchsorted(heard, first))
+        if at < len(heard) and heard[at] < stop:
+            row = int(heard[at])
+            t_ns = int(batch.frames.t_ns[row])
+            self._change(bus, "active", t_ns, "frames are heard again", batch.seq(row), None)
+
+    def _change(
+        self, bus: int, state: str, t_ns: int, cause: str, seq: int | None, error: CanError | None
+    ) -> None:
+        entry, name = self._buses[bus], self._context.bus_name(bus)
+        if not entry.rows:
+            begin_ns = t_ns if self._begin_ns is None else self._begin_ns
+            entry.rows.append(
+                BusStateRow(name, "unknown", begin_ns, t_ns, "start of capture", None)
+            )
+        entry.state = state
+        if len(entry.rows) >= MAX_EVENTS:
+            return
+        entry.rows[-1] = replace(entry.rows[-1], end_ns=t_ns)
+        tx, rx = (error.tx_errors, error.rx_errors) if error else (None, None)
+        entry.rows.append(BusStateRow(name, state, t_ns, t_ns, cause, seq, tx, rx))
+
+
+def _decoded(frames: FrameBatch, rows: Rows) -> tuple[NDArray[np.intp], list[CanError]]:
+    """Which error frames say the same, and what: (n,) numbers, and one error for each."""
+    data = frames.data[rows, :8].astype(np.int64)
+    counters = np.maximum(data[:, 6], data[:, 7])
+    level = np.searchsorted([1, WARNING_COUNT, PASSIVE_COUNT], counters, side="right")
+    # Detail bytes are packed beside the class, so that a flood of equal frames is decoded once.
+    key = frames.can_id[rows].astype(np.int64) << 34 | level << 32
+    for place in range(4):
+        key |= data[:, place] << 8 * place
+    table = np.stack([key, data[:, 4]], axis=1)
+    _, first, group = np.unique(table, axis=0, return_index=True, return_inverse=True)
+    errors = [
+        can_error(int(frames.can_id[row]), frames.data[row, :8].tobytes())
+        for row in rows[first].tolist()
+    ]
+    return group.reshape(-1), errors
+
+
+def _sorts(
+    group: NDArray[np.intp], errors: list[CanError]
+) -> Iterator[tuple[str, NDArray[np.bool_]]]:
+    """Each sort of error frames that has a stretch of its own, with the frames it is made of."""
+    for sort, numbers in (
+        ("destroyed", [n for n, error in enumerate(errors) if error.destroyed]),
+        ("no_ack", [n for n, error in enumerate(errors) if error.no_ack]),
+        ("overflow", [n for n, error in enumerate(errors) if error.overflow]),
+    ):
+        if numbers:
+            yield sort, np.isin(group, numbers)
+
+
+def _telling(group: NDArray[np.intp], errors: list[CanError]) -> list[int]:
+    """Which error frames may change the state; of equal ones in a row only the first."""
+    states = [error.state for error in errors]
+    numbers = {state: k for k, state in enumerate(dict.fromkeys(states))}
+    code = np.array([numbers[state] for state in states], np.int64)[group]
+    told = np.flatnonzero(np.isin(code, [k for state, k in numbers.items() if state is not None]))
+    ends = [k for state, k in numbers.items() if state in ("bus-off", "restarted")]
+    changed = np.diff(code[told], prepend=-1) != 0
+    chosen: list[int] = told[changed | np.isin(code[told], ends)].tolist()
+    return chosen
+
+
+def _extend(
+    stretch: ErrorStretch,
+    batch: IndexedBatch,
+    rows: Rows,
+    group: NDArray[np.intp],
+    errors: list[CanError],
+) -> None:
+    stretch.count += len(rows)
+    stretch.end_ns = int(batch.frames.t_ns[rows[-1]])
+    for number, count in zip(*np.unique(group, return_counts=True), strict=True):
+        stretch.kinds[errors[int(number)].words] += int(count)
+    room = MAX_EVIDENCE - len(stretch.evidence)
+    stretch.evidence.extend((batch.seq0 + rows[:room]).tolist())
+
+
+def _add_followers(
+    stretch: ErrorStretch, batch: IndexedBatch, bus: int, rows: Rows, retry_ns: int
+) -> None:
+    """Count which identifier came next after each destroyed frame: its sender tries again."""
+    frames = batch.frames
+    plain = (frames.flags & (FrameFlag.ERROR | FrameFlag.EXTENDED)) == 0
+    mine = np.flatnonzero(plain & (frames.bus == bus))
+    stretch.usual.update(_counts(frames.can_id[mine]))
+    after = np.searchsorted(mine, rows)
+    # Of several destroyed frames before the same one, it is the repetition of the last.
+    last = np.append(after[1:] != after[:-1], True) & (after < len(mine))
+    next_rows = mine[after[last]]
+    soon = frames.t_ns[next_rows] - frames.t_ns[rows[last]] <= retry_ns
+    stretch.followers.update(_counts(frames.can_id[next_rows[soon]]))
+
+
+def _counts(can_id: NDArray[np.uint32]) -> dict[int, int]:
+    found, counts = np.unique(can_id, return_counts=True)
+    return dict(zip(found.tolist(), counts.tolist(), strict=True))
+
+
+def _closed(rows: list[BusStateRow], end_ns: int) -> list[BusStateRow]:
+    """The intervals, the last one up to the end of the capture."""
+    if not rows:
+        return []
+    return [*rows[:-1], replace(rows[-1], end_ns=max(end_ns, rows[-1].start_ns))]

@@ -1,16 +1,23 @@
 """Periods of a node's error control: their median, and two cadences under one number."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from syncline_analyzer.results import Quantiles
+
 MIN_PERIODS = 3
 """Periods that must have been seen before silence means anything (analysis.md 4)."""
 CANDIDATE_RATIO = 1.2
 """Intervals this much longer than the median are looked at again at the end."""
+DOUBLE_WINDOW, DOUBLES_IN_WINDOW = 12, 10
+"""So many of so many intervals in a row alternate: of one producer that jitters, few do."""
 KEPT_DOUBLES = 10
 """Heartbeats in two interleaved cadences whose `seq` is kept."""
+STEP_TOLERANCE = 0.01
+"""Part of a pair of intervals by which a stepped one may be off."""
 TWIN_WINDOWS = (36, 96)
 """Heartbeats in a row that must part into two regular series: soon, and for unlike periods."""
 TWIN_SERIES = 5
@@ -34,11 +41,16 @@ class Periods:
 
     _bins: dict[int, tuple[int, float]] = field(default_factory=dict)
     """Number and sum of the periods in each bin."""
+    _edges: tuple[int, int] | None = None
+    """The shortest and the longest."""
 
     def add(self, periods: Int64s) -> None:
         """Take in further periods, all above 0."""
         if not len(periods):
             return
+        short, long = int(periods.min()), int(periods.max())
+        low, high = self._edges or (short, long)
+        self._edges = (min(low, short), max(high, long))
         numbers = np.floor(np.log(periods) / _BIN).astype(np.int64)
         bins, place, counts = np.unique(numbers, return_inverse=True, return_counts=True)
         sums = np.bincount(place, weights=periods)
@@ -48,15 +60,33 @@ class Periods:
             before = self._bins.get(number, (0, 0.0))
             self._bins[number] = (before[0] + count, before[1] + length)
 
+    @property
+    def count(self) -> int:
+        """Number of periods."""
+        return sum(count for count, _ in self._bins.values())
+
     def median_ns(self) -> int | None:
         """Median of all periods [ns], None without any."""
-        total = sum(count for count, _ in self._bins.values())
-        seen = 0
+        return self.quantile_ns(0.5)
+
+    def quantile_ns(self, share: float) -> int | None:
+        """Period that a share (0..1) of all does not exceed [ns], None without any."""
+        total, seen = self.count, 0
         for _, (count, length) in sorted(self._bins.items()):
             seen += count
-            if 2 * seen >= total:
+            if seen >= share * total:
                 return round(length / count)
         return None
+
+    def quantiles(self, further: Iterable[int] = ()) -> Quantiles | None:
+        """Row of the tables [us], with some further periods [ns]; None without any."""
+        merged = Periods(dict(self._bins), self._edges)
+        merged.add(np.fromiter(further, np.int64))
+        median, p99 = merged.quantile_ns(0.5), merged.quantile_ns(0.99)
+        if median is None or p99 is None or merged._edges is None:
+            return None
+        low, high = merged._edges
+        return Quantiles(low / 1e3, median / 1e3, min(p99, high) / 1e3, high / 1e3)
 
 
 @dataclass(slots=True)
@@ -68,14 +98,21 @@ class Doubles:
     """`seq` of the first of them."""
     span: tuple[int, int] = (0, 0)
     """Time of the first and the last of them."""
+    first_shares: list[float] = field(default_factory=list)
+    """Part that the short interval has of a pair, for the first of them ..."""
+    last_shares: list[float] = field(default_factory=list)
+    """... and for the last."""
+    pair_ns: int = 0
+    """Length of the last pair."""
     _trail: Int64s = field(default_factory=lambda: np.zeros((4, 0), np.int64))
-    """(length, regular, seq, t_ns) of the last two intervals."""
+    """(length, regular, seq, t_ns) of the last intervals."""
 
     def note(self, seq: Int64s, t_ns: Int64s, passed: Int64s, regular: Mask) -> None:
         """Take in the intervals before some messages; `regular` ones are between like messages."""
         news = np.stack((passed, regular.astype(np.int64), seq, t_ns))
         rows = np.concatenate((self._trail, news), axis=1)
-        self._trail = rows[:, -2:]
+        held = self._trail.shape[1]
+        self._trail = rows[:, -DOUBLE_WINDOW - 1 :]
         if rows.shape[1] < 3:
             return
         length, even = rows[0], rows[1] != 0
@@ -87,13 +124,44 @@ class Doubles:
             & (np.abs(length[2:] - length[:-2]) < 0.05 * pair)
             & (np.abs(length[1:-1] - length[:-2]) > 0.1 * pair)
         )
-        found = rows[2:, 2:][:, alternating]
-        if not found.size:
+        window = np.ones(DOUBLE_WINDOW, np.int64)
+        sums = np.convolve(alternating.astype(np.int64), window)[: len(alternating)]
+        steady = alternating & (sums >= DOUBLES_IN_WINDOW)
+        steady[: max(0, held - 2)] = False
+        if not steady.any():
             return
-        first = self.span[0] if self.count else int(found[1, 0])
+        found = rows[2:, 2:][:, steady]
+        first = int(np.flatnonzero(steady)[0])
+        if not self.count:
+            self.count = int(sums[first]) - 1
+            self.span = (int(rows[3, max(0, first - DOUBLE_WINDOW + 3)]), 0)
         self.count += found.shape[1]
         self.at.extend(found[0, : max(0, KEPT_DOUBLES - len(self.at))].tolist())
-        self.span = (first, int(found[1, -1]))
+        self.span = (self.span[0], int(found[1, -1]))
+        pairs = pair[steady]
+        shares = (np.minimum(length[:-2], length[1:-1])[steady] / pairs).tolist()
+        self.first_shares.extend(shares[: max(0, KEPT_DOUBLES - len(self.first_shares))])
+        self.last_shares = [*self.last_shares, *shares][-KEPT_DOUBLES:]
+        self.pair_ns = int(pairs[-1])
+
+    @property
+    def short_ns(self) -> int:
+        """The short intervals at the end [ns]."""
+        shares = self.last_shares or [0.0]
+        return round(sum(shares) / len(shares) * self.pair_ns)
+
+    @property
+    def stepped(self) -> bool:
+        """Whether one producer that a slow task serves would do: long = short + one step.
+
+        Such intervals are k and k + 1 steps long for ever, while two devices drift apart.
+        """
+        if not self.first_shares:
+            return False
+        first, last = (sum(s) / len(s) for s in (self.first_shares, self.last_shares))
+        if abs(first - last) > STEP_TOLERANCE:
+            return False
+        return any(abs(last - k / (2 * k + 1)) <= STEP_TOLERANCE for k in range(1, 5))
 
 
 @dataclass(slots=True)

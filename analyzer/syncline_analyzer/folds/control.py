@@ -1,14 +1,17 @@
 """The control side of a bus in one pass: SDO transfers, NMT states, EMCY and the clock."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.folds.bus_errors import BusErrorFold, BusErrorTable
 from syncline_analyzer.folds.clock import ClockFold, ClockTable
 from syncline_analyzer.folds.emcy import EmcyFold, EmcyTable
+from syncline_analyzer.folds.lss import LssFold, LssTable
 from syncline_analyzer.folds.nmt import NmtFold, NmtTable
+from syncline_analyzer.folds.pdo_length import PdoLengthFold, WrongLength
 from syncline_analyzer.folds.sdo import SdoFold, SdoTable
+from syncline_analyzer.folds.time_stamp import TimeFold, TimeTable
 from syncline_schemas.batch import Gap
 
 
@@ -21,6 +24,9 @@ class ControlTables:
     emcy: EmcyTable
     clock: ClockTable
     bus_errors: BusErrorTable
+    lss: LssTable = field(default_factory=LssTable)
+    time: TimeTable = field(default_factory=TimeTable)
+    lengths: list[WrongLength] = field(default_factory=list)
 
 
 class ControlFold:
@@ -38,6 +44,9 @@ class ControlFold:
         self._nmt = NmtFold(context)
         self._sdo = SdoFold(context)
         self._emcy = EmcyFold(context)
+        self._lss = LssFold(context)
+        self._time = TimeFold(context)
+        self._lengths = PdoLengthFold(context)
 
     def update(self, batch: IndexedBatch) -> None:
         """Take in the next frames."""
@@ -45,10 +54,15 @@ class ControlFold:
         self._bus_errors.update(batch)
         self._sdo.update(batch, self._nmt.update(batch))
         self._emcy.update(batch)
+        self._lss.update(batch)
+        self._time.update(batch)
+        self._lengths.update(batch)
 
     def gap(self, gap: Gap) -> None:
         """Take in that nothing was heard for a while."""
         self._clock.gap(gap)
+        self._bus_errors.gap(gap)
+        self._time.gap(gap)
         self._nmt.gap(gap)
         self._sdo.gap(gap)
 
@@ -66,4 +80,13 @@ class ControlFold:
         alive = {key for key, count in sdo.counts.items() if count.confirmed}
         alive |= {key for key, node in nmt.nodes.items() if node.alive or node.pdos == "bound"}
         emcy = self._emcy.finish(nmt.boot_ups, nmt.canopen, alive)
-        return ControlTables(nmt, sdo, emcy, clock, self._bus_errors.finish())
+        return ControlTables(
+            nmt,
+            sdo,
+            emcy,
+            clock,
+            self._bus_errors.finish(end_ns),
+            self._lss.finish(buses),
+            self._time.finish(buses),
+            self._lengths.finish(),
+        )

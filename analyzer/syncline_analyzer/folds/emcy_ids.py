@@ -1,6 +1,6 @@
-"""Which frames on the predefined EMCY identifiers 081h..0FFh are something else."""
+"""Which frames are EMCYs, and of which node: by 081h..0FFh, and by where 1014h moves them."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from syncline_analyzer.context import Context
 from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.pdo_binding import PdoBindings
-from syncline_schemas.canopen.services import Service
+from syncline_analyzer.service_ids import EMCY, SYNC, changes_of, moved_emcy_id, sync_id
 
 SYNC_BYTES = 1
 """A SYNC is empty or carries its counter (CiA 301 7.2.5); an EMCY has eight bytes."""
@@ -16,60 +16,72 @@ RHYTHM = 8
 """Empty frames from which on a steady rhythm is believed."""
 STEADY_SHARE = 0.9
 """Part of their intervals that lie within half of the median."""
-_EXTENDED = 0x20000000
 
 
 class EmcyIds:
-    """Tells EMCYs from a SYNC that 1005h put on their identifiers, and from PDOs bound to them."""
+    """Tells EMCYs from a SYNC that 1005h put on their identifiers, and from PDOs bound to them.
+
+    An identifier is followed from the frame on that moves it.
+    """
 
     def __init__(self, context: Context) -> None:
         self._context = context
         self._bindings = PdoBindings(context.shadow)
 
-    def rows(self, batch: IndexedBatch) -> NDArray[np.intp]:
-        """(n,) rows of the batch that are EMCYs by their predefined identifiers, in order."""
-        found = batch.rows_of(Service.EMCY)
-        if not len(found):
-            return found
-        other = np.zeros(len(batch), np.bool_)
-        for bus in {bus for bus, can_id in batch.ids() if 0x80 < can_id <= 0xFF}:
-            self._bindings.refresh(bus)
-        for bus, can_id in batch.ids():
-            if 0x80 < can_id <= 0xFF:
+    def frames(self, batch: IndexedBatch) -> tuple[NDArray[np.intp], NDArray[np.uint8]]:
+        """(n,) rows of the batch that are EMCYs, in order, and (n,) the nodes that they are of."""
+        nodes = np.zeros(len(batch), np.uint8)
+        for bus in {bus for bus, _ in batch.ids()}:
+            moved = self._moved_ids(bus)
+            ids = [i for b, i in batch.ids() if b == bus and (0x80 < i <= 0xFF or i in moved)]
+            if ids:
+                self._bindings.refresh(bus)
+            for can_id in ids:
                 rows = batch.rows(bus, can_id)
-                other[rows] = self._others(batch, bus, can_id, rows)
-        return found[~other[found]]
+                nodes[rows] = self._senders(batch, bus, can_id, rows)
+        found = np.flatnonzero(nodes)
+        return found, nodes[found]
 
-    def _others(
+    def _moved_ids(self, bus: int) -> set[int]:
+        """Every identifier to which 1014h ever moved the EMCYs of a node of the bus."""
+        shadow = self._context.shadow
+        found = set()
+        for node in shadow.nodes_of(bus):
+            for seq in [0, *shadow.changes(bus, node, EMCY)]:
+                found.add(moved_emcy_id(shadow, bus, node, seq))
+        return {can_id for can_id in found if can_id is not None}
+
+    def _senders(
         self, batch: IndexedBatch, bus: int, can_id: int, rows: NDArray[np.intp]
-    ) -> NDArray[np.bool_]:
-        """(n,) whether the rows of an identifier are SYNCs or PDOs."""
-        last = batch.seq0 + len(batch)
-        cuts = {seq for node in self._nodes(bus) for seq in self._changes(bus, node)}
-        cuts |= set(self._bindings.cuts(bus, can_id, batch.seq0, last))
-        moments = [batch.seq0, *sorted(seq for seq in cuts if batch.seq0 < seq <= last)]
+    ) -> NDArray[np.uint8]:
+        """(n,) node of each row of an identifier, 0 where the frame is a SYNC or a PDO."""
+        moments = self._moments(bus, can_id, batch.seq0, batch.seq0 + len(batch))
+        sender = np.array([self._sender(bus, can_id, seq) for seq in moments], np.uint8)
         sync = np.array([self._is_sync(bus, can_id, seq) for seq in moments])
-        pdo = np.array([self._is_pdo(bus, can_id, seq) for seq in moments])
         at = np.searchsorted(moments, rows + batch.seq0, side="right") - 1
-        others: NDArray[np.bool_] = pdo[at] | (sync[at] & (batch.frames.dlc[rows] <= SYNC_BYTES))
-        return others
+        empty = batch.frames.dlc[rows] <= SYNC_BYTES
+        return np.where(sync[at] & empty, 0, sender[at]).astype(np.uint8)
 
-    def _changes(self, bus: int, node: int) -> list[int]:
-        return self._context.shadow.changes(bus, node, 0x1005)
+    def _moments(self, bus: int, can_id: int, first: int, last: int) -> list[int]:
+        """`seq` from which on an identifier may mean something else, the first one included."""
+        nodes = self._context.shadow.nodes_of(bus)
+        cuts = set(self._bindings.cuts(bus, can_id, first, last))
+        for index in (SYNC, EMCY):
+            cuts |= changes_of(self._context.shadow, bus, nodes, index, first, last)
+        return [first, *sorted(cuts)]
 
-    def _nodes(self, bus: int) -> Iterator[int]:
-        """Nodes of which the bus or its description tells objects."""
-        name = self._context.bus_name(bus)
-        yield from (node for on, node in self._context.shadow.nodes() if on == bus)
-        yield from (node for on, node in self._context.description.nodes if on in (None, name))
+    def _sender(self, bus: int, can_id: int, seq: int) -> int:
+        shadow = self._context.shadow
+        for node in shadow.nodes_of(bus):
+            if moved_emcy_id(shadow, bus, node, seq) == can_id:
+                return node
+        pdo = self._bindings.owner(bus, can_id, seq)
+        taken = pdo is not None and not pdo.guess
+        return 0 if taken or not 0x80 < can_id <= 0xFF else can_id & 0x7F
 
     def _is_sync(self, bus: int, can_id: int, seq: int) -> bool:
-        values = (self._context.shadow.number(bus, n, 0x1005, 0, seq) for n in self._nodes(bus))
-        return any(v is not None and not v & _EXTENDED and v & 0x7FF == can_id for v in values)
-
-    def _is_pdo(self, bus: int, can_id: int, seq: int) -> bool:
-        pdo = self._bindings.owner(bus, can_id, seq)
-        return pdo is not None and not pdo.guess
+        shadow = self._context.shadow
+        return any(sync_id(shadow, bus, node, seq) == can_id for node in shadow.nodes_of(bus))
 
 
 def beats_like_sync(times_ns: Sequence[int], lengths: Sequence[int]) -> bool:

@@ -16,16 +16,20 @@ from syncline_analyzer.folds.cadence import (
     Twins,
     longer_than_before,
 )
-from syncline_analyzer.folds.nmt_events import Beat, BeatKind, Counts, Pause, Silence
+from syncline_analyzer.folds.guarding import GUARD_ANSWER_NS, Guarding, Talk
+from syncline_analyzer.folds.nmt_events import Beat, BeatKind, Counts, OddMessage, Silence
+from syncline_analyzer.folds.pace import HeartbeatPeriods
 
-GUARD_ANSWER_NS = 100_000_000
-"""A guard answer follows its request within this time; a later frame is a heartbeat [ns]."""
 WINDOW = 15
 """Periods whose median a silence is held against."""
 MAX_EVENTS = 100_000
 """State changes kept per node; more than that is counted only."""
 KEPT_AFTER_MARK = 3
 """State messages kept after an NMT command or a gap, also when they change nothing."""
+MAX_ODD = 100
+"""Messages that are no state, kept one by one per node."""
+ON_TIME = 0.15
+"""Part of its period by which an empty heartbeat may come early or late."""
 
 _HEARTBEAT, _ANSWER, _BOOT_UP, _EMPTY, _REQUEST, _ODD = range(6)
 _KINDS: tuple[BeatKind, ...] = ("heartbeat", "guard answer", "boot-up", "empty")
@@ -96,16 +100,18 @@ class ErrorControl:
     counts: Counts = field(default_factory=Counts)
     beats: list[Beat] = field(default_factory=list)
     silences: list[Silence] = field(default_factory=list)
-    both_at: tuple[int, int] | None = None
-    """(seq, t_ns) of the first remote frame to a node that sends heartbeats."""
+    guarding: Guarding = field(default_factory=Guarding)
+    paces: HeartbeatPeriods = field(default_factory=HeartbeatPeriods)
+    odd: list[OddMessage] = field(default_factory=list)
+    """Data frames on 700h + n that are no error control, the first of them."""
     doubles: Doubles = field(default_factory=Doubles)
     """Heartbeats of one period in two interleaved cadences."""
     twins: Twins = field(default_factory=Twins)
     """The same with two periods."""
-    pauses: list[Pause] = field(default_factory=list)
-    """Stretches without a guard request that are longer than usual."""
     toggle_seqs: list[int] = field(default_factory=list)
     last_beat_ns: int | None = None
+    heard_last_ns: int | None = None
+    """Time of the node's last frame of any kind."""
     _held: Columns | None = None
     _life: _Life | None = None
     _last: tuple[int, int, int] | None = None
@@ -113,24 +119,21 @@ class ErrorControl:
     _state: int = -1
     _toggle: int = -1
     _keep: int = KEPT_AFTER_MARK
-    _request_ns: int | None = None
     _waiting: int = 0
-    _in_row: int = 0
-    """Heartbeats in a row that nobody asked for."""
     _remote_seq: int = -1
     _reset_seq: int = -1
-    _answers_seen: bool = False
     _recent: Int64s = field(default_factory=lambda: np.zeros(0, np.int64))
-    _asked: tuple[Int64s, Int64s] = field(
-        default_factory=lambda: (np.zeros(0, np.int64), np.zeros(0, np.int64))
-    )
-    """(seq, t_ns) of the last guard requests."""
+    _spoken: tuple[Int64s, int] = field(default_factory=lambda: (np.zeros(0, np.int64), 0))
+    """Times of the last states (-1 for one that was asked for), and of the last empty heartbeat."""
     _silences_told: int = 0
     _heard: int | None = None
     """Time of the node's last frame."""
     _heard_before: int | None = None
     """The same ahead of the row that is held back, if there is one."""
     _periods: Periods = field(default_factory=Periods)
+
+    def __post_init__(self) -> None:
+        self.guarding.timed = self.timed
 
     def feed(self, rows: Columns, life: tuple[Int64s, Int64s], marks: list[int]) -> None:
         """Take in the frames of a batch.
@@ -149,7 +152,7 @@ class ErrorControl:
             at = int(np.searchsorted(life[0], self._held.seq[0]))
             self._heard_before = int(life[1][at - 1]) if at else self._heard
         if len(life[0]):
-            self._heard = int(life[1][-1])
+            self._heard = self.heard_last_ns = int(life[1][-1])
         if self._held is None:
             self._heard_before = self._heard
 
@@ -161,18 +164,19 @@ class ErrorControl:
     def gap(self, start_ns: int, next_seq: int) -> None:
         """Nothing follows from the time between the frames around a gap."""
         self.finish(start_ns, next_seq)
-        self._life = self._last = self._request_ns = None
+        self._life = self._last = None
+        self._spoken = (np.zeros(0, np.int64), 0)
         self._heard = self._heard_before = None
         self.twins.cut()
         self._state = self._toggle = -1
         self._keep = KEPT_AFTER_MARK
-        self._in_row = self._waiting = 0
+        self._waiting = 0
 
     def finish(self, end_ns: int, next_seq: int) -> None:
         """Decide what was held back, and look at the silence up to the end or a gap."""
         self._take_held()
-        if len(self._asked[0]):
-            self.pauses.append(Pause(int(self._asked[0][-1]), int(self._asked[1][-1]), None))
+        self.guarding.gap()
+        self.paces.cut()
         if self._life is None or self._last is None or not self.timed:
             return
         self._life.hear(np.array([-1]), np.array([end_ns]))
@@ -184,7 +188,9 @@ class ErrorControl:
 
     def slowest_ns(self) -> int | None:
         """The same, but the slower one of two periods [ns]."""
-        return self.twins.periods_ns[1] if self.twins.periods_ns else self.median_ns()
+        if self.twins.periods_ns:
+            return self.twins.periods_ns[1]
+        return self.paces.halved.period_ns if self.paces.halved else self.median_ns()
 
     @property
     def alive(self) -> bool:
@@ -206,7 +212,7 @@ class ErrorControl:
     def _take(self, rows: Columns, life: tuple[Int64s, Int64s], marks: list[int]) -> None:
         kinds = self._classify(rows, marks)
         requests = rows.seq[kinds == _REQUEST]
-        self._follow_requests(requests, rows.t_ns[kinds == _REQUEST])
+        self._keep_odd(rows, kinds)
         beat_rows = np.flatnonzero(kinds < _REQUEST)
         beats = rows.rows(beat_rows)
         heard_ns = self._heard_before
@@ -217,18 +223,23 @@ class ErrorControl:
     def _classify(self, rows: Columns, marks: list[int]) -> NDArray[np.int8]:
         """Kind of each row; requests that a logger stored as empty data frames are recognised."""
         n = len(rows.seq)
+        resets = [_seq_of(mark) for mark in marks if mark < 0]
+        if not n:
+            self._reset_seq = max([self._reset_seq, *resets])
+            return np.zeros(0, np.int8)
         one_byte = (rows.dlc == 1) & ~rows.remote
         speaks = one_byte & _STATE_BYTES[rows.byte]
-        next_speaks = np.concatenate((speaks[1:], [False])) if n else speaks
         bare = (rows.dlc == 0) & ~rows.remote
-        marked = (np.cumsum(rows.remote) > 0) | (self._remote_seq >= 0)
-        request = rows.remote | (bare & (next_speaks | ~marked))
+        empty = self._empty(rows, speaks, bare)
+        request = rows.remote | (bare & ~empty)
         kinds = np.full(n, _ODD, np.int8)
         kinds[request] = _REQUEST
-        kinds[bare & ~request] = _EMPTY
+        kinds[empty] = _EMPTY
         kinds[speaks] = _HEARTBEAT
-        self._find_answers(rows, request, speaks, kinds)
-        resets = [_seq_of(mark) for mark in marks if mark < 0]
+        talk = np.flatnonzero(request | speaks)
+        toggled = (rows.byte[talk] & 0x80) != 0
+        said = Talk(rows.seq[talk], rows.t_ns[talk], request[talk], rows.remote[talk], toggled)
+        kinds[talk[self.guarding.follow(said)]] = _ANSWER
         for row in np.flatnonzero(one_byte & (rows.byte == 0)).tolist():
             kinds[row] = self._zero_byte(rows, kinds, row, resets)
         if rows.remote.any():
@@ -236,30 +247,47 @@ class ErrorControl:
         self._reset_seq = max([self._reset_seq, *resets])
         return kinds
 
-    def _find_answers(
-        self, rows: Columns, request: Mask, speaks: Mask, kinds: NDArray[np.int8]
-    ) -> None:
-        """Mark the guard answers: the message right after a request, soon enough."""
-        n = len(rows.seq)
-        if not n or not (request.any() or self._request_ns is not None):
-            if n:
-                self._in_row += int(np.count_nonzero(speaks))
-            return
-        for row in np.flatnonzero(request | speaks).tolist():
-            t_ns = int(rows.t_ns[row])
-            if request[row]:
-                self._request_ns = t_ns
-                if self._in_row >= MIN_PERIODS and self.both_at is None and rows.remote[row]:
-                    self.both_at = (int(rows.seq[row]), t_ns)
+    def _empty(self, rows: Columns, speaks: Mask, bare: Mask) -> Mask:
+        """Frames without data that are heartbeats; the others are requests, stored without RTR.
+
+        Once a log holds a remote frame it does not store others as data frames, so a frame without
+        data is an empty heartbeat unless a state follows at once. Where it holds none, the empty
+        ones are those that come just when heartbeats were due that do not come.
+        """
+        waited = np.diff(rows.t_ns, append=rows.t_ns[-1:])
+        soon = (waited <= GUARD_ANSWER_NS) | (not self.timed)
+        answered = bare & np.concatenate((speaks[1:], [False])) & soon
+        marked = (np.cumsum(rows.remote) > 0) | (self._remote_seq >= 0)
+        return (bare & marked & ~answered) | self._in_place(rows, speaks, bare & ~marked, answered)
+
+    def _in_place(self, rows: Columns, speaks: Mask, bare: Mask, answered: Mask) -> Mask:
+        """Frames without data in the place of heartbeats, whose period they keep."""
+        found = np.zeros(len(bare), np.bool_)
+        asked = np.concatenate(([False], answered[:-1]))[speaks]
+        unasked = np.concatenate((self._spoken[0], np.where(asked, -1, rows.t_ns[speaks])))
+        held = len(self._spoken[0])
+        before = np.cumsum(speaks) + held
+        last_found = self._spoken[1]
+        for row in np.flatnonzero(bare & ~answered).tolist() if self.timed else ():
+            last = unasked[max(0, before[row] - MIN_PERIODS - 1) : before[row]]
+            if len(last) <= MIN_PERIODS or (last < 0).any():
                 continue
-            asked, self._request_ns = self._request_ns, None
-            soon = asked is not None and (not self.timed or t_ns - asked <= GUARD_ANSWER_NS)
-            if soon and (rows.byte[row] & 0x80 or self._in_row < MIN_PERIODS):
-                kinds[row] = _ANSWER
-                self._answers_seen = True
-                self._in_row = 0
-            else:
-                self._in_row += 1
+            period = int(np.median(np.diff(last)))
+            due = max(int(last[-1]), last_found) + period
+            if abs(int(rows.t_ns[row]) - due) <= ON_TIME * period:
+                found[row], last_found = True, int(rows.t_ns[row])
+        self._spoken = (unasked[-MIN_PERIODS - 1 :], last_found)
+        return found
+
+    def _keep_odd(self, rows: Columns, kinds: NDArray[np.int8]) -> None:
+        for row in np.flatnonzero(kinds == _ODD)[: MAX_ODD - len(self.odd)].tolist():
+            length = int(rows.dlc[row])
+            what = (
+                f"state byte {int(rows.byte[row]):02X}h"
+                if length == 1
+                else f"{length} instead of 1 byte"
+            )
+            self.odd.append(OddMessage(int(rows.seq[row]), int(rows.t_ns[row]), what))
 
     def _zero_byte(
         self, rows: Columns, kinds: NDArray[np.int8], row: int, resets: list[int]
@@ -272,7 +300,7 @@ class ErrorControl:
         remote = rows.seq[:row][rows.remote[:row]]
         last_remote = max(self._remote_seq, int(remote[-1]) if len(remote) else -1)
         last_reset = max([self._reset_seq, *(r for r in resets if r < seq)])
-        if last_remote <= last_reset or (self._answers_seen and not self.counts.empty):
+        if last_remote <= last_reset or (self.guarding.answers_seen and not self.counts.empty):
             self._reset_seq = seq
             return _BOOT_UP
         talked = self.counts.heartbeats or bool((kinds[:row] == _HEARTBEAT).any())
@@ -335,6 +363,9 @@ class ErrorControl:
         self.doubles.note(beats.seq[ends], beats.t_ns[ends], passed, steady)
         self.twins.note(beats.seq[ends], beats.t_ns[ends], steady)
         rows = longer_than_before(passed, recent, known)
+        late = np.zeros(len(passed), np.bool_)
+        late[rows] = known[rows] >= MIN_PERIODS
+        self.paces.note(beats.seq[ends], beats.t_ns[ends], passed, steady, late)
         offset = n - len(passed)
         done = 0
         life_seq, life_ns = life
@@ -349,19 +380,6 @@ class ErrorControl:
         self._hear_rest(beats, kinds, life_seq, life_ns, requests)
         self._periods.add(passed[regular])
         self._recent = recent[-WINDOW:]
-
-    def _follow_requests(self, seq: Int64s, t_ns: Int64s) -> None:
-        """Note where the guarding master paused."""
-        if not self.timed or not len(seq):
-            return
-        seqs, times = (np.concatenate(pair) for pair in zip(self._asked, (seq, t_ns), strict=True))
-        passed = np.diff(times)
-        known = np.arange(len(passed))
-        fresh = known >= len(self._asked[0]) - 1
-        for row in longer_than_before(passed, passed, known).tolist():
-            if fresh[row] and row >= MIN_PERIODS and len(self.pauses) < MAX_EVENTS:
-                self.pauses.append(Pause(int(seqs[row]), int(times[row]), int(times[row + 1])))
-        self._asked = (seqs[-MIN_PERIODS - 1 :], times[-MIN_PERIODS - 1 :])
 
     def _silence_before(
         self,

@@ -8,13 +8,20 @@ from numpy.typing import NDArray
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.folds.block import Block
-from syncline_analyzer.results import BusLoadRow, Series
+from syncline_analyzer.results import BusLoadRow, OverloadRow, Series
 from syncline_analyzer.series import Columns, Thinner
 from syncline_schemas.batch import FrameFlag
 
 WINDOW_NS = 1_000_000_000
 MAX_POINTS = 20_000
 """Windows that are kept for the plot."""
+OVERLOAD_PERCENT = 90.0
+"""Load from which on frames of low priority wait for long."""
+OVERLOAD_WINDOWS = 3
+"""So many such windows in a row are an overload."""
+_POSSIBLE_PERCENT = 101.0
+"""A higher load is no load: the recorder stamped late what it had kept."""
+MAX_OVERLOADS = 1000
 _STEP_BACK_NS = 100_000_000
 """A larger step back of the clock starts a new stretch of windows."""
 
@@ -35,6 +42,8 @@ class _State:
     window_bits: int = 0
     peak_bits: int | None = None
     over_time: Thinner = field(default_factory=lambda: Thinner("bits", MAX_POINTS))
+    full: list[OverloadRow] = field(default_factory=list)
+    """Windows that are nearly full, joined where they follow one another."""
 
 
 class LoadFold:
@@ -62,7 +71,7 @@ class LoadFold:
         back = np.flatnonzero(np.diff(t_ns) < -_STEP_BACK_NS) + 1
         edges = [0, *back.tolist(), len(t_ns)]
         for first, stop in pairwise(edges):
-            self._stretch(state, t_ns[first:stop], bits[first:stop])
+            self._stretch(bus, state, t_ns[first:stop], bits[first:stop])
 
     def gap(self, bus: int | None) -> None:
         """Close the windows: what lies in a gap is not load."""
@@ -81,7 +90,19 @@ class LoadFold:
                 series.append(self._series(bus, state, columns["t_ns"], columns))
         return rows, series
 
-    def _stretch(self, state: _State, t_ns: NDArray[np.int64], bits: NDArray[np.int64]) -> None:
+    def overloads(self) -> list[OverloadRow]:
+        """Stretches of at least `OVERLOAD_WINDOWS` windows that are nearly full."""
+        shortest_ns = OVERLOAD_WINDOWS * WINDOW_NS
+        return [
+            row
+            for _, state in sorted(self._states.items())
+            for row in state.full
+            if row.end_ns - row.start_ns >= shortest_ns and not state.switched_rate
+        ]
+
+    def _stretch(
+        self, bus: int, state: _State, t_ns: NDArray[np.int64], bits: NDArray[np.int64]
+    ) -> None:
         """Frames whose stamps run forward."""
         if state.origin_ns is not None and t_ns[0] < state.last_ns - _STEP_BACK_NS:
             _close(state)
@@ -105,6 +126,9 @@ class LoadFold:
             frames = np.concatenate(([state.window_frames], frames))
             sums = np.concatenate(([state.window_bits], sums))
         _add_windows(state, numbers[:-1], frames[:-1], sums[:-1])
+        bitrate = self._bitrate(bus, state)
+        if bitrate:
+            _add_full(state, self._context.bus_name(bus), numbers[:-1], 100 * sums[:-1] / bitrate)
         state.window = int(numbers[-1])
         state.window_frames, state.window_bits = int(frames[-1]), int(sums[-1])
 
@@ -155,6 +179,33 @@ def _add_windows(
             "bits": np.concatenate([bits, none])[order].astype(np.float64),
         }
     )
+
+
+def _add_full(
+    state: _State, bus: str, numbers: NDArray[np.int64], percent: NDArray[np.float64]
+) -> None:
+    """Join whole windows that are nearly full to stretches."""
+    assert state.origin_ns is not None
+    full = np.flatnonzero((percent >= OVERLOAD_PERCENT) & (percent <= _POSSIBLE_PERCENT))
+    for at in full.tolist():
+        start_ns = state.origin_ns + int(numbers[at]) * WINDOW_NS
+        last = state.full[-1] if state.full else None
+        if last is not None and last.end_ns == start_ns:
+            seconds = (last.end_ns - last.start_ns) / WINDOW_NS
+            mean = (last.percent * seconds + float(percent[at])) / (seconds + 1)
+            state.full[-1] = OverloadRow(bus, last.start_ns, start_ns + WINDOW_NS, mean)
+        else:
+            _drop_short(state.full)
+            if len(state.full) < MAX_OVERLOADS:
+                state.full.append(
+                    OverloadRow(bus, start_ns, start_ns + WINDOW_NS, float(percent[at]))
+                )
+
+
+def _drop_short(full: list[OverloadRow]) -> None:
+    """Leave out the last stretch if it ended too soon to count."""
+    if full and full[-1].end_ns - full[-1].start_ns < OVERLOAD_WINDOWS * WINDOW_NS:
+        full.pop()
 
 
 def _close(state: _State) -> None:

@@ -9,38 +9,45 @@ import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.context import Context
+from syncline_analyzer.distribution import Distribution
 from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.folds.cadence import Doubles, Twins
 from syncline_analyzer.folds.clock import ClockTable
 from syncline_analyzer.folds.emcy_ids import SYNC_BYTES
 from syncline_analyzer.folds.error_control import Columns, ErrorControl, reset_mark
+from syncline_analyzer.folds.guarding import Guarding
 from syncline_analyzer.folds.nmt_events import (
+    Beat,
     Command,
     Counts,
     Interval,
-    Lateness,
     NodeHistory,
     OddCommand,
-    Pause,
+    OddMessage,
+    OffPace,
     PdoSpan,
     Violation,
 )
+from syncline_analyzer.folds.nmt_measures import Measures
 from syncline_analyzer.folds.nmt_timeline import Timeline
+from syncline_analyzer.folds.pace import HeartbeatPeriods, Late
+from syncline_analyzer.folds.pdo_spans import PdoSpans
 from syncline_analyzer.folds.sdo import Reset
 from syncline_analyzer.pdo_binding import Pdo, PdoBindings
-from syncline_analyzer.results import NmtCommandRow, NmtStateRow
+from syncline_analyzer.results import NmtCommandRow, NmtStateRow, Quantiles
 from syncline_schemas.batch import FrameFlag, Gap
 from syncline_schemas.canopen.nmt import COMMANDS, NmtState, command_name
 from syncline_schemas.canopen.services import Service
+from syncline_schemas.devices import quirks
 
 RESETS = (0x81, 0x82)
 SYNC_ID = 0x080
 MAX_NODE = 127
 MAX_ODD = 1000
 """Frames on 000h that are no NMT commands and are kept one by one."""
-MAX_SPANS = 20_000
-"""Stretches of PDOs kept per node."""
 
+_ON_COMMAND = (0x04, 0x05)
+"""State bytes of STOPPED and OPERATIONAL, into which a node does not boot."""
 _NOT_PDO = (Service.EMCY, Service.SDO_ANSWER, Service.ERROR_CONTROL)
 
 NodeKey = tuple[int, int]
@@ -50,7 +57,8 @@ NodeKey = tuple[int, int]
 class BootUp(NamedTuple):
     """A boot-up of a node and the reset that explains it, if any.
 
-    `repeated` marks the second frame of a pair that one start of the device sends.
+    `repeated` marks the second frame of a pair that one start of the device sends; `blind` that
+    nothing was heard of the node between a gap or a silence of the whole bus and this.
     """
 
     bus: str
@@ -61,6 +69,7 @@ class BootUp(NamedTuple):
     command_seq: int | None
     command_ns: int | None
     repeated: bool
+    blind: bool
 
 
 @dataclass(slots=True)
@@ -72,14 +81,23 @@ class NodeNmt:
     share: dict[str, float] = field(default_factory=dict)
     final_state: str = NmtState.UNKNOWN.value
     alive: bool = False
-    both_at: tuple[int, int] | None = None
+    period_us: Quantiles | None = None
+    """Of the heartbeat, without what silences, gaps and resets explain."""
+    confirmed_ms: Quantiles | None = None
+    boot_ms: Quantiles | None = None
+    guarding: Guarding = field(default_factory=Guarding)
+    paces: HeartbeatPeriods = field(default_factory=HeartbeatPeriods)
+    late: list[Late] = field(default_factory=list)
+    """Heartbeats that came late while nothing explains it."""
+    odd: list[OddMessage] = field(default_factory=list)
     doubles: Doubles = field(default_factory=Doubles)
     twins: Twins = field(default_factory=Twins)
-    pauses: list[Pause] = field(default_factory=list)
     toggle_seqs: list[int] = field(default_factory=list)
     violations: list[Violation] = field(default_factory=list)
-    late: Lateness | None = None
-    """Heartbeats that come more slowly than 1017h says."""
+    heard_ns: int | None = None
+    """Time of its last frame."""
+    off_pace: list[OffPace] = field(default_factory=list)
+    """Stretches in which the heartbeat comes more slowly or faster than 1017h says."""
     pdos: Literal["no", "guess", "bound"] = "no"
     """Whether the node sends PDOs, and whether only their predefined identifiers say so."""
 
@@ -119,13 +137,14 @@ class NmtFold:
         self._malformed = 0
         self._odd: list[OddCommand] = []
         self._control: dict[NodeKey, ErrorControl] = {}
-        self._pdos: dict[NodeKey, _Pdos] = {}
+        self._pdos: dict[NodeKey, PdoSpans] = {}
         self._gaps: dict[int | None, list[tuple[int, Gap]]] = {}
         self._synced: set[int] = set()
         self._cut_beats: dict[NodeKey, int] = {}
         self._next_seq = 0
         self._bindings = PdoBindings(context.shadow)
         self._errors: Mapping[NodeKey, Sequence[int]] = {}
+        self._measures: dict[NodeKey, Measures] = {}
 
     def update(self, batch: IndexedBatch) -> list[Reset]:
         """Take in the next frames; tells the resets among them, in order of their rows."""
@@ -186,7 +205,7 @@ class NmtFold:
             alone = sum(bus == key[0] for bus, _ in told) == 1
             self._tell(table, key, spans.get(key, []), end_ns, clock, alone)
         for bus, commands in sorted(self._commands.items()):
-            table.commands.extend(self._command_row(bus, command, table) for command in commands)
+            table.commands.extend(self._command_row(bus, command) for command in commands)
         table.commands.sort(key=lambda row: row.seq)
         return table
 
@@ -225,7 +244,7 @@ class NmtFold:
                 specifier, node = batch.frames.data[row, :2].tolist()
                 kept.append(Command(batch.seq(row), int(batch.frames.t_ns[row]), specifier, node))
                 if specifier in RESETS:
-                    resets.append(Reset(row, bus, node))
+                    resets.append(Reset(row, bus, node, specifier))
         return resets
 
     def _take_odd(self, batch: IndexedBatch, bus: int, rows: NDArray[np.intp]) -> None:
@@ -272,15 +291,35 @@ class NmtFold:
         remote = (frames.flags[control_rows] & FrameFlag.REMOTE) != 0
         seq = control_rows.astype(np.int64) + batch.seq0
         columns = Columns(seq, frames.t_ns[control_rows], remote, frames.dlc[control_rows], data)
-        alive = rows[(frames.flags[rows] & FrameFlag.REMOTE) == 0]
+        # A request that a logger stored as a data frame without data is no sign of life.
+        bare = (batch.service[rows] == Service.ERROR_CONTROL) & (frames.dlc[rows] == 0)
+        alive = rows[((frames.flags[rows] & FrameFlag.REMOTE) == 0) & ~bare]
         life = (alive.astype(np.int64) + batch.seq0, frames.t_ns[alive])
         seen = len(control.beats)
         control.feed(columns, life, self._marks(batch, key))
+        fresh = control.beats[seen:]
+        before = [control.beats[seen - 1] if seen else None, *fresh]
         return [
             Reset(max(0, beat.seq - batch.seq0), *key)
-            for beat in control.beats[seen:]
-            if beat.kind == "boot-up"
+            for last, beat in zip(before, fresh, strict=False)
+            if beat.kind == "boot-up" or (last is not None and self._restarts(key, last, beat))
         ]
+
+    def _restarts(self, key: NodeKey, last: Beat, beat: Beat) -> bool:
+        """Whether a heartbeat is the boot-up of a device that starts with its state byte.
+
+        It falls to that state without a command, and not by its own error reaction 1029h:1 = 0.
+        """
+        shadow = self._context.shadow
+        if beat.state == 0 or beat.state not in quirks(shadow.device(*key)).bootup_bytes:
+            return False
+        if (last.kind, beat.kind) != ("heartbeat", "heartbeat") or last.state not in _ON_COMMAND:
+            return False
+        told = any(
+            last.seq < command.seq < beat.seq and command.node in (0, key[1])
+            for command in reversed(self._commands.get(key[0], []))
+        )
+        return not told and shadow.confirmed(*key, 0x1029, 1, beat.seq) != 0
 
     def _marks(self, batch: IndexedBatch, key: NodeKey) -> list[int]:
         """Marks of the commands of this batch that concern a node."""
@@ -305,7 +344,7 @@ class NmtFold:
                 continue
             key = (number >> 7, number & 0x7F)
             if key not in self._pdos:
-                self._pdos[key] = _Pdos()
+                self._pdos[key] = PdoSpans()
                 self._pdos[key].cut(self._cuts(batch, key))
             asked_for = can_id in remote_ids
             self._pdos[key].take(can_id, rows + batch.seq0, batch.frames.t_ns[rows], asked_for)
@@ -352,11 +391,14 @@ class NmtFold:
             first_ns=self._first_ns or 0,
             end_ns=end_ns,
             period_ns=control.slowest_ns(),
+            guard_period_ns=control.guarding.periods.median_ns(),
+            paces=control.paces.paces,
             alone=alone,
             communication_errors=self._errors.get(key, ()),
         )
         timeline = Timeline(self._context, history, clock)
         table.timelines[key] = timeline
+        measures = self._measures[key] = Measures(self._context, timeline)
         bus = self._context.bus_name(key[0])
         table.states.extend(
             NmtStateRow(
@@ -375,22 +417,28 @@ class NmtFold:
             share=_shares(timeline.intervals),
             final_state=timeline.intervals[-1].state.value if timeline.intervals else "UNKNOWN",
             alive=control.alive,
-            both_at=control.both_at,
+            period_us=control.paces.quantiles(measures.explains),
+            confirmed_ms=_quantiles_ms(measures.confirmations()),
+            boot_ms=_quantiles_ms(measures.boot_times()),
+            guarding=control.guarding,
+            paces=control.paces,
+            late=[late for late in control.paces.late if not measures.explains(late)],
+            odd=control.odd,
             doubles=control.doubles,
             twins=control.twins,
-            pauses=control.pauses,
             toggle_seqs=control.toggle_seqs,
             violations=timeline.violations,
-            late=timeline.late,
+            heard_ns=control.heard_last_ns,
+            off_pace=timeline.off_pace,
             pdos="no" if not spans else "guess" if all(s.guess for s in spans) else "bound",
         )
 
-    def _command_row(self, bus: int, command: Command, table: NmtTable) -> NmtCommandRow:
+    def _command_row(self, bus: int, command: Command) -> NmtCommandRow:
         if command.node:
-            timeline = table.timelines.get((bus, command.node))
-            confirmed = timeline.confirmed(command) if timeline else None
+            measures = self._measures.get((bus, command.node))
+            confirmed = measures.confirmed(command) if measures else None
         else:
-            confirmed = self._broadcast_confirmed(bus, command, table)
+            confirmed = self._broadcast_confirmed(bus, command)
         timed = self._context.timed and confirmed is not None
         return NmtCommandRow(
             self._context.bus_name(bus),
@@ -401,60 +449,21 @@ class NmtFold:
             (confirmed or 0) / 1e6 if timed else None,
         )
 
-    def _broadcast_confirmed(self, bus: int, command: Command, table: NmtTable) -> int | None:
+    def _broadcast_confirmed(self, bus: int, command: Command) -> int | None:
         """Time until the last node of the bus confirmed; None when one of them did not."""
         times = [
-            timeline.confirmed(command)
-            for (on, _), timeline in table.timelines.items()
-            if on == bus and timeline.listens(command)
+            measures.confirmed(command)
+            for (on, _), measures in self._measures.items()
+            if on == bus and measures.listens(command)
         ]
         told = [time for time in times if time is not None]
         return max(told) if told and len(told) == len(times) else None
 
 
-class _Pdos:
-    """PDOs of one node between the events that may change its state."""
-
-    def __init__(self) -> None:
-        self._open: dict[int, PdoSpan] = {}
-        self._closed: list[PdoSpan] = []
-        self._cuts: list[tuple[int, int]] = []
-
-    def cut(self, cuts: list[tuple[int, int]]) -> None:
-        """Take in (seq, t_ns) of what may change the state; only the last one before lives on."""
-        self._cuts = sorted([*self._cuts[-1:], *cuts])
-
-    def take(
-        self, can_id: int, seq: NDArray[np.intp], t_ns: NDArray[np.int64], asked: bool
-    ) -> None:
-        """Take in the rows of one identifier; `asked` when remote frames asked for it."""
-        part = np.searchsorted([cut[0] for cut in self._cuts], seq)
-        edges = np.flatnonzero(np.diff(part)) + 1
-        for rows in np.split(np.arange(len(seq)), edges):
-            number = int(part[rows[0]])
-            since = self._cuts[number - 1] if number else None
-            begun = self._open.get(can_id)
-            if begun is None or since != begun.since:
-                if begun is not None:
-                    self._close(begun)
-                begun = PdoSpan(can_id, since, asked)
-                self._open[can_id] = begun
-            begun.extend(seq[rows], t_ns[rows])
-            begun.asked = begun.asked or asked
-
-    def close(self) -> None:
-        """End all stretches, as at a gap."""
-        for span in self._open.values():
-            self._close(span)
-        self._open.clear()
-
-    def spans(self) -> list[PdoSpan]:
-        """All stretches in order of their first frame."""
-        return sorted([*self._closed, *self._open.values()], key=lambda span: span.first_seq)
-
-    def _close(self, span: PdoSpan) -> None:
-        if len(self._closed) < MAX_SPANS:
-            self._closed.append(span)
+def _quantiles_ms(times_ns: list[int]) -> Quantiles | None:
+    found = Distribution()
+    found.add(np.array(times_ns, np.int64))
+    return found.quantiles(1e6)
 
 
 def _wrong_with(data: bytes) -> str:

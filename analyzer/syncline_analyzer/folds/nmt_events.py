@@ -7,6 +7,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from syncline_analyzer.folds.pace import Pace
 from syncline_schemas.batch import Gap
 from syncline_schemas.canopen.nmt import NmtState
 
@@ -56,6 +57,23 @@ class Pause(NamedTuple):
     start_seq: int
     start_ns: int
     end_ns: int | None
+
+
+class Unanswered(NamedTuple):
+    """Guard requests in a row without an answer; the next message came at `end_ns`."""
+
+    seq: int
+    start_ns: int
+    end_ns: int
+    number: int
+
+
+class OddMessage(NamedTuple):
+    """A data frame on a node's error-control identifier that is none, and what is wrong with it."""
+
+    seq: int
+    t_ns: int
+    what: str
 
 
 @dataclass(slots=True)
@@ -139,6 +157,8 @@ class NodeHistory:
     first_ns: int
     end_ns: int
     period_ns: int | None
+    guard_period_ns: int | None = None
+    paces: Sequence[Pace] = ()
     alone: bool = False
     """Whether no other node is known on its bus."""
     communication_errors: Sequence[int] = ()
@@ -170,12 +190,16 @@ class Violation(NamedTuple):
     certainty: str
 
 
-class Lateness(NamedTuple):
-    """A heartbeat that comes more slowly than 1017h says [ms]."""
+class OffPace(NamedTuple):
+    """Heartbeats that come more slowly or faster than 1017h says."""
 
     producer_ms: int
-    median_ms: float
+    median_ns: int
     source: str
+    first_seq: int
+    last_seq: int
+    start_ns: int
+    end_ns: int
 
 
 class Lost(NamedTuple):
@@ -202,7 +226,10 @@ class Ignored(NamedTuple):
 
 
 class BootUpEvent(NamedTuple):
-    """A boot-up: (seq, t_ns, byte, seq and time of the reset command before it, repeated)."""
+    """A boot-up: (seq, t_ns, byte, seq and time of the reset command before it, repeated, blind).
+
+    `blind`: nothing was heard of the node between a gap or a silence of the whole bus and this.
+    """
 
     seq: int
     t_ns: int
@@ -210,3 +237,4 @@ class BootUpEvent(NamedTuple):
     command_seq: int | None
     command_ns: int | None
     repeated: bool
+    blind: bool

@@ -20,7 +20,8 @@ from syncline_analyzer.folds.nmt_events import (
     Silence,
     Violation,
 )
-from syncline_analyzer.folds.nmt_timeout import lateness, silence_limit
+from syncline_analyzer.folds.nmt_timeout import off_pace, silence_limit
+from syncline_analyzer.folds.quiet import Quiet
 from syncline_schemas.batch import Gap
 from syncline_schemas.canopen.nmt import (
     STATE_AFTER_COMMAND,
@@ -70,6 +71,8 @@ class _Cursor:
     """The first of equal commands, of which that is the last."""
     boot_ns: int | None = None
     reset: Command | None = None
+    blind: bool = False
+    """Nothing was heard of the node since a gap or a silence of the whole bus."""
 
 
 class Timeline:
@@ -79,6 +82,7 @@ class Timeline:
         self._context = context
         self.history = history
         self._clock = clock
+        self.quiet = Quiet(clock.silences.get(history.bus, ()))
         self._quirks = quirks(context.shadow.device(history.bus, history.node))
         self._seqs = [beat.seq for beat in history.beats]
         self.intervals: list[Interval] = []
@@ -90,7 +94,7 @@ class Timeline:
         self.ignored: list[Ignored] = []
         self.changes: list[tuple[int, int, str, str]] = []
         """(seq, t_ns, from, to) of changes that the node reported without a command for them."""
-        self.late = lateness(context, history)
+        self.off_pace = off_pace(context, history)
         self.followed = False
         """Whether the node ever did what a command said; the NMT master itself does not."""
         self._heard = False
@@ -101,29 +105,6 @@ class Timeline:
         for _, _, event in sorted(self._events(), key=lambda entry: entry[:2]):
             self._take(event)
         self._close(history.end_ns)
-
-    def listens(self, command: Command) -> bool:
-        """Whether the node was there to hear a command: known before it, and not LOST."""
-        before = bisect_left(self._seqs, command.seq)
-        gone = [*self.lost, *self.restarts]
-        away = any(lost.start_ns <= command.t_ns < lost.end_ns for lost in gone)
-        return before > 0 and not away
-
-    def confirmed(self, command: Command) -> int | None:
-        """Time from a command to the first message that confirms it [ns], None without one."""
-        wanted = STATE_AFTER_COMMAND.get(command.specifier)
-        if wanted is None:
-            return None
-        later = [c for c in self.history.commands if c.seq > command.seq]
-        stop = next((c.seq for c in later if STATE_AFTER_COMMAND.get(c.specifier) != wanted), None)
-        boots = {boot.seq for boot in self.boot_ups}
-        for beat in self.history.beats[bisect_right(self._seqs, command.seq) :]:
-            if stop is not None and beat.seq > stop:
-                return None
-            reached = beat.seq in boots if command.specifier in _RESETS else _state(beat) is wanted
-            if reached:
-                return max(0, beat.t_ns - command.t_ns)
-        return None
 
     def _events(self) -> Iterator[tuple[int, int, object]]:
         """(seq, order, event): commands before beats, silences before the frame that ends them."""
@@ -222,15 +203,16 @@ class Timeline:
 
     def _beat(self, beat: Beat) -> None:
         self._heard = True
+        blind, self._now.blind = self._now.blind, False
         if self._is_boot_up(beat):
-            self._boot_up(beat)
+            self._boot_up(beat, blind)
             return
         if beat.kind == "empty":
             if self._now.state is not NmtState.UNKNOWN:
                 cause = "alive, but its state byte is empty since a remote frame asked for it"
                 self._begin(NmtState.UNKNOWN, beat.t_ns, cause, "observed", beat.seq)
             return
-        state = _state(beat)
+        state = state_of(beat)
         if state is None:
             return
         now, last = self._now, self.intervals[-1]
@@ -288,8 +270,9 @@ class Timeline:
         if patience is None or not self._context.timed:
             return
         if command.specifier in _RESETS:
-            patience = max(patience, self._reset_quiet_ns())
-        if beat.t_ns - command.t_ns > patience:
+            patience = max(patience, self.reset_quiet_ns)
+        passed = beat.t_ns - command.t_ns
+        if passed - self.quiet.within(command.t_ns, beat.t_ns) > patience:
             self.ignored.append(Ignored(command, beat.seq, beat.t_ns, state.value))
             self._now.command = None
 
@@ -344,12 +327,10 @@ class Timeline:
             return True
         return any(beat.seq < command.seq < other for command in history.commands)
 
-    def _boot_up(self, beat: Beat) -> None:
+    def _boot_up(self, beat: Beat, blind: bool) -> None:
         now = self._now
         reset = now.reset
-        commanded = reset is not None and (
-            not self._context.timed or 0 <= beat.t_ns - reset.t_ns <= RESET_WINDOW_NS
-        )
+        commanded = reset is not None and self._soon_after(reset, beat)
         repeated = (
             self._context.timed
             and now.boot_ns is not None
@@ -357,7 +338,8 @@ class Timeline:
             and now.reset is None
         )
         seq, t_ns = (reset.seq, reset.t_ns) if reset and commanded else (None, None)
-        self.boot_ups.append(BootUpEvent(beat.seq, beat.t_ns, beat.state, seq, t_ns, repeated))
+        event = BootUpEvent(beat.seq, beat.t_ns, beat.state, seq, t_ns, repeated, blind)
+        self.boot_ups.append(event)
         if not repeated:
             if now.state not in (NmtState.INITIALISING, NmtState.LOST, NmtState.UNKNOWN):
                 cause = "it started anew without a command, some time after its last sign of life"
@@ -369,7 +351,15 @@ class Timeline:
         self.followed = self.followed or commanded
         now.boot_ns, now.reset, now.command = beat.t_ns, None, None
 
+    def _soon_after(self, reset: Command, beat: Beat) -> bool:
+        """Whether a boot-up is the effect of a reset; a step of the clock in between is no time."""
+        passed = beat.t_ns - reset.t_ns
+        if not self._context.timed or passed <= RESET_WINDOW_NS:
+            return True
+        return passed - self.quiet.within(reset.t_ns, beat.t_ns) <= RESET_WINDOW_NS
+
     def _pdos(self, span: PdoSpan) -> None:
+        self._now.blind = False
         now, last = self._now, self.intervals[-1]
         fresh = now.state is NmtState.PRE_OPERATIONAL and last.evidence == self._fresh_seq
         if now.state in (NmtState.UNKNOWN, NmtState.LOST) or fresh:
@@ -395,12 +385,13 @@ class Timeline:
         now = self._now
         start = silence.start_ns + timeout_ns
         if now.state is NmtState.INITIALISING:
-            quiet = self._reset_quiet_ns()
+            quiet = self.reset_quiet_ns
             since = now.reset.t_ns if now.reset else silence.start_ns
-            if silence.end_ns - since <= quiet:
+            passed = silence.end_ns - since
+            if passed - self.quiet.within(since, silence.end_ns) <= quiet:
                 return
             start = max(start, since + quiet)
-        whole = self._of_the_bus(silence)
+        whole = self._of_the_bus(silence, timeout_ns)
         before = now.state.value
         now.command = None
         if self._is_restart(silence, whole):
@@ -415,6 +406,7 @@ class Timeline:
                 "no frame of anybody on the bus: switched off, not recorded, or the clock stepped"
             )
             self._begin(NmtState.UNKNOWN, start, cause, "assumed", None)
+            now.blind = True
             return
         cause = f"silent for {(silence.end_ns - silence.start_ns) / 1e9:.3f} s, {reason}"
         if whole:
@@ -431,10 +423,14 @@ class Timeline:
         at = bisect_left(self._seqs, seq)
         return at < len(self._seqs) and self._seqs[at] == seq
 
-    def _of_the_bus(self, silence: Silence) -> bool:
-        bus = self._clock.silence_within(self.history.bus, silence.start_ns, silence.end_ns)
+    def _of_the_bus(self, silence: Silence, timeout_ns: int) -> bool:
+        """Whether nobody was heard for most of a silence, or for what makes it too long."""
         passed = silence.end_ns - silence.start_ns
-        return bus is not None and bus.end_ns - bus.start_ns >= BUS_SHARE * passed
+        bus = self._clock.silence_within(self.history.bus, silence.start_ns, silence.end_ns)
+        if bus is not None and bus.end_ns - bus.start_ns >= BUS_SHARE * passed:
+            return True
+        nobody = self.quiet.within(silence.start_ns, silence.end_ns)
+        return nobody > 0 and passed - nobody <= timeout_ns
 
     def _is_restart(self, silence: Silence, whole: bool) -> bool:
         """Whether an unasked boot-up ends a silence no longer than a restart may take."""
@@ -468,8 +464,11 @@ class Timeline:
         cause = f"the recorder was blind ({gap.reason}); nothing heard since"
         self._begin(NmtState.UNKNOWN, gap.start_ns, cause, "assumed", None)
         self._now.command = self._now.reset = self._now.boot_ns = None
+        self._now.blind = True
 
-    def _reset_quiet_ns(self) -> int:
+    @property
+    def reset_quiet_ns(self) -> int:
+        """Silence after a reset that is not held against the node [ns]."""
         known = self._quirks.reset_quiet_ms * 1_000_000
         return (known or RESET_QUIET_NS) + RESET_MARGIN_NS
 
@@ -496,7 +495,8 @@ def _continues(before: Silence, after: Silence) -> bool:
     return before.end_ns == after.start_ns and max(lengths) < 1.2 * min(lengths)
 
 
-def _state(beat: Beat) -> NmtState | None:
+def state_of(beat: Beat) -> NmtState | None:
+    """The state that a message tells, None for one that tells none."""
     if beat.kind == "boot-up":
         return NmtState.PRE_OPERATIONAL
     return None if beat.kind == "empty" else STATE_OF_BYTE.get(beat.state)

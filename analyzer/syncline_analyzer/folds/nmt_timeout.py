@@ -1,11 +1,22 @@
 """How long a node may be silent before it is LOST, and where that number comes from."""
 
+from collections.abc import Iterator
+
 from syncline_analyzer.context import Context
-from syncline_analyzer.folds.nmt_events import Lateness, NodeHistory, Silence
+from syncline_analyzer.folds.nmt_events import NodeHistory, OffPace, Silence
+from syncline_analyzer.folds.pace import Pace
+from syncline_analyzer.shadow import Known
 from syncline_schemas.devices import quirks
 
 LOST_FACTOR = 1.5
 """Producer heartbeat times without a message after which a node is LOST (analysis.md 4)."""
+FAST_FACTOR = 0.7
+"""A heartbeat whose period is a smaller part of 1017h is too fast."""
+ENOUGH = 6
+"""Periods of one pace that are held against 1017h."""
+PRODUCER_TIME = 0x1017
+GUARD_TIME, LIFE_TIME_FACTOR = 0x100C, 0x100D
+CONSUMER_TIME = 0x1016
 
 
 def silence_limit(
@@ -18,49 +29,126 @@ def silence_limit(
     if median is not None:
         median = max(median, history.period_ns or 0)
     if silence.kind == "guard answer":
-        if not silence.requests or median is None:
-            return None
-        return round(LOST_FACTOR * median), f"{silence.requests} guard requests not answered"
+        return _guarded(context, history, silence)
+    producer = _producer_ms(context, history, silence)
+    if producer is not None and producer[0] == 0:
+        return None
     consumer = _consumer_ns(context, history, silence.start_seq)
     if consumer is not None and (median is None or consumer[0] > median):
         return consumer
-    known = context.shadow.get(history.bus, history.node, 0x1017, 0, silence.start_seq)
-    if known is not None and isinstance(known.value, int) and known.value > 0:
-        limit = round(LOST_FACTOR * known.value * 1e6)
+    if producer is not None:
+        limit = round(LOST_FACTOR * producer[0] * 1e6)
         if median is None or limit > median:
-            return limit, f"1.5 times its 1017h of {known.value} ms ({known.source})"
+            return limit, f"1.5 times its 1017h of {producer[0]} ms ({producer[1]})"
     if median is None:
         return None
     return round(LOST_FACTOR * median), f"1.5 times its usual period of {median / 1e6:.1f} ms"
 
 
+def _guarded(context: Context, history: NodeHistory, silence: Silence) -> tuple[int, str] | None:
+    """A guarded node is judged only while it is asked; its life time is 100Ch x 100Dh."""
+    median = silence.period_ns
+    if not silence.requests or median is None:
+        return None
+    limit = round(LOST_FACTOR * max(median, history.guard_period_ns or 0))
+    life = life_time_ns(context, history.bus, history.node, silence.start_seq)
+    if life is not None and life[0] > limit:
+        return life[0], f"{silence.requests} guard requests not answered in its {life[1]}"
+    return limit, f"{silence.requests} guard requests not answered"
+
+
+def life_time_ns(context: Context, bus: int, node: int, seq: int) -> tuple[int, str] | None:
+    """Node life time [ns] and where it comes from (CiA 301 7.2.8.2.1); None while it is off."""
+    time, factor = (
+        context.shadow.get(bus, node, i, 0, seq) for i in (GUARD_TIME, LIFE_TIME_FACTOR)
+    )
+    if time is None or factor is None or "eds-default" in (time.source, factor.source):
+        return None
+    ms = _number(time) * _number(factor)
+    if not ms:
+        return None
+    return ms * 1_000_000, f"life time of {ms} ms (100Ch x 100Dh, {factor.source})"
+
+
+def _producer_ms(
+    context: Context, history: NodeHistory, silence: Silence
+) -> tuple[int, str] | None:
+    """The longest 1017h that held from the last heartbeat on; 0 when it was switched off."""
+    end_seq = silence.order if silence.end_seq is None else silence.end_seq
+    known = _values_between(context, history, silence.start_seq, end_seq)
+    period = silence.period_ns or 0
+    for entry in known:
+        written = entry.t_ns is not None and entry.t_ns >= silence.start_ns - 2 * period
+        if not _number(entry) and written and entry.source.startswith("sdo"):
+            return 0, entry.source
+    longest = max(known, key=_number, default=None)
+    return (_number(longest), longest.source) if longest and _number(longest) else None
+
+
+def _values_between(
+    context: Context, history: NodeHistory, start_seq: int, end_seq: int
+) -> list[Known]:
+    shadow, place = context.shadow, (history.bus, history.node, PRODUCER_TIME, 0)
+    seqs = [start_seq, *(s for s in shadow.changes(*place) if start_seq < s <= end_seq)]
+    found = (shadow.get(*place, seq) for seq in seqs)
+    return [known for known in found if known is not None]
+
+
+def period_changed(context: Context, history: NodeHistory, start_ns: int, end_ns: int) -> bool:
+    """Whether 1017h changed in a stretch of time."""
+    place = (history.bus, history.node, PRODUCER_TIME, 0)
+    known = (context.shadow.get(*place, seq) for seq in context.shadow.changes(*place))
+    return any(k is not None and k.t_ns is not None and start_ns <= k.t_ns <= end_ns for k in known)
+
+
 def _consumer_ns(context: Context, history: NodeHistory, seq: int) -> tuple[int, str] | None:
     """The shortest 1016h time of a node that watches this one, as far as the bus told it."""
-    shadow, found = context.shadow, []
-    for bus, node in shadow.nodes():
-        if bus != history.bus or node == history.node:
-            continue
-        if not quirks(shadow.device(bus, node)).consumes_heartbeat:
-            continue
-        for sub in range(1, 128):
-            known = shadow.get(bus, node, 0x1016, sub, seq)
-            if known is None:
-                break
-            value = known.value if isinstance(known.value, int) else 0
-            if value >> 16 & 0x7F == history.node and value & 0xFFFF:
-                found.append((value & 0xFFFF, node, sub, known.source))
+    found = [
+        (ms, watcher, sub, known.source)
+        for watcher, sub, watched, ms, known in consumer_times(context, history.bus, seq)
+        if watched == history.node != watcher
+    ]
     if not found:
         return None
     ms, node, sub, source = min(found)
     return ms * 1_000_000, f"the {ms} ms that node {node} allows it (1016h:{sub}, {source})"
 
 
-def lateness(context: Context, history: NodeHistory) -> Lateness | None:
-    """Heartbeats that come at more than 1.5 times 1017h as a rule."""
-    known = context.shadow.get(history.bus, history.node, 0x1017)
-    if known is None or known.source == "eds-default" or history.period_ns is None:
+def consumer_times(
+    context: Context, bus: int, seq: int | None = None
+) -> Iterator[tuple[int, int, int, int, Known]]:
+    """(watching node, sub, watched node, time [ms], value) of every 1016h entry on a bus."""
+    shadow = context.shadow
+    for on, node in shadow.nodes():
+        if on != bus or not quirks(shadow.device(on, node)).consumes_heartbeat:
+            continue
+        for sub in range(1, 128):
+            known = shadow.get(on, node, CONSUMER_TIME, sub, seq)
+            if known is None:
+                break
+            value = _number(known)
+            if value >> 16 & 0x7F and value & 0xFFFF:
+                yield node, sub, value >> 16 & 0x7F, value & 0xFFFF, known
+
+
+def off_pace(context: Context, history: NodeHistory) -> list[OffPace]:
+    """Stretches in which the heartbeat came at more than 1.5, or less than 0.7 times 1017h."""
+    found = (_off_pace(context, history, pace) for pace in history.paces if pace.number >= ENOUGH)
+    return [entry for entry in found if entry is not None]
+
+
+def _off_pace(context: Context, history: NodeHistory, pace: Pace) -> OffPace | None:
+    shadow, place = context.shadow, (history.bus, history.node, PRODUCER_TIME, 0)
+    known = shadow.get(*place, pace.first_seq)
+    changed = any(pace.first_seq < seq <= pace.last_seq for seq in shadow.changes(*place))
+    if known is None or changed or known.source == "eds-default":
         return None
-    value = known.value if isinstance(known.value, int) else 0
-    if value <= 0 or history.period_ns <= LOST_FACTOR * value * 1e6:
+    value = _number(known)
+    if not value or FAST_FACTOR <= pace.median_ns / (value * 1e6) <= LOST_FACTOR:
         return None
-    return Lateness(value, history.period_ns / 1e6, known.source)
+    ends = (pace.first_seq, pace.last_seq, pace.first_ns, pace.last_ns)
+    return OffPace(value, pace.median_ns, known.source, *ends)
+
+
+def _number(known: Known) -> int:
+    return known.value if isinstance(known.value, int) else int.from_bytes(known.value, "little")

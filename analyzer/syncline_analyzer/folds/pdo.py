@@ -15,6 +15,13 @@ from syncline_analyzer.series import Thinner
 from syncline_schemas.canopen.services import SERVICE_OF_ID, Service
 from syncline_schemas.wire_length import INTERMISSION_BITS
 
+MAX_PAUSES = 1000
+MAX_EVIDENCE = 20
+PAUSE_NS = 5_000_000_000
+PAUSE_PERIODS = 20
+"""A PDO that stays away for so long, and so many of its periods, has stopped."""
+_SEEN = ("sdo-read", "sdo-write", "bus-description")
+"""Sources of a setting that hold for this very device."""
 MAX_RESPONSES = 100_000
 """Responses of one PDO that are kept one by one."""
 UNKNOWN_BITS = 1 << 24
@@ -27,6 +34,16 @@ _OTHER_TIMER = 0.1
 """A period that differs by more than this share from the event timer is not made by it."""
 _KEEPS_TO_SYNC = 3.0
 """So much more than the response the period must spread: 1.4 come from independent jitter alone."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pause:
+    """A long time between two frames of a PDO; `end_seq` is None where it did not come again."""
+
+    start_ns: int
+    end_ns: int
+    start_seq: int
+    end_seq: int | None
 
 
 @dataclass(slots=True)
@@ -50,6 +67,27 @@ class PdoState:
     changed_seq: int = 0
     """`seq` since which `transmission` holds."""
     sync_cob_id: int = 0x80
+    off: bool = False
+    """Its owner has switched it off (bit 31 of 180xh:1), or gave it another identifier."""
+    last_data: bytes = b""
+    repeats: int = 0
+    """Frames with the same data as the one before: no change of the value made the device send."""
+    pauses: list[Pause] = field(default_factory=list)
+    extra_seq: list[int] = field(default_factory=list)
+    too_soon: int = 0
+    too_soon_seq: list[int] = field(default_factory=list)
+
+    def told_inhibit_ns(self) -> int | None:
+        """Inhibit time of an event-driven TPDO that the bus or the user told; None without one."""
+        inhibit = self.transmission.inhibit_100us if self.transmission else None
+        if self.told_type() not in (0xFE, 0xFF) or inhibit is None or inhibit.source not in _SEEN:
+            return None
+        value = inhibit.value
+        return value * 100_000 if isinstance(value, int) and value else None
+
+    def sent_by_timer(self) -> bool:
+        """Whether most frames bring nothing new, so that no change of the value sends them."""
+        return 2 * self.repeats >= self.frames > 0
 
     def told_type(self) -> int | None:
         """Transmission type that the bus or the user told; a device's default does not count."""
@@ -118,7 +156,9 @@ class PdoFold:
             self._rebind(state, bus, can_id, last_seq)
         bitrate = self._context.bitrates.get(self._context.bus_name(bus))
         sent = self._sent_bits(block, bus)
-        syncs = {cob: self._sync.update(block, bus, cob, sent) for cob in self._sync_ids(bus)}
+        syncs = {
+            cob: self._sync.update(block, bus, cob, sent) for cob in self._sync_ids(bus, last_seq)
+        }
         passing = _Pass(block, bus, sent, 1e9 / bitrate if bitrate else None, syncs)
         for can_id, state in self._states_of(bus):
             rows = block.batch.rows(bus, can_id)
@@ -146,8 +186,8 @@ class PdoFold:
 
     def _pdo_ids(self, block: Block, bus: int) -> list[int]:
         bound = set(self._bindings.identifiers(bus))
-        taken = set(self._sync_ids(bus))
         seq = block.batch.seq0 + len(block.batch) - 1
+        taken = set(self._sync_ids(bus, seq))
         for can_id in self._bindings.other_services(bus, seq):
             owner = self._bindings.owner(bus, can_id, seq)
             if owner is None or owner.guess:
@@ -160,19 +200,33 @@ class PdoFold:
             and (can_id in bound or SERVICE_OF_ID[can_id] == Service.PDO)
         ]
 
-    def _sync_ids(self, bus: int) -> list[int]:
-        """080h and every identifier that a node of the bus takes for SYNC."""
+    def _sync_ids(self, bus: int, seq: int) -> list[int]:
+        """080h and every identifier that a node of the bus takes for SYNC at `seq` or in the end.
+
+        A value that is read later most likely held before as well.
+        """
         nodes = {node for node_bus, node in self._context.shadow.nodes() if node_bus == bus}
         nodes |= {state.owner.node for _, state in self._states_of(bus) if state.owner}
-        return sorted({0x80} | {self._bindings.sync_cob_id(bus, node) for node in nodes})
+        found = {self._bindings.sync_cob_id(bus, n, at) for n in nodes for at in (seq, None)}
+        return sorted({0x80} | found)
 
     def _rebind(self, state: PdoState, bus: int, can_id: int, seq: int) -> None:
         """Look up whose PDO it is by now; a new transmission type starts a new rhythm."""
         owner = self._bindings.owner(bus, can_id, seq)
-        if owner is None:
+        bound = state.owner is not None and not state.owner.guess
+        if owner is None or (owner.guess and bound):
+            if state.owner is not None and not state.off:
+                state.off = True
+                state.rhythm.relearn()
             return
+        if state.off:
+            state.off, state.last_ns = False, None
         state.owner = owner
-        state.sync_cob_id = self._bindings.sync_cob_id(bus, owner.node, seq)
+        sync_cob_id = self._bindings.sync_cob_id(bus, owner.node, seq)
+        if sync_cob_id != state.sync_cob_id:
+            # The SYNCs of another identifier have numbers of their own.
+            state.rhythm.restart()
+            state.sync_cob_id = sync_cob_id
         before, state.transmission = state.transmission, self._bindings.transmission(owner, seq)
         type_now = state.transmission.type
         if before is not None and _value(before.type) != _value(type_now):
@@ -195,8 +249,34 @@ class PdoFold:
                 bundled = np.concatenate(([False], sync.bundled[sync.before[rows]]))
                 true &= ~(bundled[1:] | bundled[:-1])[len(rows) - len(periods) :]
             state.period.add(periods[true])
+            self._find_pauses(state, periods, t_ns, seq)
+            self._find_too_soon(state, np.where(true, periods, PAUSE_NS), seq[1:])
             self._find_overdue(state, periods, t_ns[:-1], seq[:-1])
+        _count_repeats(state, block, rows)
         state.last_ns, state.last_seq = int(t_ns[-1]), int(seq[-1])
+
+    @staticmethod
+    def _find_pauses(
+        state: PdoState,
+        periods: NDArray[np.int64],
+        t_ns: NDArray[np.int64],
+        seq: NDArray[np.int64],
+    ) -> None:
+        """Long times without a frame, of which the rhythm of the whole capture tells more."""
+        for at in np.flatnonzero(periods >= PAUSE_NS)[: MAX_PAUSES - len(state.pauses)].tolist():
+            state.pauses.append(
+                Pause(int(t_ns[at]), int(t_ns[at + 1]), int(seq[at]), int(seq[at + 1]))
+            )
+
+    @staticmethod
+    def _find_too_soon(state: PdoState, periods: NDArray[np.int64], seq: NDArray[np.int64]) -> None:
+        """Frames closer than half the inhibit time: more than arbitration can pull together."""
+        inhibit_ns = state.told_inhibit_ns()
+        if inhibit_ns is None:
+            return
+        soon = np.flatnonzero((periods < inhibit_ns / 2) & (seq > state.changed_seq))
+        state.too_soon += len(soon)
+        state.too_soon_seq.extend(seq[soon[: MAX_EVIDENCE - len(state.too_soon_seq)]].tolist())
 
     @staticmethod
     def _find_overdue(
@@ -222,7 +302,11 @@ class PdoFold:
         rows = rows[sync.before[rows] >= sync.first]
         ordinal = sync.first_ordinal + sync.before[rows]
         first = state.rhythm.first_of_period(ordinal)
-        state.extra += len(first) - int(first.sum())
+        # Where a SYNC may be lost, two frames in one period prove nothing.
+        extra = np.flatnonzero(~first & sync.whole[sync.before[rows]])
+        state.extra += len(extra)
+        more = rows[extra[: MAX_EVIDENCE - len(state.extra_seq)]]
+        state.extra_seq.extend((passing.block.batch.seq0 + more).tolist())
         rows, ordinal = rows[first], ordinal[first]
         if self._context.timed and len(rows):
             self._respond(passing, state, rows, sync)
@@ -231,6 +315,8 @@ class PdoFold:
         state.rhythm.evaluate(self._due_every(passing.bus, state), sync)
 
     def _due_every(self, bus: int, state: PdoState) -> int | None:
+        if state.off:
+            return None
         told = state.told_type()
         if told is not None:
             return told if 1 <= told <= 0xF0 else None
@@ -305,6 +391,14 @@ class PdoFold:
         seq = block.batch.seq0 + int(rows[-1])
         window_us = self._context.shadow.number(bus, state.owner.node, 0x1007, 0, seq)
         return int((response > window_us * 1000).sum()) if window_us else 0
+
+
+def _count_repeats(state: PdoState, block: Block, rows: NDArray[np.intp]) -> None:
+    """Count frames whose data are those of the frame before."""
+    data = block.frames.data[rows, :8]
+    state.repeats += int((data[1:] == data[:-1]).all(axis=1).sum())
+    state.repeats += bool(state.last_data == data[0].tobytes())
+    state.last_data = data[-1].tobytes()
 
 
 def _spread(values: Distribution) -> float:

@@ -27,7 +27,7 @@ class Samples:
     """Samples of one object, in order of `seq`; all (n,).
 
     `source` is the COB-ID that carried a sample, `SDO_SOURCE` for SDO reads. `valid` is False
-    where the frame is too short.
+    where the frame is too short, `frozen` True where a sibling moves meanwhile (None: nowhere).
     """
 
     entry: MappedObject
@@ -36,6 +36,7 @@ class Samples:
     raw: NDArray[np.int64]
     valid: NDArray[np.bool_]
     source: NDArray[np.int64]
+    frozen: NDArray[np.bool_] | None = None
 
 
 class SampleReader:
@@ -63,7 +64,11 @@ class SampleReader:
     def _from_pdo(self, block: Block, bus: int, can_id: int) -> Iterator[tuple[Key, Samples]]:
         rows = block.batch.rows(bus, can_id)
         first, last = block.batch.seq0 + int(rows[0]), block.batch.seq0 + int(rows[-1])
-        edges = [first, *self._bindings.cuts(bus, can_id, first, last), last + 1]
+        cuts = {
+            *self._bindings.cuts(bus, can_id, first, last),
+            *self._modes(bus, can_id, first, last),
+        }
+        edges = [first, *sorted(cuts), last + 1]
         for begin, stop in pairwise(edges):
             owner = self._bindings.owner(bus, can_id, begin)
             if owner is None or owner.guess or owner.kind != "tpdo":
@@ -72,6 +77,15 @@ class SampleReader:
             low, high = np.searchsorted(rows + block.batch.seq0, [begin, stop])
             if mapping is not None and high > low:
                 yield from self._decode(block, owner, mapping, rows[low:high], can_id)
+
+    def _modes(self, bus: int, can_id: int, first: int, last: int) -> list[int]:
+        """Moments `first < seq <= last` at which the owner measures something else."""
+        owner = self._bindings.owner(bus, can_id, last)
+        mode = quirks(self._shadow.device(bus, owner.node)).output_mode if owner else None
+        if owner is None or mode is None:
+            return []
+        changes = self._shadow.changes(bus, owner.node, *mode)
+        return [seq for seq in changes if first < seq <= last]
 
     def _decode(
         self, block: Block, owner: Pdo, mapping: PdoMapping, rows: NDArray[np.intp], can_id: int
@@ -95,6 +109,8 @@ class SampleReader:
             return None
         if entry.unit in VIBRATION_UNITS:
             return entry
+        if (entry.index, entry.sub) in alarm_objects(device):
+            return replace(entry, unit="bits")
         device_type = self._shadow.number(owner.bus, owner.node, 0x1000)
         key = entry.index, entry.sub
         by, assumed = measured_by(device, device_type, *key)
@@ -122,8 +138,10 @@ class SampleReader:
             if not position_objects(device):
                 profile = (self._shadow.number(bus, node, 0x1000) or 0) & 0xFFFF
                 device = standard_device(profile) or device
-            for index, sub in position_objects(device):
+            for index, sub in (*position_objects(device), *alarm_objects(device)):
                 entry = _entry(device, index, sub)
+                if (index, sub) in alarm_objects(device):
+                    entry = replace(entry, unit="bits")
                 reads = self._reads(bus, node, entry, first, last)
                 if reads:
                     seq, t_ns, raw = (
@@ -143,6 +161,12 @@ class SampleReader:
                 raw = value if isinstance(value, int) else int.from_bytes(value[:4], "little")
                 reads.append((known.seq or 0, known.t_ns or 0, _resigned(raw, entry)))
         return reads
+
+
+def alarm_objects(device: Device | None) -> tuple[tuple[int, int], ...]:
+    """Objects (index, sub) whose bits are alarms or warnings of the measurement."""
+    measured = device.measurement if device else {}
+    return tuple(measured[role] for role in ("alarms", "warnings") if role in measured)
 
 
 def changes_within(

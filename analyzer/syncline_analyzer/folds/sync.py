@@ -9,8 +9,9 @@ from syncline_analyzer.context import Context
 from syncline_analyzer.distribution import Distribution
 from syncline_analyzer.folds.backlog import PAUSE, TOO_SHORT, backlog
 from syncline_analyzer.folds.block import Block
+from syncline_analyzer.folds.double_sync import DoubleSync
 from syncline_analyzer.folds.unsteady import OFF, Unsteady
-from syncline_analyzer.results import Series, SyncJitterRow, SyncRow
+from syncline_analyzer.results import Series, SyncDoubleRow, SyncJitterRow, SyncRow
 from syncline_analyzer.series import Thinner
 from syncline_schemas.wire_length import longest_bits
 
@@ -43,6 +44,7 @@ class SyncTable:
     holes: list[SyncHole]
     series: Series | None
     jitter: list[SyncJitterRow]
+    doubles: list[SyncDoubleRow] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,6 +80,14 @@ class SyncIndex:
         return 0 if self.known else 1
 
     @property
+    def whole(self) -> NDArray[np.bool_]:
+        """(m + 1,) True from a SYNC to the next where none was lost in between, as far as known."""
+        whole = self.usable.copy()
+        if self.cycle_ns > 0:
+            whole[:-1] &= np.diff(self.t_ns) <= _MISSING * self.cycle_ns
+        return whole
+
+    @property
     def periods(self) -> NDArray[np.int64]:
         """Times between one SYNC and the next, from position `first` on."""
         return np.diff(self.t_ns[self.first :])
@@ -104,6 +114,7 @@ class _State:
     period: Distribution = field(default_factory=Distribution)
     holes: list[SyncHole] = field(default_factory=list)
     unsteady: Unsteady = field(default_factory=Unsteady)
+    double: DoubleSync = field(default_factory=DoubleSync)
     over_time: Thinner = field(default_factory=lambda: Thinner("value", MAX_POINTS))
 
 
@@ -226,6 +237,7 @@ class SyncFold:
             {"t_ns": t_ns[forward], "value": periods[forward].astype(np.float64) / 1000}
         )
         self._find_jitter(state, bus, t_ns, seq, periods)
+        state.double.add(t_ns, seq, periods)
 
     def _find_jitter(
         self,
@@ -305,8 +317,14 @@ class SyncFold:
             if columns
             else None
         )
-        jitter = state.unsteady.rows(name, cob_id)
-        return SyncTable(row, state.holes, series, jitter)
+        doubles = state.double.rows(name, cob_id)
+        # Two rhythms are no jitter of either.
+        jitter = [
+            each
+            for each in state.unsteady.rows(name, cob_id)
+            if not any(d.start_ns <= each.end_ns and each.start_ns <= d.end_ns for d in doubles)
+        ]
+        return SyncTable(row, state.holes, series, jitter, doubles)
 
 
 def _median(state: _State, periods: NDArray[np.int64]) -> float:

@@ -11,6 +11,7 @@ from syncline_analyzer.context import Context
 from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.folds.block import BLOCK_FRAMES, Block, Blocks
 from syncline_analyzer.folds.load import LoadFold
+from syncline_analyzer.folds.pause import pauses
 from syncline_analyzer.folds.pdo import PdoFold, PdoState
 from syncline_analyzer.folds.rhythm import LEARN, MissedList, Operational
 from syncline_analyzer.folds.silence import Silence, SilenceFold, within_silence
@@ -18,11 +19,16 @@ from syncline_analyzer.folds.sync import SyncFold, SyncHole, SyncTable
 from syncline_analyzer.pdo_binding import PdoBindings
 from syncline_analyzer.results import (
     BusLoadRow,
+    BusSilenceRow,
+    ClockStepRow,
     HoleRow,
     NmtStateRow,
+    OverloadRow,
+    PdoPauseRow,
     PdoRow,
     Responses,
     Series,
+    SyncDoubleRow,
     SyncJitterRow,
     SyncRow,
 )
@@ -50,6 +56,15 @@ class TimingTables:
     sync_jitter: list[SyncJitterRow] = field(default_factory=list)
     responses: list[Responses] = field(default_factory=list)
     series: list[Series] = field(default_factory=list)
+    pdo_pauses: list[PdoPauseRow] = field(default_factory=list)
+    clock_steps: list[ClockStepRow] = field(default_factory=list)
+    bus_silences: list[BusSilenceRow] = field(default_factory=list)
+    overloads: list[OverloadRow] = field(default_factory=list)
+    sync_doubles: list[SyncDoubleRow] = field(default_factory=list)
+
+
+MAX_TURNS = 256
+"""Changes of PDO or SYNC parameters that are followed within one block; a master does less."""
 
 
 class TimingFold:
@@ -68,6 +83,7 @@ class TimingFold:
         self._load = LoadFold(context)
         self._silence = SilenceFold()
         self._gap_starts: set[int] = set()
+        self._end_ns = 0
 
     def update(self, batch: IndexedBatch) -> None:
         """Take in the next frames."""
@@ -86,13 +102,17 @@ class TimingFold:
     def finish(self, end_ns: int, nmt_states: Sequence[NmtStateRow] | None = None) -> TimingTables:
         """All tables; a PDO is missed only while `nmt_states` say OPERATIONAL (None: always)."""
         self._flush()
+        self._end_ns = end_ns
         load, load_series = self._load.finish()
         syncs = self._sync.finish()
         tables = TimingTables(
             bus_load=load,
             sync_jitter=[row for table in syncs for row in table.jitter],
             series=[t.series for t in syncs if t.series is not None] + load_series,
+            overloads=self._load.overloads(),
+            sync_doubles=[row for table in syncs for row in table.doubles],
         )
+        self._add_silences(tables)
         for table in syncs:
             judged = _judged(table, nmt_states or (), self._silences(table.row.bus))
             tables.sync.append(judged.row)
@@ -101,6 +121,20 @@ class TimingFold:
             if state.frames:
                 self._add_pdo(tables, bus, can_id, state, nmt_states)
         return tables
+
+    def _add_silences(self, tables: TimingTables) -> None:
+        for bus, name in enumerate(self._context.buses):
+            steps = self._silence.steps(bus)
+            stepped = {step.end_seq for step in steps}
+            tables.clock_steps.extend(
+                ClockStepRow(name, s.start_ns, s.end_ns, s.by_ns, s.witnesses, [s.end_seq])
+                for s in steps
+            )
+            tables.bus_silences.extend(
+                BusSilenceRow(name, s.start_ns, s.end_ns, [s.start_seq, s.end_seq])
+                for s in self._silence.of(bus)
+                if s.end_seq not in stepped
+            )
 
     def _silences(self, bus_name: str) -> list[Silence]:
         buses = [k for k, name in enumerate(self._context.buses) if name == bus_name]
@@ -111,11 +145,19 @@ class TimingFold:
             self._take(block)
 
     def _take(self, block: Block) -> None:
+        for part in block.parts(self._turns(block)):
+            for bus in part.by_bus:
+                self._pdo.update(part, bus)
         for bus in block.by_bus:
-            self._pdo.update(block, bus)
             self._load.update(block, bus)
             if self._context.timed:
                 self._silence.update(block, bus)
+
+    def _turns(self, block: Block) -> list[int]:
+        """Where PDOs or SYNC moved or got another timing: nothing is told over such a frame."""
+        first, last = block.batch.seq0, block.batch.seq0 + len(block.batch) - 1
+        turns = {turn for bus in block.by_bus for turn in self._bindings.turns(bus, first, last)}
+        return sorted(turns)[:MAX_TURNS]
 
     def _add_pdo(
         self,
@@ -135,9 +177,50 @@ class TimingFold:
         name = self._context.bus_name(bus)
         row = _pdo_row(name, can_id, state, sending, missed)
         tables.pdos.append(row)
+        tables.pdo_pauses.extend(self._pauses(bus, row, state, sending, missed, nmt_states))
         tables.holes.extend(_pdo_holes(row, missed, _due_step_ns(state, sending, sync_ns)))
         if sending.synchronous and state.response.count:
             tables.responses.append(_responses(row, state))
+
+    def _pauses(
+        self,
+        bus: int,
+        row: PdoRow,
+        state: PdoState,
+        sending: "_Sending",
+        missed: MissedList,
+        nmt_states: Sequence[NmtStateRow] | None,
+    ) -> list[PdoPauseRow]:
+        """Long stretches without a PDO that has a rhythm, and whose node said OPERATIONAL."""
+        owner = state.owner
+        counter = self._bindings.repeat_counter(owner) if owner else None
+        if owner is None or nmt_states is None or (counter is not None and counter.value):
+            return []
+        operational = _operational(nmt_states, row.bus, owner.node, self._gap_starts)
+        if not operational or not self._context.timed:
+            return []
+        rhythm = self._rhythm(bus, state, sending)
+        if rhythm is None:
+            return []
+        missed_ns = missed.t_ns if sending.synchronous else None
+        silences = self._silence.of(bus)
+        return pauses(row, state, rhythm, operational, silences, self._end_ns, missed_ns)
+
+    def _rhythm(self, bus: int, state: PdoState, sending: "_Sending") -> tuple[float, str] | None:
+        """Time between due frames [ns] and what says so; None where a change may send them."""
+        if state.off:
+            return None
+        if sending.synchronous:
+            sync_ns = self._sync.median_ns(bus, state.sync_cob_id)
+            known = state.told_type() is not None or state.rhythm.every() is not None
+            step_ns = sync_ns * sending.every
+            return (step_ns, "its SYNC") if known and sending.type != 0 and step_ns else None
+        timer_ns = state.told_timer_ns()
+        if timer_ns:
+            return timer_ns, "its event timer (180xh:5)"
+        if sending.source.startswith("inferred: cyclic") and state.sent_by_timer():
+            return state.period.quantile(0.5), "the period that it kept before"
+        return None
 
     def _missed(
         self,
@@ -273,7 +356,16 @@ def _pdo_row(
         extra=state.extra if answers else 0,
         late=state.late if answers else 0,
         missed_seq=missed.seq[:MAX_EVIDENCE].tolist(),
+        too_soon=state.too_soon,
+        extra_seq=state.extra_seq if answers else [],
+        too_soon_seq=state.too_soon_seq,
+        inhibit_us=_us(state.told_inhibit_ns()),
+        event_timer_us=_us(state.told_timer_ns()),
     )
+
+
+def _us(ns: int | None) -> int | None:
+    return None if ns is None else ns // 1000
 
 
 def _responses(row: PdoRow, state: PdoState) -> Responses:

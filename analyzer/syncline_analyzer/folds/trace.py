@@ -7,6 +7,7 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from syncline_analyzer.folds.gray import GrayTest
 from syncline_analyzer.folds.samples import Samples
 from syncline_analyzer.results import TRACE_FLAGS, Trace, TraceEventRow, TraceRow
 from syncline_analyzer.series import Columns, Thinner
@@ -39,7 +40,7 @@ WRAP, JUMP, AMBIGUOUS, FROZEN, OUT_OF_RANGE, SCALE_ASSUMED = (1 << k for k in ra
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.uint16]
-EventKind = Literal["jump", "out of range", "cut"]
+EventKind = Literal["jump", "out of range", "frozen", "alarm", "ambiguous", "gray code", "cut"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +75,11 @@ class Converter(Protocol):
     @property
     def assumed(self) -> tuple[str, ...]:
         """Settings that rest on a default."""
+        ...
+
+    @property
+    def shows(self) -> str:
+        """What the value is, by the settings in force."""
         ...
 
     def derive(self, state: "Link", piece: Samples, *, timed: bool) -> Derived:
@@ -113,6 +119,18 @@ class Encoder:
     def assumed(self) -> tuple[str, ...]:
         """Settings that rest on a default."""
         return self.scale.assumed
+
+    @property
+    def shows(self) -> str:
+        """Counts per turn, range and direction."""
+        per_turn, total = self.scale.counts_per_turn, self.scale.range_counts
+        return ", ".join(
+            (
+                f"{per_turn} counts per turn" if per_turn else "counts per turn unknown",
+                f"range {total} counts" if total else "range unknown",
+                f"rising {'clockwise' if self.scale.clockwise else 'counter-clockwise'}",
+            )
+        )
 
     def same_scale(self, other: Converter | None) -> bool:
         """Whether counts, range and direction are the same."""
@@ -162,11 +180,20 @@ class Tilt:
     axis: AxisScale
     bits: int
     unit: str = "deg"
+    reference: str = ""
+    """ "absolute", "relative" or "reference unknown"; "" where the device knows no other."""
 
     @property
     def assumed(self) -> tuple[str, ...]:
         """Settings that rest on a default."""
         return self.scale.assumed
+
+    @property
+    def shows(self) -> str:
+        """Axis, angle definition, range and reference."""
+        span = f"{self.axis.low_deg:g} .. {self.axis.high_deg:g} deg"
+        named = (self.axis.name, self.scale.definition, span, self.reference)
+        return ", ".join(part for part in named if part)
 
     def same_scale(self, other: Converter | None) -> bool:
         """Whether resolution and axis are the same."""
@@ -202,6 +229,7 @@ class Plain:
     factor: float
     unit: str
     assumed: tuple[str, ...] = ()
+    shows: str = ""
 
     def same_scale(self, other: Converter | None) -> bool:
         """Whether the factor is the same."""
@@ -359,6 +387,14 @@ class TraceState:
     events: list[TraceEventRow] = field(default_factory=list)
     noted: dict[EventKind, int] = field(default_factory=dict)
     outside: bool = False
+    frozen: bool = False
+    span_deg: list[float] = field(default_factory=lambda: [np.inf, -np.inf, 0.0, 0.0])
+    """Least, greatest, sum and number of the unwrapped degrees."""
+    gray: GrayTest = field(default_factory=GrayTest)
+    alarm_bits: int = 0
+    first_seq: int = 0
+    first_ns: int | None = None
+    last_value: float | None = None
 
     def cut(self, seq: int, t_ns: int, text: str) -> None:
         """Begin a new segment; nothing is joined over it."""
@@ -393,16 +429,22 @@ class TraceState:
         self.name = piece.entry.name or self.name
         derived = converter.derive(self.link, piece, timed=timed)
         flags = derived.flags
+        if piece.frozen is not None:
+            flags = flags | np.where(piece.frozen, FROZEN, 0).astype(np.uint16)
         if converter.assumed:
             flags = flags | np.uint16(SCALE_ASSUMED)
             self.assumed.update(converter.assumed)
         self.begun = True
+        if self.first_ns is None:
+            self.first_seq, self.first_ns = int(piece.seq[0]), int(piece.t_ns[0])
         self.samples += len(piece.seq)
         for bit in range(len(TRACE_FLAGS)):
             self.flag_counts[bit] += int((flags >> bit & 1).sum())
         known = derived.value[~np.isnan(derived.value)]
         if len(known):
             self.low, self.high = min(self.low, known.min()), max(self.high, known.max())
+            self.last_value = float(known[-1])
+        self._widen(derived.columns.get("unwrapped_deg"))
         columns: Columns = {
             "t_ns": piece.t_ns,
             "seq": piece.seq,
@@ -414,9 +456,21 @@ class TraceState:
         self.kept.add(columns | {f"column {name}": c for name, c in derived.columns.items()})
         return derived
 
+    def _widen(self, unwrapped: Floats | None) -> None:
+        known = unwrapped[~np.isnan(unwrapped)] if unwrapped is not None else ()
+        if len(known):
+            low, high, total, count = self.span_deg
+            self.span_deg = [
+                min(low, float(np.min(known))),
+                max(high, float(np.max(known))),
+                total + float(np.sum(known)),
+                count + len(known),
+            ]
+
     def row(self) -> TraceRow:
         """Summary of the trace."""
         known = self.low <= self.high
+        low, high, total, count = self.span_deg
         counts = dict(zip(TRACE_FLAGS, self.flag_counts.tolist(), strict=True))
         return TraceRow(
             self.bus,
@@ -429,6 +483,11 @@ class TraceState:
             float(self.high) if known else None,
             self.segment,
             counts,
+            self.converter.shows if self.converter else "",
+            sorted(self.assumed),
+            low if count else None,
+            high if count else None,
+            total / count if count else None,
         )
 
     def trace(self) -> Trace:

@@ -267,11 +267,15 @@ def _can_error_ext(
     view: _Bytes, at: NDArray[np.intp], end: NDArray[np.intp], out: _Columns, rows: NDArray[np.intp]
 ) -> None:
     out.channel[rows] = view.u16(at, 0)
-    out.can_id[rows] = view.u32(at, 16) & 0x1FFFFFFF
     out.flags[rows] = FrameFlag.ERROR
     length = np.minimum(view.u8(at, 10), 8)
     out.put_length(rows, length, length)
-    out.data[rows, :8] = view.block(at, 24, 8)
+    # Vector's tools fill in what the controller told, and the identifier is the disturbed frame's;
+    # python-can leaves all that empty and stores SocketCAN's error frame.
+    told = (view.u16(at, 2) != 0) | (view.u32(at, 4) != 0) | (view.u16(at, 8) != 0)
+    told |= view.u32(at, 12) != 0
+    out.can_id[rows] = np.where(told, np.uint32(0), view.u32(at, 16) & 0x1FFFFFFF)
+    out.data[rows, :8] = np.where(told[:, np.newaxis], np.uint8(0), view.block(at, 24, 8))
 
 
 def _can_fd(

@@ -6,6 +6,7 @@ from typing import get_args
 
 from syncline_analyzer.capture import CaptureFacts, TimeBase
 from syncline_schemas.batch import FrameBatch, Gap
+from syncline_schemas.can_errors import SOCKETCAN_INTERFACES
 from syncline_schemas.capture.layout import (
     DESCRIPTION_ATTACHMENT,
     EDS_MEDIA_TYPE,
@@ -55,6 +56,8 @@ class McapReader:
             self.facts.buses[bus.number] = bus.name
             if bus.bitrate is not None:
                 self.facts.bitrates[bus.name] = bus.bitrate
+            if bus.interface and bus.interface not in SOCKETCAN_INTERFACES:
+                self.facts.foreign_errors.add(bus.name)
 
     def _take_facts(self) -> None:
         scanned = self._scan.facts

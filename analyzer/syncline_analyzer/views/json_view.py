@@ -25,10 +25,15 @@ TABLES = (
     "errors",
     "sdo",
     "traces",
+    "trace_events",
     "bus_load",
     "findings",
     "emcy_context",
     "error_history",
+    "bus_states",
+    "bus_errors",
+    "lss",
+    "time_stamps",
 )
 """Lists of the object, in the order of the interface."""
 

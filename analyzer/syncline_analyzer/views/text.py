@@ -1,7 +1,7 @@
 """The analysis as text for a terminal: findings first, then what they rest on."""
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from io import StringIO
 from itertools import groupby
 from typing import IO
@@ -14,6 +14,7 @@ from rich.text import Text
 
 from syncline_analyzer.results import Analysis, Finding, PdoRow
 from syncline_analyzer.views.events import CLEARING, RESET, emcy_text
+from syncline_analyzer.views.known import KnownLine, known_lines
 from syncline_analyzer.views.lanes import cells, lanes_of
 from syncline_analyzer.views.markdown import chain_lines, extent, verdict, where
 from syncline_analyzer.views.palette import SEVERITY_COLOURS, STATE_COLOURS, STATE_LETTERS, css
@@ -121,6 +122,8 @@ def _story(finding: Finding, analysis: Analysis, clock: Clock) -> Iterator[Rende
 def _tables(analysis: Analysis, clock: Clock, width: int) -> Iterator[tuple[str, RenderableType]]:
     if analysis.nodes:
         yield "Nodes", _nodes(analysis, width)
+    if lines := known_lines(analysis):
+        yield "What is known of the nodes, and from where", _known(analysis, lines)
     if analysis.nmt_states and clock.timed:
         yield "NMT states", _states(analysis, width)
     if analysis.sync or analysis.pdos:
@@ -134,6 +137,12 @@ def _tables(analysis: Analysis, clock: Clock, width: int) -> Iterator[tuple[str,
         yield "Traces", _traces(analysis)
     if analysis.bus_load:
         yield "Bus load", _bus_load(analysis)
+    if analysis.bus_errors:
+        yield "Error frames", _bus_errors(analysis, clock)
+    if analysis.bus_states and clock.timed:
+        yield "State of the recorder's controller", _bus_states(analysis, clock)
+    if analysis.lss:
+        yield "LSS", _lss(analysis, clock)
     yield "Recording", _recording(analysis, clock)
 
 
@@ -187,6 +196,19 @@ def _nodes(analysis: Analysis, width: int) -> Table:
             ", ".join(row.proof),
         )
         _row(table, *shown[: len(table.columns)])
+    return table
+
+
+def _known(analysis: Analysis, lines: Sequence[KnownLine]) -> Table:
+    table = Table.grid(padding=(0, 2))
+    several = len(analysis.capture.buses) > 1
+    before: tuple[str, int] | None = None
+    for line in lines:
+        key = line.bus, line.node
+        bus = f"{line.bus} " if several and line.node else ""
+        head = f"{bus}node {line.node}" if line.node and key != before else ""
+        table.add_row(Text(head), Text(line.what, style="dim"), Text(line.text))
+        before = key
     return table
 
 
@@ -297,6 +319,29 @@ def _bus_load(analysis: Analysis) -> Table:
         rate = f"{row.bitrate / 1000:g} kbit/s" if row.bitrate else "not known"
         _row(table, row.bus, rate, number(row.mean_percent, "%", 3), number(row.peak_percent, "%", 3), number(row.frames_per_s))  # fmt: skip
     return table
+
+
+def _bus_errors(analysis: Analysis, clock: Clock) -> Table:
+    table = _grid("bus", ">frames", "first", "last", "what they say")
+    for row in analysis.bus_errors[:MAX_ROWS]:
+        first, last = (clock.short(t) for t in (row.first_ns, row.last_ns))
+        _row(table, row.bus, row.count, first, last, row.kind)
+    return _with_rest(table, len(analysis.bus_errors))
+
+
+def _bus_states(analysis: Analysis, clock: Clock) -> Table:
+    table = _grid("bus", "state", "from", "cause", ">tx errors", ">rx errors")
+    for row in analysis.bus_states[:MAX_ROWS]:
+        counters = ("-" if n is None else str(n) for n in (row.tx_errors, row.rx_errors))
+        _row(table, row.bus, row.state, clock.short(row.start_ns), row.cause, *counters)
+    return _with_rest(table, len(analysis.bus_states))
+
+
+def _lss(analysis: Analysis, clock: Clock) -> Table:
+    table = _grid("time", "bus", "from", "command")
+    for row in analysis.lss[:MAX_ROWS]:
+        _row(table, clock.short(row.t_ns), row.bus, row.sender, row.text)
+    return _with_rest(table, len(analysis.lss))
 
 
 def _recording(analysis: Analysis, clock: Clock) -> Table:

@@ -61,3 +61,36 @@ def _signed(
         action(low, high)
 
     return act
+
+
+def serve_mapping(node: Node, pdo: int) -> None:
+    """Let 1A0xh of a TPDO be written: what is mapped must exist, be readable and fit (CiA 301 7.5.2.38)."""
+    index = 0x19FF + pdo
+    objects = node.objects
+
+    def entry(value: int) -> None:
+        try:
+            data = objects.read(value >> 16, value >> 8 & 0xFF)
+        except SdoAbort:
+            raise SdoAbort(abort.NOT_MAPPABLE) from None
+        if 8 * len(data) != value & 0xFF:
+            raise SdoAbort(abort.PDO_LENGTH)
+
+    def count(value: int) -> None:
+        bits = sum(objects.number(index, sub) & 0xFF for sub in range(1, value + 1))
+        if bits > 64:
+            raise SdoAbort(abort.PDO_LENGTH)
+        node.tpdos[pdo].build = partial(mapped_pdo, node, pdo)
+        node.tpdos.rewritten(value)
+
+    objects.on_write(index, 0, count)
+    for sub in range(1, 9):
+        objects.on_write(index, sub, entry)
+
+
+def mapped_pdo(node: Node, pdo: int, t_ns: int) -> tuple[bytes, tuple[int, ...]]:
+    """Bytes and values of a TPDO as 1A0xh maps it."""
+    objects, index = node.objects, 0x19FF + pdo
+    entries = [objects.number(index, sub) for sub in range(1, objects.number(index) + 1)]
+    parts = [objects.read(entry >> 16, entry >> 8 & 0xFF) for entry in entries]
+    return b"".join(parts), tuple(int.from_bytes(part, "little") for part in parts)

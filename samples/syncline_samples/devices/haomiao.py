@@ -1,8 +1,12 @@
 """Haomiao 38 mm multi-turn encoder, protocol manual v4.0 (sheet haomiao-38.md)."""
 
-from functools import partial
-
-from syncline_samples.devices.common import const, error_list, serve_error_list, serve_storage
+from syncline_samples.devices.common import (
+    const,
+    error_list,
+    serve_error_list,
+    serve_mapping,
+    serve_storage,
+)
 from syncline_samples.motion import Shaft
 from syncline_samples.node import Node
 from syncline_samples.objects import Object
@@ -63,6 +67,7 @@ def _objects(node_id: int) -> list[Object]:
             Object(0x1800 + number, 5, "u16", "rw", 100, kept=True),
             Object(0x1A00 + number, 0, "u8", "rw", 1, kept=True),
             Object(0x1A00 + number, 1, "u32", "rw", 0x60040020, kept=True),
+            Object(0x1A00 + number, 2, "u32", "rw", 0, kept=True),
         ]
     return objects
 
@@ -71,6 +76,7 @@ class Haomiao38(Node):
     """The multi-turn encoder on a shaft."""
 
     response_delay = Delay(500_000, 150_000)
+    number_object = 0x3000
 
     def __init__(
         self,
@@ -89,8 +95,7 @@ class Haomiao38(Node):
         objects.on_read(0x6500, 0, lambda: objects.number(0x6000))
         objects.on_write(0x6003, 0, self._preset)
         for number in (1, 2):
-            for sub in (0, 1):
-                objects.on_write(0x19FF + number, sub, partial(self._remap, number))
+            serve_mapping(self, number)
         serve_error_list(self, 8, abort_beyond_count=False)
         serve_storage(self, {1: (0, 0xFFFF)})
 
@@ -122,12 +127,3 @@ class Haomiao38(Node):
     def _position_pdo(self, t_ns: int) -> tuple[bytes, tuple[int, ...]]:
         position = self.position(t_ns)
         return position.to_bytes(4, "little"), (position,)
-
-    def _remap(self, number: int, value: int) -> None:
-        self.tpdos[number].build = partial(self._mapped_pdo, number)
-
-    def _mapped_pdo(self, number: int, t_ns: int) -> tuple[bytes, tuple[int, ...]]:
-        count = self.objects.number(0x19FF + number, 0)
-        entries = [self.objects.number(0x19FF + number, sub) for sub in range(1, count + 1)]
-        parts = [self.objects.read(entry >> 16, entry >> 8 & 0xFF) for entry in entries]
-        return b"".join(parts), tuple(int.from_bytes(part, "little") for part in parts)

@@ -13,6 +13,7 @@ _SETTLE_S = {0: 0, 1: 70, 2: 70, 3: 12, 4: 9, 5: 5}
 """Settle time of the vibration filter by 2049h."""
 _SELF_TEST_NS = 2000 * MS
 _FULL_TURN = 360_000
+_FACTORY_NUMBER = 10
 _MAPPING = ((0x60100010, 0x60200010), (0x61100020, 0x61200020), (0x5C100020, 0x5C110020))
 
 
@@ -86,6 +87,7 @@ class Jn2100(Node):
     """The inclinometer on a tilting platform; 2000h.. and 6000h survive a reset here (C26)."""
 
     response_delay = Delay(900_000, 250_000)
+    number_object = 0x2000
 
     def __init__(
         self,
@@ -125,6 +127,7 @@ class Jn2100(Node):
         objects = self.objects
         objects.on_read(0x1001, 0, lambda: self.emcy.register)
         objects.on_write(0x2002, 0, lambda value: self.after(5 * MS, self._reset))
+        objects.on_write(0x207F, 0, self._factory_reset)
         objects.on_write(0x2046, 0, self._set_zero)
         objects.on_write(0x2042, 0, self._set_zero)
         objects.on_write(0x2049, 0, self._change_filter)
@@ -141,7 +144,15 @@ class Jn2100(Node):
         return self._vibration(self.now_ns)[part]
 
     def _reset(self) -> None:
-        self.restart(self.boot_ns, commanded=False)
+        self.restart(self.boot_ns, commanded=True)
+
+    def _factory_reset(self, value: int) -> None:
+        """Factory values at once, node 10 from the next reset on (sheet, trap 14)."""
+        if value == 1:
+            self.objects.restore(0x2000, 0x5FFF)
+            self.objects.reload(0x2000, 0x5FFF)
+            self.objects.put(0x2000, 0, _FACTORY_NUMBER)
+            self.objects.put(0x207F, 0, 1)
 
     def _self_test(self, value: int) -> None:
         self.after(_SELF_TEST_NS, self.objects.put, 0x4004, 1, 0)

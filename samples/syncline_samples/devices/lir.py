@@ -5,7 +5,7 @@ from functools import partial
 
 from syncline_samples.devices.common import const, error_list, serve_error_list, serve_storage
 from syncline_samples.motion import Shaft
-from syncline_samples.node import Node
+from syncline_samples.node import Node, State
 from syncline_samples.objects import Object
 from syncline_samples.tpdo import Tpdo
 from syncline_samples.world import MS, World
@@ -125,6 +125,7 @@ class Lir(Node):
     """
 
     reset_quiet_ns = 4000 * MS
+    number_object = 0x2101
 
     def __init__(
         self,
@@ -147,6 +148,7 @@ class Lir(Node):
         super().__init__(world, node_id, objects, drift_ppm=drift_ppm, answers_43h=self.model.old)
         self.tpdos.type0_sends = not self.model.old
         self.error_control.guard_register = 0x20
+        self.emcy.inhibit_drops = True
         if not self.model.old:
             self.error_control.empty_after_remote = empty_heartbeat
         self._serve()
@@ -164,6 +166,18 @@ class Lir(Node):
         """Code, register, alarms, warnings, unused."""
         head = code.to_bytes(2, "little") + bytes([register])
         return head + alarms.to_bytes(2, "little") + warnings.to_bytes(2, "little") + b"\0"
+
+    def guard_lost(self) -> None:
+        """Change the state as 1029h:1 asks; the factory setting keeps it."""
+        self.communication_error()
+
+    def communication_error(self) -> None:
+        """React to a lost connection: 1029h:1."""
+        reaction = self.objects.number(0x1029, 1)
+        if reaction == 2:
+            self.enter(State.STOPPED)
+        elif reaction == 0 and self.state is State.OPERATIONAL:
+            self.enter(State.PRE_OPERATIONAL)
 
     def restarted(self) -> None:
         """Take the scale and the offset from the EEPROM."""

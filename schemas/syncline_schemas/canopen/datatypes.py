@@ -1,5 +1,6 @@
 """Data types of CiA 301 (7.4.7, table 44) and the decoding of one value."""
 
+import datetime
 import struct
 from dataclasses import dataclass
 from typing import Literal
@@ -53,6 +54,8 @@ DATA_TYPES = _types()
 """Data type by its index in the object dictionary (0001h..001Bh)."""
 
 UNICODE_STRING = 0x0B
+TIME_OF_DAY = 0x0C
+_TIME_ORIGIN = datetime.datetime(1984, 1, 1, tzinfo=datetime.UTC)
 
 
 def type_name(code: int | None) -> str:
@@ -75,6 +78,8 @@ def decode_value(code: int | None, data: bytes) -> Value:
 
     >>> decode_value(0x06, bytes.fromhex("01000000")), decode_value(0x03, bytes([254, 255]))
     (1, -2)
+    >>> decode_value(0x0C, bytes.fromhex("E8030000 0100")), decode_value(0x0D, bytes(6))
+    ('1984-01-02 00:00:01.000', '0 d 00:00:00.000')
     """
     known = DATA_TYPES.get(code) if code is not None else None
     if known is None:
@@ -100,5 +105,19 @@ def _fixed(known: DataType, data: bytes) -> Value:
             return data[0] & 1
         case "signed" | "unsigned":
             return int.from_bytes(data, "little", signed=known.kind == "signed")
+        case "time":
+            return _time(known.code, data)
         case _:
             return data
+
+
+def _time(code: int, data: bytes) -> str:
+    """Days and milliseconds after midnight (CiA 301 7.1.6.5)."""
+    since = datetime.timedelta(
+        days=data[4] | data[5] << 8,
+        milliseconds=int.from_bytes(data[:4], "little") & 0x0FFFFFFF,
+    )
+    moment = (_TIME_ORIGIN + since).replace(tzinfo=None)
+    if code == TIME_OF_DAY:
+        return moment.isoformat(" ", "milliseconds")
+    return f"{since.days} d {moment.time().isoformat('milliseconds')}"

@@ -1,5 +1,8 @@
 """EMCY codes and the error register (CiA 301 7.2.7.1 table 27, 7.5.2.2)."""
 
+EMCY_BYTES = 8
+UNKNOWN = "unknown code"
+
 CODES: dict[int, str] = {
     0x0000: "error reset or no error",
     0x1000: "generic error",
@@ -68,7 +71,54 @@ def code_meaning(code: int) -> str:
         return CODES[code]
     high = code >> 8
     group = GROUPS.get(high) or (GROUPS.get(high & 0xF0) if 0x20 <= high < 0x90 else None)
-    return group or "unknown code"
+    return group or UNKNOWN
+
+
+_GROUP_BITS = {0x2: 1, 0x3: 2, 0x4: 3, 0x8: 4}
+"""Register bit by the first digit of a code: current, voltage, temperature, communication."""
+
+
+def group_bit(code: int) -> int | None:
+    """Bit of the error register that goes with a code's group (CiA 301 7.5.2.2), None for others.
+
+    Monitoring that is no communication (80xxh) has none.
+
+    >>> group_bit(0x3110), group_bit(0x8130), group_bit(0x5530)
+    (2, 4, None)
+    """
+    return None if code >> 8 == 0x80 else _GROUP_BITS.get(code >> 12)
+
+
+def is_known(code: int) -> bool:
+    """Whether CiA 301 has a word for a code, be it that of its group.
+
+    >>> is_known(0x8130), is_known(0x1234)
+    (True, False)
+    """
+    return code_meaning(code) != UNKNOWN
+
+
+def short_message(data: bytes, meaning: str = "") -> str:
+    """What is wrong with an EMCY of fewer than eight bytes (CiA 301 7.2.7.3), and what it may be.
+
+    `meaning` are the words for its code, where it has one.
+
+    >>> short_message(b"")
+    'EMCY with 0 instead of 8 bytes: a SYNC, or a remote frame that was stored as data'
+    >>> short_message(bytes.fromhex("3081"), "life guard or heartbeat error")
+    'EMCY with 2 instead of 8 bytes: only the code 8130h (life guard or heartbeat error)'
+    """
+    text = f"EMCY with {len(data)} instead of 8 bytes"
+    if not data:
+        return f"{text}: a SYNC, or a remote frame that was stored as data"
+    if len(data) == 1:
+        return f"{text}: a SYNC with counter {data[0]}, or half a code"
+    code = f"code {int.from_bytes(data[:2], 'little'):04X}h"
+    named = f"{code} ({meaning})" if meaning else code
+    if len(data) == 2:
+        return f"{text}: only the {named}"
+    missing = EMCY_BYTES - len(data)
+    return f"{text}: {named}, register {data[2]:02X}h, {missing} of the maker's 5 bytes missing"
 
 
 def register_bits(register: int, names: dict[int, str] | None = None) -> list[str]:

@@ -22,6 +22,12 @@ from syncline_schemas.devices.catalog import (
 from syncline_schemas.devices.catalog import (
     load_device as load_device,
 )
+from syncline_schemas.devices.catalog import (
+    lookalikes as lookalikes,
+)
+from syncline_schemas.devices.lookalike import (
+    either as either,
+)
 from syncline_schemas.devices.model import (
     GENERIC_QUIRKS as GENERIC_QUIRKS,
 )

@@ -145,6 +145,24 @@ def identify(
     return None
 
 
+def lookalikes(
+    known: Mapping[Key, int | bytes], folders: tuple[Path, ...] | None = None
+) -> list[Device]:
+    """Devices of the name that a node answered, where nothing seen tells which one it is.
+
+    Empty where `identify` names one device, or where what was seen contradicts all of them.
+    """
+    name = _text_of(known.get((0x1008, 0)))
+    if name is None or identify(known, folders) is not None:
+        return []
+    for catalog in (_own(user_folders() if folders is None else folders), _catalog(())):
+        named = [d for d in _usable(catalog.values()) if d.identity.get("name") == name]
+        fitting = [d for d in named if _fits({**d.identity, "needs_one_of": ()}, known, name)]
+        if len(fitting) > 1:
+            return fitting
+    return []
+
+
 def _usable(paths: Iterable[Path]) -> Iterator[Device]:
     """Devices of files; a user's file that is broken is told when it is asked for."""
     for path in paths:

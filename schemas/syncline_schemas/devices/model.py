@@ -141,6 +141,9 @@ class Quirks:
     reset_writes: Mapping[Key, int] = field(default_factory=dict)
     """Objects that reset the device when this value is written, without an NMT command."""
     factory_reset_writes: Mapping[Key, int] = field(default_factory=dict)
+    """Objects that bring back the maker's values of 2000h..5FFFh when this value is written."""
+    communication_reset_all: bool = False
+    """NMT 82h reloads everything, not only 1000h..1FFFh."""
     bitrate_object: Key | None = None
     bitrates: Mapping[int, int] = field(default_factory=dict)
     """Bit rate [bit/s] by raw value of the bit rate object."""
@@ -172,6 +175,10 @@ class Quirks:
     """Indexes that may abort with 0602 0000 although the profile has them."""
     unused_values: Mapping[Key, int] = field(default_factory=dict)
     """Values that mean "not used", for example serial number FFFFFFFFh."""
+    since_restart: tuple[Key, ...] = ()
+    """Objects that count from the last restart: a smaller value tells of one."""
+    pending_until_reset: tuple[Key, ...] = ()
+    """Objects whose new value acts only after it was saved and the device restarted."""
     undocumented: Mapping[int, str] = field(default_factory=dict)
     """What an index that is not in the dictionary most likely means."""
     sdo_read_specifiers: tuple[int, ...] = (0x40,)

@@ -1,0 +1,121 @@
+"""Findings on the recording itself: gaps, damaged files, lines that could not be read."""
+
+from collections.abc import Iterator
+
+from syncline_analyzer.deafness import RECORDER_OFF, RECORDER_OVERFLOW
+from syncline_analyzer.findings.rule import Facts, Rule
+from syncline_analyzer.findings.stretch import seconds
+from syncline_analyzer.results import Finding, GapRow
+from syncline_schemas.wording import counted
+
+MAX_GAPS = 10
+"""More gaps with one reason on one bus become one finding."""
+_NOT_CLOSED = ": no footer"
+"""All that is said of a recording that was cut off and is whole up to there."""
+_UNREAD = 0.01
+"""Share of unreadable lines from which a log may be of another kind than it seems."""
+
+
+def _gaps(facts: Facts) -> Iterator[Finding]:
+    """Gaps by reason, but for those that other findings tell."""
+    groups: dict[tuple[str | None, str], list[GapRow]] = {}
+    for gap in facts.analysis.capture.gaps:
+        if gap.reason not in (RECORDER_OFF, RECORDER_OVERFLOW):
+            groups.setdefault((gap.bus, gap.reason), []).append(gap)
+    for group in groups.values():
+        if len(group) > MAX_GAPS:
+            yield _gap(group)
+        else:
+            yield from (_gap([gap]) for gap in group)
+
+
+def _gap(group: list[GapRow]) -> Finding:
+    first, last = group[0], group[-1]
+    lost = sum(gap.lost_frames or 0 for gap in group)
+    verb = "was" if lost == 1 else "were"
+    lost_text = f"; {counted(lost, 'frame')} {verb} lost" if lost else ""
+    lengths = [gap.end_ns - gap.start_ns for gap in group]
+    blind = f"blind for {seconds(lengths[0])}"
+    if len(group) > 1:
+        blind = f"blind {len(group)} times, for up to {seconds(max(lengths))}"
+    return Finding(
+        "capture.gap",
+        "info",
+        first.bus,
+        None,
+        first.start_ns,
+        last.end_ns,
+        f"The recorder was {blind} ({first.reason}){lost_text}:"
+        f" nothing is concluded from {'that time' if len(group) == 1 else 'these times'}.",
+        "See the reason; what happened in it is not known.",
+        "Adapter, its plug, and the load of the recording computer.",
+        [],
+    )
+
+
+def _damaged(facts: Facts) -> Iterator[Finding]:
+    """Files of which a part could not be read."""
+    capture = facts.analysis.capture
+    for damage in capture.damage:
+        yield Finding(
+            "capture.damaged",
+            "info" if _NOT_CLOSED in damage else "warning",
+            None,
+            None,
+            capture.begin_ns,
+            capture.end_ns,
+            f"A part of the capture could not be read: {damage}.",
+            "The recorder lost its supply while it wrote, or the file was cut off when it was"
+            " copied.",
+            "Copy the file again; what could be read was analyzed.",
+            [],
+        )
+
+
+def _unparsed(facts: Facts) -> Iterator[Finding]:
+    """Lines of a log that are neither frames nor anything else that is known."""
+    capture = facts.analysis.capture
+    if not capture.unparsed_lines:
+        return
+    many = capture.unparsed_lines > _UNREAD * max(capture.frames, 1)
+    yield Finding(
+        "capture.unparsed",
+        "warning" if many else "info",
+        None,
+        None,
+        capture.begin_ns,
+        capture.end_ns,
+        f"{counted(capture.unparsed_lines, 'line')} of the log could not be read, beside"
+        f" {counted(capture.frames, 'frame')} that could.",
+        "The file was cut off or edited, or a program wrote other text between the frames.",
+        "Look at these lines (syncline info names the first ones); a frame in them is missing here.",
+        [],
+    )
+
+
+RULES = (
+    Rule(
+        "capture.gap",
+        "The recorder was blind; nothing is concluded from that time.",
+        "The gap itself, as the recorder noted it.",
+        ("Only gaps that the recorder noted; its own bus-off and overruns are told as such.",),
+        _gaps,
+        untimed=True,
+    ),
+    Rule(
+        "capture.damaged",
+        "A part of the capture could not be read.",
+        "What the reader says of the file.",
+        ("A recording that merely was not closed is told as a note.",),
+        _damaged,
+        untimed=True,
+    ),
+    Rule(
+        "capture.unparsed",
+        "Lines of the log could not be read.",
+        "Their number.",
+        ("Comments, headers and statistics of the known formats are read and left out.",),
+        _unparsed,
+        untimed=True,
+    ),
+)

@@ -1,0 +1,347 @@
+"""NMT commands and states: what a node did not follow, or did without being told."""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator
+
+from syncline_analyzer.findings.bus import tells_bus_off
+from syncline_analyzer.findings.guarding import STORY_NS, guarding_stories
+from syncline_analyzer.findings.rule import Facts, Rule
+from syncline_analyzer.findings.stretch import LISTED, error_name, seconds, several
+from syncline_analyzer.findings.twins import Place, twins
+from syncline_analyzer.folds.nmt import MAX_NODE, NodeKey
+from syncline_analyzer.folds.nmt_events import Ignored, Violation
+from syncline_analyzer.folds.nmt_timeline import Timeline
+from syncline_analyzer.results import EmcyRow, Finding
+from syncline_schemas.canopen.nmt import COMMANDS, STATE_AFTER_COMMAND, NmtState, command_name
+from syncline_schemas.wording import counted
+
+EVIDENCE = 40
+SEARCHED = 10
+"""Commands to more absent nodes than these are a search of the whole bus."""
+WAITED_NS = 30_000_000_000
+"""A node that nobody started in so long is not going to be started [ns]."""
+
+
+def _ignored(facts: Facts) -> Iterator[Finding]:
+    """Commands that the node's own messages contradict a period later."""
+    doubled = twins(facts)
+    for (number, node), timeline in facts.control.nmt.timelines.items():
+        bus = facts.context.bus_name(number)
+        for ignored in timeline.ignored:
+            if (ignored.command.node == 0 and not timeline.followed) or (bus, node) in doubled:
+                continue
+            name = command_name(ignored.command.specifier)
+            pdos = [v for v in timeline.violations if not v.guess and _during(v, ignored)]
+            yield Finding(
+                "nmt.command_ignored",
+                "error",
+                bus,
+                node,
+                ignored.command.t_ns,
+                ignored.t_ns,
+                f'{facts.who(bus, node)} did not follow the command "{name}":'
+                f" {seconds(ignored.t_ns - ignored.command.t_ns)} later it still says {ignored.state}"
+                + (f" and goes on sending PDOs ({_identifiers(pdos)})." if pdos else "."),
+                "The node did not get the command, refuses it in its present condition, or another"
+                " node answers under the same number.",
+                "Does it follow when the command is repeated? Look for an EMCY of the node and for"
+                " 1F80h, 1029h.",
+                [ignored.command.seq, *(v.seq for v in pdos[:10]), ignored.seq],
+            )
+
+
+def _during(violation: Violation, ignored: Ignored) -> bool:
+    """Whether PDOs show that the node did not follow a command."""
+    return violation.start_ns <= ignored.t_ns and violation.end_ns >= ignored.command.t_ns
+
+
+def _identifiers(violations: Iterable[Violation]) -> str:
+    return ", ".join(sorted({f"{v.can_id:03X}h" for v in violations}))
+
+
+def _pdo_outside(facts: Facts) -> Iterator[Finding]:
+    """PDOs of nodes that are known to be in another state than OPERATIONAL."""
+    told = {(story.bus, story.node) for story in guarding_stories(facts)} | twins(facts)
+    for (number, node), timeline in facts.control.nmt.timelines.items():
+        bus = facts.context.bus_name(number)
+        found = [
+            violation
+            for violation in timeline.violations
+            if not violation.guess
+            and not any(_during(violation, ignored) for ignored in timeline.ignored)
+        ]
+        if not found or (bus, node) in told:
+            continue
+        first = found[0]
+        known = "by command" if first.certainty == "commanded" else "by its own word"
+        yield Finding(
+            "nmt.pdo_outside_operational",
+            "warning",
+            bus,
+            node,
+            first.start_ns,
+            max(v.end_ns for v in found),
+            f"{facts.who(bus, node)} sent {counted(sum(v.number for v in found), 'PDO')}"
+            f" ({_identifiers(found)}) while it was {first.state} {known}.",
+            "A second device under the same number, a device that does not keep to CiA 301, or a"
+            " command that it did not follow.",
+            "Switch the node off: do the PDOs stop? Compare with its heartbeat.",
+            [v.seq for v in found[:20]],
+        )
+
+
+def _left_operational(facts: Facts) -> Iterator[Finding]:
+    """Nodes that left OPERATIONAL by themselves, as 1029h:1 lets them do after an error."""
+    stories, doubled = guarding_stories(facts), twins(facts)
+    for (number, node), timeline in facts.control.nmt.timelines.items():
+        bus = facts.context.bus_name(number)
+        for seq, t_ns, before, after in timeline.changes:
+            emcy = _error_before(facts, bus, node, t_ns)
+            if before != "OPERATIONAL" or (emcy and tells_bus_off(emcy.code or 0, emcy.meaning)):
+                continue
+            finding = _fall(facts, (number, node), seq, t_ns, after, emcy)
+            if not _within(finding, stories, doubled):
+                yield finding
+
+
+def _fall(
+    facts: Facts, key: NodeKey, seq: int, t_ns: int, after: str, emcy: EmcyRow | None
+) -> Finding:
+    bus, node = facts.context.bus_name(key[0]), key[1]
+    told = f" after it reported {error_name(emcy.code or 0, emcy.meaning)}" if emcy else ""
+    return Finding(
+        "nmt.left_operational",
+        "error",
+        bus,
+        node,
+        emcy.t_ns if emcy else t_ns,
+        t_ns,
+        f"{facts.who(bus, node)} went from OPERATIONAL to {after} at {facts.moment(t_ns)} without a"
+        f" command{told}.",
+        "Its own reaction to an error (1029h:1)."
+        if emcy
+        else "Its own reaction to an error that it did not report, or a command that was not"
+        " recorded.",
+        "Read 1001h, 1003h and 1029h:1 of the node; it stays so until it is commanded.",
+        [*([emcy.seq] if emcy else []), seq],
+    )
+
+
+def _error_before(facts: Facts, bus: str, node: int, t_ns: int) -> EmcyRow | None:
+    """The last error that the node reported in the 10 s before."""
+    rows = [
+        row
+        for row in facts.analysis.emcy
+        if (row.bus, row.node) == (bus, node)
+        and row.transition != "malformed"
+        and row.code is not None
+        and row.code >> 8
+        and 0 <= t_ns - row.t_ns <= STORY_NS
+    ]
+    return rows[-1] if rows else None
+
+
+def _within(finding: Finding, stories: list[Finding], doubled: set[Place]) -> bool:
+    """Whether a story of the same node tells a finding already, or it is none of one node."""
+    return (finding.bus, finding.node) in doubled or any(
+        (finding.bus, finding.node) == (story.bus, story.node)
+        and story.start_ns <= finding.end_ns <= story.end_ns
+        for story in stories
+    )
+
+
+def _state_changes(facts: Facts) -> Iterator[Finding]:
+    """Other changes without a command: into STOPPED, and out of it."""
+    doubled = twins(facts)
+    for (number, node), timeline in facts.control.nmt.timelines.items():
+        bus = facts.context.bus_name(number)
+        found = [
+            change
+            for change in timeline.changes
+            if change[2] != "OPERATIONAL" and "STOPPED" in change[2:]
+        ]
+        if not found or (bus, node) in doubled:
+            continue
+        _, _, before, after = found[0]
+        often = several([facts.moment(t_ns) for _, t_ns, _, _ in found])
+        when = often or f"at {facts.moment(found[0][1])} "
+        yield Finding(
+            "nmt.state_changed",
+            "warning",
+            bus,
+            node,
+            found[0][1],
+            found[-1][1],
+            f"{facts.who(bus, node)} went from {before} to {after} {when}without a command.",
+            "Its own reaction to an error (1029h:1 = 2 stops it), or a command that was not"
+            " recorded.",
+            "Read 1001h, 1003h and 1029h:1; is there a second master, or a gateway that commands?",
+            [change[0] for change in found][:EVIDENCE],
+        )
+
+
+def _never_operational(facts: Facts) -> Iterator[Finding]:
+    """Nodes that nobody starts while others are at work."""
+    working = {
+        number
+        for (number, _), timeline in facts.control.nmt.timelines.items()
+        if any(i.state is NmtState.OPERATIONAL for i in timeline.intervals)
+    }
+    for (number, node), timeline in facts.control.nmt.timelines.items():
+        if number not in working or not _waits(timeline):
+            continue
+        bus = facts.context.bus_name(number)
+        told = [i for i in timeline.intervals if i.state is NmtState.PRE_OPERATIONAL]
+        yield Finding(
+            "nmt.never_operational",
+            "info",
+            bus,
+            node,
+            told[0].start_ns,
+            told[-1].end_ns,
+            f"{facts.who(bus, node)} was PRE-OPERATIONAL for the whole capture: nobody started it"
+            " while other nodes worked.",
+            "The master does not know this node, waits for something of it (identity, boot-up), or"
+            " leaves it so on purpose.",
+            "Is it in the master's node list with the right vendor, product and revision?",
+            [i.evidence for i in told if i.evidence is not None][:EVIDENCE],
+        )
+
+
+def _waits(timeline: Timeline) -> bool:
+    """Whether a node only ever was PRE-OPERATIONAL, long enough, and no start was meant for it."""
+    states = {i.state for i in timeline.intervals}
+    quiet = {NmtState.PRE_OPERATIONAL, NmtState.UNKNOWN, NmtState.INITIALISING}
+    told = [
+        i
+        for i in timeline.intervals
+        if i.state is NmtState.PRE_OPERATIONAL and i.certainty == "observed"
+    ]
+    started = any(
+        STATE_AFTER_COMMAND.get(c.specifier) is NmtState.OPERATIONAL
+        for c in timeline.history.commands
+    )
+    long = sum(i.end_ns - i.start_ns for i in told) >= WAITED_NS
+    return bool(told) and states <= quiet and long and not started
+
+
+def _malformed(facts: Facts) -> Iterator[Finding]:
+    """Frames on 000h that no node can follow, on buses that show CANopen otherwise."""
+    nmt = facts.control.nmt
+    for bus in sorted({odd.bus for odd in nmt.odd} & nmt.canopen):
+        found = [odd for odd in nmt.odd if odd.bus == bus]
+        more = "More than " if nmt.malformed > len(nmt.odd) else ""
+        kinds = Counter(odd.what for odd in found)
+        what = "; ".join(f"{k} ({n} times)" if n > 1 else k for k, n in kinds.most_common(LISTED))
+        yield Finding(
+            "nmt.malformed_command",
+            "warning",
+            facts.context.bus_name(bus),
+            None,
+            found[0].t_ns,
+            found[-1].t_ns,
+            f"{more}{counted(len(found), 'frame')} on 000h"
+            f" {'is not an NMT command' if len(found) == 1 else 'are no NMT commands'}: {what}.",
+            "An error in the program of a master, or a device that sends on the identifier of the"
+            " NMT master.",
+            "Find the sender; 000h has the highest priority on the bus and commands every node.",
+            [odd.seq for odd in found[:EVIDENCE]],
+        )
+
+
+def _absent(facts: Facts) -> Iterator[Finding]:
+    """Commands to single nodes that nobody ever heard: optional ones, or dead ones."""
+    there = {(row.bus, row.node) for row in facts.analysis.nodes}
+    for bus in sorted({row.bus for row in facts.control.nmt.commands}):
+        if facts.number(bus) not in facts.control.nmt.canopen:
+            continue
+        rows = [
+            row
+            for row in facts.control.nmt.commands
+            if row.bus == bus
+            and 0 < row.node <= MAX_NODE
+            and (bus, row.node) not in there
+            and row.command in COMMANDS.values()
+        ]
+        nodes = sorted({row.node for row in rows})
+        if not nodes or len(nodes) > SEARCHED:
+            continue
+        named = f"node {nodes[0]}" if len(nodes) == 1 else "nodes " + ", ".join(map(str, nodes))
+        yield Finding(
+            "nmt.command_to_absent_node",
+            "info",
+            bus,
+            nodes[0] if len(nodes) == 1 else None,
+            rows[0].t_ns,
+            rows[-1].t_ns,
+            f"{counted(len(rows), 'NMT command')} {'was' if len(rows) == 1 else 'were'} sent to"
+            f" {named}, of which nothing was heard in this capture.",
+            "Optional nodes that this machine does not have; or a node that is dead or has another"
+            " number.",
+            "Should it be there? Then check its supply, its node id and its bit rate.",
+            [row.seq for row in rows][:EVIDENCE],
+        )
+
+
+RULES = (
+    Rule(
+        "nmt.command_ignored",
+        "A node did not follow an NMT command.",
+        "The command and the message that contradicts it.",
+        (
+            "Judged only one error-control period after the command, gaps and clock steps left out.",
+            "The NMT master does not follow its own commands to all.",
+        ),
+        _ignored,
+    ),
+    Rule(
+        "nmt.pdo_outside_operational",
+        "A node sent PDOs in a state in which it must not.",
+        "These PDOs.",
+        (
+            "Frames in flight within 10 ms of the change are none, nor PDOs asked by remote frames.",
+            "Only PDOs of which the bus or the description says whose they are.",
+        ),
+        _pdo_outside,
+    ),
+    Rule(
+        "nmt.left_operational",
+        "A node left OPERATIONAL without a command.",
+        "The message that tells the new state, and the EMCY before it.",
+        ("Not where a command, or a gap in which one may lie, stands before it.",),
+        _left_operational,
+    ),
+    Rule(
+        "nmt.state_changed",
+        "A node went to STOPPED, or came out of it, without a command.",
+        "The message that tells the new state.",
+        ("Not where a command, or a gap in which one may lie, stands before it.",),
+        _state_changes,
+    ),
+    Rule(
+        "nmt.never_operational",
+        "A node stayed PRE-OPERATIONAL although others were started.",
+        "The message that told its state.",
+        ("At least 30 s of it, no start command to it or to all, and no sign of OPERATIONAL.",),
+        _never_operational,
+    ),
+    Rule(
+        "nmt.malformed_command",
+        "Frames on 000h that no node can follow.",
+        "These frames.",
+        ("Only on buses that show CANopen otherwise.",),
+        _malformed,
+        untimed=True,
+    ),
+    Rule(
+        "nmt.command_to_absent_node",
+        "NMT commands were sent to nodes of which nothing was heard.",
+        "These commands.",
+        (
+            "Information only: a master may look for optional nodes.",
+            "Commands to more than ten absent nodes are a search of the whole bus.",
+        ),
+        _absent,
+        untimed=True,
+    ),
+)

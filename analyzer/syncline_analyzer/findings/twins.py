@@ -1,0 +1,140 @@
+"""Two devices under one node id: interleaved cadences, states told in turn, double answers."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from syncline_analyzer.findings.rule import Facts, Rule
+from syncline_analyzer.findings.stretch import seconds
+from syncline_analyzer.folds.nmt import NodeKey, NodeNmt
+from syncline_analyzer.folds.nmt_timeline import Timeline
+from syncline_analyzer.folds.nmt_timeout import PRODUCER_TIME
+from syncline_analyzer.results import Finding
+
+FLIPS = 3
+"""Returns to OPERATIONAL without a command that no single node makes."""
+DOUBLED = 10
+"""Alternating heartbeat intervals from which on two producers are believed."""
+ANSWERED_TWICE = 5
+"""Guard requests with two answers from which on two devices are believed."""
+RECORDED_TWICE_NS = 10_000_000
+"""Frames that a recorder took twice are no further apart than this [ns]."""
+ALIKE = 0.1
+"""Part by which a measured period may differ from 1017h."""
+Place = tuple[str | None, int | None]
+"""Bus and node of a finding."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Sign:
+    """What shows two devices: when, in which words, by which frames."""
+
+    start_ns: int
+    end_ns: int
+    how: str
+    evidence: list[int]
+
+
+def twins(facts: Facts) -> set[Place]:
+    """Where two devices share one number: what follows from that is no fault of its own."""
+    return {(finding.bus, finding.node) for finding in _doubled(facts)}
+
+
+def _doubled(facts: Facts) -> Iterator[Finding]:
+    """One finding for each number that two devices carry."""
+    for (bus, node), nmt in facts.control.nmt.nodes.items():
+        sign = _sign(facts, (bus, node), nmt)
+        if sign is None:
+            continue
+        name = facts.context.bus_name(bus)
+        yield Finding(
+            "nmt.duplicate_node_id",
+            "error",
+            name,
+            node,
+            sign.start_ns,
+            sign.end_ns,
+            f"Two devices send as {facts.inside(name, node)}: {sign.how}.",
+            f"Two devices carry the number {node} (or the recorder took every frame twice).",
+            "Unplug the device that should be there: if the messages go on, find the other one.",
+            sign.evidence,
+        )
+
+
+def _sign(facts: Facts, key: NodeKey, nmt: NodeNmt) -> _Sign | None:
+    """The strongest sign of two devices, None without any."""
+    timeline = facts.control.nmt.timelines[key]
+    if nmt.twins.periods_ns is not None:
+        fast, slow = nmt.twins.periods_ns
+        how = f"one heartbeat comes every {seconds(fast)}, the other every {seconds(slow)}"
+        return _Sign(*nmt.twins.span, how, nmt.twins.at)
+    if nmt.doubles.count >= DOUBLED and _believed(facts, key, nmt):
+        how = f"short and long heartbeat intervals alternate {nmt.doubles.count} times"
+        return _Sign(*nmt.doubles.span, how, nmt.doubles.at)
+    halved = nmt.paces.halved
+    if halved is not None and not _rewritten(facts, key, halved.first_seq, halved.seq):
+        period, half = seconds(halved.period_ns), seconds(halved.period_ns // 2)
+        how = f"the heartbeat came every {period}, and from {facts.moment(halved.t_ns)} on a"
+        how += f" second one in the middle between two, so that one comes every {half}"
+        return _Sign(halved.t_ns, nmt.paces.paces[-1].last_ns, how, [halved.first_seq, halved.seq])
+    if nmt.guarding.doubled >= ANSWERED_TWICE:
+        how = f"{nmt.guarding.doubled} guard requests were answered twice"
+        return _Sign(*nmt.guarding.doubled_span, how, nmt.guarding.doubled_at)
+    if flips := _flips(timeline):
+        states = " and ".join(sorted({flip[3] for flip in flips}))
+        how = f"{states} are told in turn, {len(flips)} times without any command"
+        return _Sign(flips[0][1], flips[-1][1], how, [flip[0] for flip in flips[:20]])
+    return None
+
+
+def _believed(facts: Facts, key: NodeKey, nmt: NodeNmt) -> bool:
+    """Whether alternating intervals are two devices, and not a slow task or the recorder."""
+    known = facts.context.shadow.get(*key, PRODUCER_TIME)
+    if known is not None and known.source != "eds-default" and isinstance(known.value, int):
+        told_ns, pair = known.value * 1e6, nmt.doubles.pair_ns
+        if abs(pair - told_ns) <= ALIKE * told_ns:
+            return not _recorded_twice(facts, key[0])
+        if abs(pair - 2 * told_ns) <= 2 * ALIKE * told_ns:
+            return False
+    return not nmt.doubles.stepped and not _recorded_twice(facts, key[0])
+
+
+def _recorded_twice(facts: Facts, bus: int) -> bool:
+    """Whether all heartbeats of a bus come twice: that is the recorder, or joined logs."""
+    steady = [
+        nmt
+        for (on, _), nmt in facts.control.nmt.nodes.items()
+        if on == bus and nmt.counts.heartbeats > 2 * DOUBLED
+    ]
+    return len(steady) > 1 and all(
+        nmt.doubles.count >= DOUBLED and nmt.doubles.short_ns <= RECORDED_TWICE_NS for nmt in steady
+    )
+
+
+def _rewritten(facts: Facts, key: NodeKey, start_seq: int, end_seq: int) -> bool:
+    """Whether 1017h was written, or thrown away by a reset, while the period changed."""
+    changes = facts.context.shadow.changes(*key, PRODUCER_TIME)
+    return any(start_seq <= seq <= end_seq for seq in changes)
+
+
+def _flips(timeline: Timeline) -> list[tuple[int, int, str, str]]:
+    """Changes to and fro that no single node makes: back in OPERATIONAL without a command."""
+    back = [change for change in timeline.changes if change[3] == "OPERATIONAL"]
+    gone = [change for change in timeline.changes if change[2] == "OPERATIONAL"]
+    return timeline.changes if min(len(back), len(gone)) >= FLIPS else []
+
+
+RULES = (
+    Rule(
+        "nmt.duplicate_node_id",
+        "Two devices carry one node id.",
+        "Heartbeats of two cadences, states told in turn, or guard requests answered twice.",
+        (
+            (
+                "Jitter of one producer, heartbeats on the grid of a slow task, a reset or a changed"
+                " 1017h is none."
+            ),
+            "Where the heartbeats of all nodes come twice it is the recorder.",
+        ),
+        _doubled,
+    ),
+)

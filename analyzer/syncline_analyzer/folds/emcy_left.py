@@ -1,0 +1,149 @@
+"""What the bits of a "no error" message say of each error: gone, still there, or not told."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+from syncline_schemas.canopen.emcy import group_bit
+from syncline_schemas.devices import Device
+
+GENERIC_BIT = 0x01
+"""Bit 0 of 1001h goes with any error, so it tells of none in particular."""
+SHARED_BITS = 0x11
+"""Bits that a device may set with an error of another kind: generic and communication."""
+
+Verdict = Literal["gone", "stays", "maybe"]
+
+
+@dataclass(slots=True)
+class ActiveError:
+    """An error that is there.
+
+    `register` holds the bits set with it; `fresh` and `fresh_words` those of the register and of
+    the device's alarm words that were new with it.
+    """
+
+    code: int
+    manufacturer: bytes
+    raised_ns: int
+    register: int
+    fresh: int
+    fresh_words: int = 0
+    count: int = 1
+    evidence: list[int] = field(default_factory=list)
+
+
+def gone_errors(
+    device: Device | None,
+    active: Sequence[ActiveError],
+    register: int,
+    manufacturer: bytes,
+    *,
+    repeated: bool,
+) -> list[ActiveError]:
+    """Errors that a clear with bits left ends.
+
+    A clear tells that at least one error is gone (CiA 301 7.2.7.2): where the bits prove none and
+    leave it open of one only, it is that one, unless the message is `repeated`.
+    """
+    verdicts = [_verdict(device, error, active, register, manufacturer) for error in active]
+    gone = [error for error, told in zip(active, verdicts, strict=True) if told == "gone"]
+    open_ = [error for error, told in zip(active, verdicts, strict=True) if told == "maybe"]
+    if not gone and not repeated and len(open_) == 1 and len(active) > 1:
+        return open_
+    return gone
+
+
+def _verdict(
+    device: Device | None,
+    error: ActiveError,
+    active: Sequence[ActiveError],
+    register: int,
+    manufacturer: bytes,
+) -> Verdict:
+    """The most telling bits decide: alarm words that stand for it, its own ones of the register."""
+    words = mapped_words(device, error.code, error.manufacturer)
+    if not words and not _mask_of(device, error.code) & error.register & ~GENERIC_BIT:
+        words = error.fresh_words & ~_all_mapped(device)
+    if words:
+        return "stays" if words & words_of(device, manufacturer) else "gone"
+    own = _own_bits(device, error)
+    if own:
+        if not own & register:
+            return "gone"
+        others = (_own_bits(device, other) for other in active if other is not error)
+        return "maybe" if any(own & bits for bits in others) else "stays"
+    return "maybe" if register & GENERIC_BIT or not error.register else "gone"
+
+
+def _own_bits(device: Device | None, error: ActiveError) -> int:
+    """Register bits that came with an error: by the device's table, by CiA 301, else the new ones.
+
+    Not the generic bit, which says nothing where it is still set.
+    """
+    standard = group_bit(error.code)
+    told = (_mask_of(device, error.code), 0 if standard is None else 1 << standard, error.fresh)
+    for mask in told:
+        if own := mask & error.register & ~GENERIC_BIT:
+            return own
+    return 0
+
+
+def codes_told(device: Device | None, register: int, manufacturer: bytes) -> tuple[int, ...]:
+    """Codes that the device's table gives for the bits set, the more telling ones first."""
+    if device is None:
+        return ()
+    masks = device.emcy_registers.items()
+    codes = [code for bit, codes in masks if register >> bit & 1 for code in codes]
+    words = [code for code, _ in _set_words(device, manufacturer)]
+    return tuple(dict.fromkeys([*words, *codes]))
+
+
+def codes_unexplained(
+    device: Device | None, active: Sequence[ActiveError], register: int, manufacturer: bytes
+) -> tuple[int, ...]:
+    """Codes that the device's table gives for bits that none of the active errors explains."""
+    if device is None:
+        return ()
+    own = {error.code for error in active}
+    groups = {code >> 8 for code in own}
+    found = [code for code, _ in _set_words(device, manufacturer) if code not in own]
+    for bit, codes in device.emcy_registers.items():
+        explained = groups & {code >> 8 for code in codes} or bit in map(group_bit, own)
+        if register & ~SHARED_BITS & 1 << bit and not explained:
+            found.extend(codes)
+    return tuple(dict.fromkeys(found))
+
+
+def words_of(device: Device | None, manufacturer: bytes) -> int:
+    """The maker's bytes as one number, as far as the device's table has them as words of bits."""
+    mask = 0
+    for part in device.emcy_fields if device else ():
+        mask |= ((1 << 8 * part.length) - 1) << 8 * part.start
+    return int.from_bytes(manufacturer, "little") & mask
+
+
+def mapped_words(device: Device | None, code: int, manufacturer: bytes) -> int:
+    """Bits within the maker's bytes that stand for a code and are set."""
+    return sum(1 << bit for told, bit in _set_words(device, manufacturer) if told == code)
+
+
+def _all_mapped(device: Device | None) -> int:
+    """Bits within the maker's bytes that the device's table gives to codes."""
+    parts = device.emcy_fields if device else ()
+    return sum(1 << bit + 8 * part.start for part in parts for bit in part.codes)
+
+
+def _set_words(device: Device | None, manufacturer: bytes) -> Iterator[tuple[int, int]]:
+    """(code, bit within the maker's bytes) of every bit set that stands for a code."""
+    words = words_of(device, manufacturer)
+    for part in device.emcy_fields if device else ():
+        for bit, code in part.codes.items():
+            if words >> 8 * part.start + bit & 1:
+                yield code, 8 * part.start + bit
+
+
+def _mask_of(device: Device | None, code: int) -> int:
+    """Register bits that stand for a code by the device's table."""
+    masks = device.emcy_registers.items() if device else ()
+    return sum(1 << bit for bit, codes in masks if code in codes)

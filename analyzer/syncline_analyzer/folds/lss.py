@@ -1,0 +1,94 @@
+"""LSS frames: who was given which node-ID and bit rate (CiA 305)."""
+
+from dataclasses import dataclass, field
+
+from syncline_analyzer.context import Context
+from syncline_analyzer.fold import IndexedBatch
+from syncline_analyzer.results import LssRow
+from syncline_schemas.canopen.lss import decode_frame
+
+REQUEST_ID, ANSWER_ID = 0x7E5, 0x7E4
+MAX_ROWS = 10_000
+ANSWER_NS = 2_000_000_000
+"""An answer that comes later belongs to nothing [ns]."""
+
+
+@dataclass(frozen=True, slots=True)
+class LssSetting:
+    """A node-ID or bit rate that was asked for and answered; `request`, `answer` are rows."""
+
+    request: LssRow
+    answer: LssRow
+
+    @property
+    def refused(self) -> bool:
+        """Whether the slave did not take it."""
+        return bool(self.answer.values.get("error"))
+
+
+@dataclass(frozen=True, slots=True)
+class LssTable:
+    """Frames in order of `seq`, the number of those beyond, and settings with their answers."""
+
+    rows: list[LssRow] = field(default_factory=list)
+    beyond: int = 0
+    settings: list[LssSetting] = field(default_factory=list)
+
+
+_CONFIGURE = ("configure node-ID", "configure bit timing", "store configuration")
+
+
+class LssFold:
+    """Keeps the LSS frames of all buses, and joins what was configured with its answer."""
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        self._rows: list[LssRow] = []
+        self._beyond = 0
+        self._open: dict[str, LssRow] = {}
+        self._settings: list[LssSetting] = []
+
+    def update(self, batch: IndexedBatch) -> None:
+        """Take in the next frames."""
+        found = [
+            (int(row), bus, can_id == REQUEST_ID)
+            for bus, can_id in batch.ids()
+            if can_id in (REQUEST_ID, ANSWER_ID)
+            for row in batch.rows(bus, can_id)[: MAX_ROWS + 1]
+        ]
+        for row, bus, request in sorted(found):
+            self._take(batch, row, bus, request=request)
+
+    def finish(self, buses: set[str]) -> LssTable:
+        """The frames on buses that speak CANopen, by name, or on which LSS got an answer."""
+        speaking = buses | {each.request.bus for each in self._settings}
+        rows = [row for row in self._rows if row.bus in speaking]
+        return LssTable(rows, self._beyond, self._settings)
+
+    def _take(self, batch: IndexedBatch, row: int, bus: int, *, request: bool) -> None:
+        if len(self._rows) >= MAX_ROWS:
+            self._beyond += 1
+            return
+        frame = decode_frame(batch.frames.payload(row), request=request)
+        entry = LssRow(
+            self._context.bus_name(bus),
+            batch.seq(row),
+            int(batch.frames.t_ns[row]),
+            "master" if request else "slave",
+            frame.command,
+            frame.text,
+            frame.values,
+        )
+        self._rows.append(entry)
+        if request:
+            self._open[entry.bus] = entry
+        elif entry.command in _CONFIGURE:
+            self._answer(entry)
+
+    def _answer(self, answer: LssRow) -> None:
+        asked = self._open.get(answer.bus)
+        if asked is None or asked.command != answer.command:
+            return
+        if not self._context.timed or 0 <= answer.t_ns - asked.t_ns <= ANSWER_NS:
+            self._settings.append(LssSetting(asked, answer))
+            del self._open[answer.bus]

@@ -1,0 +1,82 @@
+"""What one object of a node was over the capture: every change with its source and its reason."""
+
+from bisect import bisect_right
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Literal, NamedTuple
+
+Source = Literal["sdo-read", "sdo-write", "bus-description", "eds-default"]
+Cause = Literal["sdo-read", "sdo-write", "side effect", "reset", "factory reset"]
+"""Why a value holds from a moment on."""
+Value = int | bytes
+CONFIRMED: tuple[Source, ...] = ("sdo-read", "sdo-write")
+"""Sources that an answer of the node itself confirms."""
+MAX_CHANGES = 20_000
+"""Changes kept per object: a value polled for days must not fill the memory."""
+
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """One object's value, where it comes from, and since when (`seq` is None when it always held)."""
+
+    value: Value
+    source: Source
+    seq: int | None = None
+    t_ns: int | None = None
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether the node itself told or acknowledged it."""
+        return self.source in CONFIRMED
+
+
+class Change(NamedTuple):
+    """From `seq` on `known` holds; None: what a reset left is not known from the bus."""
+
+    seq: int
+    t_ns: int
+    known: Known | None
+    cause: Cause
+
+
+class Span(NamedTuple):
+    """A change and the frame at which the next one ends it; None: it holds to the end."""
+
+    change: Change
+    until_seq: int | None
+    until_ns: int | None
+
+
+@dataclass(slots=True)
+class ObjectHistory:
+    """Changes in order of `seq`; a reset falls back to `saved` once the value is `unsaved`."""
+
+    seqs: list[int] = field(default_factory=list)
+    changes: list[Change] = field(default_factory=list)
+    saved: Known | None = None
+    unsaved: bool = False
+
+    def add(self, change: Change) -> None:
+        """Append a change; the older half goes where there are too many."""
+        self.seqs.append(change.seq)
+        self.changes.append(change)
+        if len(self.seqs) > MAX_CHANGES:
+            del self.seqs[: MAX_CHANGES // 2], self.changes[: MAX_CHANGES // 2]
+
+    def at(self, seq: int | None) -> Known | None:
+        """What is known at `seq` (at the end when None)."""
+        at = len(self.seqs) if seq is None else bisect_right(self.seqs, seq)
+        return self.changes[at - 1].known if at else None
+
+    @property
+    def last(self) -> Known | None:
+        """What is known at the end."""
+        return self.changes[-1].known if self.changes else None
+
+    def spans(self) -> Iterator[Span]:
+        """Every change with its end; what another one at the same frame replaces is left out."""
+        for change, after in zip(self.changes, [*self.changes[1:], None], strict=True):
+            if after is None:
+                yield Span(change, None, None)
+            elif after.seq > change.seq:
+                yield Span(change, after.seq, after.t_ns)

@@ -1,0 +1,174 @@
+"""Rules on what devices do with settings, and on their traces: near misses, and what no trap shows."""
+
+import pytest
+
+from tests.analyzer.traps.script import Script, little
+
+TURN = 8192
+
+
+def encoder(device: str = "lir-ma158k") -> Script:
+    """A multi-turn LIR as node 1 whose scale was read."""
+    script = Script(device).read(-90, 0x6000, 0, 0, size=2).read(-80, 0x6001, 0, TURN)
+    return script.read(-70, 0x6002, 0, TURN * 4096).read(-60, 0x6502, 0, 4096, size=2)
+
+
+def turning(script: Script, stop: float = 5000) -> Script:
+    return script.heartbeat(0, stop).pdo(5, stop, 20, lambda k: 1000 + 7 * k)
+
+
+@pytest.mark.near_miss("device.identifier_kept")
+def test_switching_a_pdo_off_and_on_is_no_move() -> None:
+    script = turning(encoder()).write(1000, 0x1800, 1, 0x80000181)
+    assert "device.identifier_kept" not in script.write(1100, 0x1800, 1, 0x181).told().ids
+
+
+@pytest.mark.near_miss("device.defaults_pending")
+def test_a_refused_load_stores_no_defaults() -> None:
+    script = turning(encoder()).write(1000, 0x1011, 1, 1, abort=0x08000020)
+    assert "device.defaults_pending" not in script.told().ids
+
+
+@pytest.mark.near_miss("device.bit_rate_change")
+def test_the_bit_rate_that_the_bus_has_is_no_change() -> None:
+    script = turning(encoder()).write(1000, 0x2100, 0, 6)
+    script.bitrate = 500_000
+    assert "device.bit_rate_change" not in script.told().ids
+
+
+@pytest.mark.near_miss("device.node_id_change")
+def test_writing_the_node_id_that_it_has_is_no_change() -> None:
+    told = turning(encoder()).write(1000, 0x2101, 0, 1).told()
+    assert "device.node_id_change" not in told.ids
+
+
+def test_a_node_that_was_there_before_is_not_the_renamed_one() -> None:
+    script = turning(encoder()).write(1000, 0x2101, 0, 10).save(1100)
+    script.node = 10
+    script.heartbeat(0, 5000)
+    (found,) = script.told().findings("device.node_id_change")
+    assert "now node 10" not in found.text
+    assert "acts after a reset" in found.text
+
+
+@pytest.mark.near_miss("device.factory_reset")
+def test_a_zero_to_207fh_resets_nothing() -> None:
+    script = Script("jn2100", 10).heartbeat(0, 3000).write(1000, 0x207F, 0, 0, size=1)
+    assert "device.factory_reset" not in script.told().ids
+
+
+@pytest.mark.near_miss("device.settling")
+def test_a_filter_that_is_switched_off_settles_at_once() -> None:
+    script = Script("jn2100", 10).heartbeat(0, 3000).write(1000, 0x2049, 0, 0, size=1)
+    assert "device.settling" not in script.told().ids
+
+
+@pytest.mark.near_miss("device.lost_at_reset")
+def test_a_master_that_configures_after_each_boot_up_has_lost_nothing() -> None:
+    script = encoder().heartbeat(0, 3000).write(500, 0x1800, 5, 20).nmt(3000, 0x81)
+    script.boot(7000).write(7100, 0x1800, 5, 20).nmt(7200, 0x01).heartbeat(7300, 9000)
+    assert "device.lost_at_reset" not in script.told().ids
+
+
+@pytest.mark.near_miss("pdo.silent")
+def test_a_node_that_stays_pre_operational_owes_no_pdo() -> None:
+    assert "pdo.silent" not in encoder().heartbeat(0, 20_000, 0x7F).told().ids
+
+
+def two_ways(second: int) -> Script:
+    """The position by timer and by SYNC, of which the second stands still if `second` is 0."""
+    script = encoder().heartbeat(0, 10_000).sync(1, 10_000)
+    script.read(-40, 0x1801, 2, 1, size=1)
+    script.pdo(5, 10_000, 20, lambda k: 1000 + 40 * k)
+    return script.pdo(2, 10_000, 20, lambda k: 1000 + second * k, base=0x280)
+
+
+@pytest.mark.triggers("angle.frozen")
+def test_a_pdo_that_repeats_an_old_value_is_frozen() -> None:
+    told = two_ways(0).told()
+    found = told.finding("angle.frozen")
+    assert "281h" in found.text
+    assert "frozen at 1000" in found.text
+    assert told.trace_row().flags["frozen"] == 500
+
+
+@pytest.mark.near_miss("angle.frozen")
+def test_two_pdos_that_move_together_are_not_frozen() -> None:
+    assert "angle.frozen" not in two_ways(40).told().ids
+
+
+@pytest.mark.near_miss("angle.frozen")
+def test_standstill_is_not_frozen() -> None:
+    script = encoder().heartbeat(0, 10_000).pdo(5, 10_000, 20, lambda _: 1000)
+    told = script.pdo(9, 10_000, 20, lambda _: 1000, base=0x280).told()
+    assert "angle.frozen" not in told.ids
+
+
+@pytest.mark.near_miss("angle.frozen")
+def test_an_axis_that_stays_level_while_the_other_tilts_is_not_frozen() -> None:
+    script = Script("jn2100", 10).heartbeat(0, 10_000).sync(1, 10_000)
+    told = script.pdo(2, 10_000, 20, lambda k: (k, 0), bits=16).told()
+    assert "angle.frozen" not in told.ids
+
+
+@pytest.mark.triggers("angle.scale_assumed")
+def test_degrees_on_an_assumed_scale_are_told_so() -> None:
+    script = Script("haomiao-38").heartbeat(0, 3000).pdo(5, 3000, 20, lambda k: 1000 + 7 * k)
+    found = script.told().finding("angle.scale_assumed")
+    assert found.severity == "info"
+    assert "6001h" in found.text
+    assert found.assumed
+
+
+@pytest.mark.near_miss("angle.scale_assumed")
+def test_a_scale_that_was_read_is_not_assumed() -> None:
+    assert "angle.scale_assumed" not in turning(encoder()).told().ids
+
+
+@pytest.mark.near_miss("angle.scale_assumed")
+def test_a_shaft_that_stands_needs_no_scale() -> None:
+    script = Script("haomiao-38").heartbeat(0, 3000).pdo(5, 3000, 20, lambda _: 1000)
+    assert "angle.scale_assumed" not in script.told().ids
+
+
+@pytest.mark.triggers("angle.sensor_alarm")
+def test_an_alarm_that_was_read_is_told() -> None:
+    script = turning(encoder("lir-da158")).read(1000, 0x6503, 0, 0, size=2)
+    found = script.read(2000, 0x6503, 0, 1, size=2).told().finding("angle.sensor_alarm")
+    assert found.severity == "warning"
+    assert "6503h = 0001h (position code invalid)" in found.text
+
+
+@pytest.mark.triggers("angle.sensor_alarm")
+def test_an_alarm_in_a_pdo_is_told() -> None:
+    script = Script("haomiao-38").heartbeat(0, 3000).write(10, 0x1A00, 0, 0, size=1)
+    script.write(20, 0x1A00, 2, 0x65030010, size=4).write(30, 0x1A00, 0, 2, size=1)
+    script.every(50, 1000, 20, lambda k: f"181#{little(k)}0000")
+    told = script.every(1000, 3000, 20, lambda k: f"181#{little(k)}0100").told()
+    assert told.finding("angle.sensor_alarm").start_ns == told.analysis.capture.first_ns + 10**9
+    assert told.trace(0x6503).unit == "bits"
+
+
+@pytest.mark.near_miss("angle.sensor_alarm")
+def test_a_zero_is_no_alarm() -> None:
+    script = turning(encoder("lir-da158")).read(1000, 0x6503, 0, 0, size=2)
+    assert "angle.sensor_alarm" not in script.told().ids
+
+
+def test_a_restart_between_two_samples_is_no_jump() -> None:
+    """A boot-up with 7Fh and no command: the preset was not saved, the position is another one."""
+    script = turning(encoder(), 3000).heartbeat(5000, 9000, 0x7F)
+    script.node = 9
+    script.heartbeat(0, 9000)
+    script.node = 1
+    script.pdo(8000, 9000, 20, lambda k: 20_000_000 + 7 * k)
+    told = script.told()
+    assert told.row().boot_ups == 1
+    assert "angle.jump" not in told.ids
+
+
+def test_the_offset_between_two_pdos_is_no_jump_and_no_freeze() -> None:
+    script = encoder().heartbeat(0, 10_000).pdo(5, 10_000, 515, lambda k: 1000 + 1000 * k)
+    told = script.pdo(9, 10_000, 20, lambda k: 1000 + 39 * k, base=0x280).told()
+    assert told.events("jump") == []
+    assert "angle.frozen" not in told.ids

@@ -104,6 +104,8 @@ def analyze(
         lss=controls.lss.rows,
         time_stamps=controls.time.rows,
     )
+    if unlisted := controls.sdo.unlisted:
+        analysis.capture.notes.append(f"{unlisted} more SDO transfers are counted, but not listed")
     bus_states = controls.bus_errors.states
     analysis.emcy_context.extend(emcy_context(analysis, bus_states, timed=context.timed))
     analysis.error_history.extend(error_history(controls, context, analysis.capture.gaps))

@@ -6,7 +6,12 @@ from syncline_analyzer.context import Context
 from syncline_analyzer.object_history import Change, Known, ObjectHistory
 from syncline_analyzer.results import NodeRow, ObjectHistoryRow, ObjectRow
 from syncline_schemas.canopen.datatypes import decode_value
-from syncline_schemas.canopen.objects import standard_meaning, standard_object
+from syncline_schemas.canopen.objects import (
+    DRIVES,
+    drive_object,
+    standard_meaning,
+    standard_object,
+)
 from syncline_schemas.devices import Device
 
 MAX_ROWS = 2000
@@ -43,13 +48,20 @@ def history_rows(context: Context) -> list[ObjectHistoryRow]:
     ]
 
 
-def named(device: Device | None, index: int, sub: int) -> tuple[str | None, str | None]:
-    """Name and unit of an object by its device, else by CiA 301; None where neither knows."""
+def named(
+    device: Device | None, index: int, sub: int, profile: int | None = None
+) -> tuple[str | None, str | None]:
+    """Name and unit of an object by its device, else by CiA 301; None where neither knows.
+
+    `profile` is the low half of 1000h: the names of drives count where it says that it is one.
+    """
     facts = device.object(index, sub) if device else None
     if facts is not None:
         return facts.full_name, facts.unit or None
     usual = standard_object(index, sub)
-    return (usual.name, usual.unit or None) if usual else (None, None)
+    if usual is not None:
+        return usual.name, usual.unit or None
+    return (drive_object(index) if profile == DRIVES else None), None
 
 
 def meaning(device: Device | None, index: int, sub: int, value: object) -> str:
@@ -108,7 +120,7 @@ def _row(
     saved: bool | None = None,
 ) -> ObjectRow:
     device = context.shadow.device(bus, node)
-    name, unit = named(device, *key)
+    name, unit = named(device, *key, _profile(context, bus, node))
     value = _shown(device, key, known)
     return ObjectRow(
         bus=context.bus_name(bus),
@@ -129,11 +141,16 @@ def _row(
     )
 
 
+def _profile(context: Context, bus: int, node: int) -> int | None:
+    kind = context.shadow.number(bus, node, 0x1000)
+    return None if kind is None else kind & 0xFFFF
+
+
 def _history_of(
     context: Context, bus: int, node: int, key: Key, history: ObjectHistory
 ) -> Iterator[ObjectHistoryRow]:
     device = context.shadow.device(bus, node)
-    name, unit = named(device, *key)
+    name, unit = named(device, *key, _profile(context, bus, node))
     for change, until_seq, until_ns in list(history.spans())[-MAX_ROWS:]:
         known = change.known or context.shadow.assumed(bus, node, *key)
         value = _shown(device, key, known) if known else None

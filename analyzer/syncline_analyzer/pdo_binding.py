@@ -278,7 +278,7 @@ class PdoBindings:
         found: dict[int, list[tuple[Kind, int, int]]] = {}
         for node, device in enumerate(devices):
             indexes = {index for index, _ in device.facts} if device else set()
-            indexes |= {base + k for base in COMMUNICATION.values() for k in range(4)}
+            indexes |= {index for index, _ in self._shadow.described(bus, node)}
             for index in sorted(indexes):
                 place = _pdo_of(index)
                 known = self.identifier(bus, node, *place, 0) if place else None

@@ -234,7 +234,7 @@ class EmcyRow:
     details: dict[str, Any] = field(default_factory=dict)
     """Manufacturer bytes decoded by device, for example {"alarms": 1, "warnings": 0}."""
     active: list[int] = field(default_factory=list)
-    """Codes of the node's errors that are known to be there after it; at most 32."""
+    """Codes of the node's errors that are there after it, as far as its bits tell; at most 32."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -250,6 +250,8 @@ class ErrorRow:
     status: Literal["cleared", "still active", "lost at reset"]
     count: int
     evidence: list[int] = field(default_factory=list)
+    certain: bool = True
+    """False where it may have ended before: a clear did not tell which of several errors it ends."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -544,10 +546,10 @@ class OverloadRow:
 
 @dataclass(frozen=True, slots=True)
 class SyncDoubleRow:
-    """A stretch in which two rhythms of one period share a SYNC identifier.
+    """A stretch in which two rhythms share a SYNC identifier.
 
-    The second one comes `offset_us` after the first, in so many `pairs`; `evidence` holds the
-    first SYNCs of the stretch.
+    `period_us` is that of the one which is also seen alone; `pairs` SYNCs come beside it, the first
+    of them `offset_us` off; `evidence` holds the first SYNCs of the stretch.
     """
 
     bus: str

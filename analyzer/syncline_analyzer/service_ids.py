@@ -1,8 +1,8 @@
-"""Identifiers that nodes give to SYNC, EMCY and SDO at any moment (CiA 301 7.5.2)."""
+"""Identifiers that nodes give to SYNC and EMCY at any moment (CiA 301 7.5.2)."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 
-from syncline_analyzer.shadow import Known, Shadow
+from syncline_analyzer.shadow import Shadow
 
 OFF = 1 << 31
 """Bit 31 of 1014h, 1200h and 180xh:1: the service does not exist."""
@@ -10,8 +10,6 @@ PRODUCES = 1 << 30
 """Bit 30 of 1005h and 1012h: the node sends SYNC or TIME."""
 FRAME_29_BIT = 1 << 29
 SYNC, EMCY = 0x1005, 0x1014
-SERVERS = range(0x1200, 0x1280)
-"""SDO server parameters."""
 
 
 def cob_id(value: int) -> int | None:
@@ -46,24 +44,6 @@ def moved_emcy_id(shadow: Shadow, bus: int, node: int, seq: int | None = None) -
     return None if found in (None, 0, 0x80, 0x80 + node) else found
 
 
-def sdo_ids(
-    shadow: Shadow, bus: int, node: int, seq: int | None = None
-) -> Iterator[tuple[int, int]]:
-    """(request, answer) identifiers of every SDO server of a node that is on.
-
-    The first one is predefined; what 1200h..127Fh say counts where the node or the user told it.
-    """
-    for index in SERVERS:
-        told = [shadow.get(bus, node, index, sub, seq) for sub in (1, 2)]
-        pair = [_told(known) for known in told]
-        if index == SERVERS[0]:
-            first = [0x600 + node, 0x580 + node]
-            pair = [usual if p is None else p for p, usual in zip(pair, first, strict=True)]
-        request, answer = (None if p is None else cob_id(p) for p in pair)
-        if request and answer:
-            yield request, answer
-
-
 def changes_of(
     shadow: Shadow, bus: int, nodes: Iterable[int], index: int, first: int, last: int
 ) -> set[int]:
@@ -71,9 +51,3 @@ def changes_of(
     return {
         seq for node in nodes for seq in shadow.changes(bus, node, index) if first < seq <= last
     }
-
-
-def _told(known: Known | None) -> int | None:
-    if known is None or known.source == "eds-default" or not isinstance(known.value, int):
-        return None
-    return known.value

@@ -186,6 +186,11 @@ class Shadow:
         entry = self._description.node(self._bus_name(bus), node)
         return entry.name if entry else None
 
+    def described(self, bus: int, node: int) -> set[Key]:
+        """Objects of which the bus description states a value."""
+        entry = self._description.node(self._bus_name(bus), node)
+        return set(entry.objects) if entry else set()
+
     def _find_device(self, bus: int, node: int) -> Device | None:
         if node in self._devices_by_node:
             return self._devices_by_node[node]

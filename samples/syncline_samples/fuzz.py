@@ -20,6 +20,8 @@ COUNTER_OVERFLOWS = (0, 0, 0, 2, 10, 60, 240)
 HEARTBEATS_MS = (100, 150, 200, 250, 300, 500)
 GUARDS_MS = (100, 200, 300)
 DEVICES = (*LIR_MODELS, "jn2100", "haomiao-38", "io")
+OUTPUT_SYNCS_US = (0, 30_000, 70_000)
+"""SYNC periods beside RPDOs every 200 ms, which else would look as if they answered every n-th."""
 _LIR_READY_S, _READY_S = 5.6, 1.9
 """By when the master has started every node; a LIR is silent for 4 s after a reset."""
 _ENDING_SHARE = 0.15
@@ -31,7 +33,9 @@ def random_scenario(random: Random, *, most_faults: int = 3) -> Scenario:
     node_ids = random.sample(range(1, 127), random.randint(1, 4))
     devices = tuple(_device(random, node_id) for node_id in node_ids)
     slow = any(is_lir(spec) for spec in devices)
-    plan = Plan(random, devices, random.choice(SYNCS_US), _LIR_READY_S if slow else _READY_S)
+    rpdo_node = random.choice((0, *(s.node_id for s in devices if s.device == "io")))
+    sync_us = random.choice(OUTPUT_SYNCS_US if rpdo_node else SYNCS_US)
+    plan = Plan(random, devices, sync_us, _LIR_READY_S if slow else _READY_S)
     plan.wait(2.5 * max(period_ms(spec) for spec in devices) / 1000)
     for _ in range(random.randint(0, most_faults)):
         plan.wait(plan.between(0.3, 1.2))
@@ -45,10 +49,10 @@ def random_scenario(random: Random, *, most_faults: int = 3) -> Scenario:
         devices,
         tuple(plan.faults),
         bitrate=random.choice(BITRATES),
-        sync_us=plan.sync_us,
+        sync_us=sync_us,
         sync_jitter_us=random.choice((0, 5, 50)),
         sync_counter=random.choice(COUNTER_OVERFLOWS),
-        rpdo_node=random.choice((0, *(s.node_id for s in devices if s.device == "io"))),
+        rpdo_node=rpdo_node,
         seed=random.randint(1, 1_000_000),
         stamp_jitter_ns=random.choice((0, 0, 20_000)),
         stamp_resolution_ns=random.choice((1, 1, 1000, 10_000)),
@@ -67,7 +71,6 @@ def _device(random: Random, node_id: int) -> DeviceSpec:
         spec = replace(spec, motion=shaft)
     habits = replace(
         spec,
-        quiet_after_boot_up=random.random() < 0.2,
         empty_heartbeat=random.choice((b"\0", b"")),
         sizeless=random.random() < 0.1,
     )
@@ -83,5 +86,7 @@ def _supervised(random: Random, spec: DeviceSpec) -> DeviceSpec:
         return replace(spec, guard_ms=ms, life_factor=factor, jobs=(*jobs, *guarding))
     ms = random.choice(HEARTBEATS_MS)
     if spec.device in LIR_MODELS and random.random() < 0.4:
-        return replace(spec, stored_heartbeat_ms=ms, heartbeat_ms=ms, jobs=jobs)
+        quiet = random.random() < 0.2
+        spec = replace(spec, stored_heartbeat_ms=ms, heartbeat_ms=ms, quiet_after_boot_up=quiet)
+        return replace(spec, jobs=() if quiet else jobs)
     return replace(spec, heartbeat_ms=ms, jobs=(*jobs, write(0x1017, 0, ms, 2)))

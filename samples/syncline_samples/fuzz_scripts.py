@@ -100,7 +100,8 @@ def _unanswered(plan: Plan) -> None:
 
 
 def _heartbeat_period(plan: Plan) -> None:
-    spec = plan.node(beats)
+    """Of a node whose 1017h the master has written: else nobody can know what it should be."""
+    spec = plan.node(lambda spec: beats(spec) and not spec.stored_heartbeat_ms)
     if spec is not None:
         percent = plan.random.choice((50, 90, 110, 130, 170, 220))
         plan.add(faults.HeartbeatPeriod(spec.node_id, plan.now_s, percent, 4.0), 5.0)
@@ -164,13 +165,18 @@ def _nmt_noise(plan: Plan) -> None:
     plan.add(faults.MalformedCommand(plan.now_s, plan.random.choice(NMT_NOISE)), 0.3)
 
 
+def _codes(spec: DeviceSpec) -> list[int]:
+    """Errors of a device; those that say that it was bus-off come with that fault."""
+    return sorted(set(ERRORS[spec.device]) - {0x7510, 0x8140})
+
+
 def _emcy(plan: Plan) -> None:
     """One or two errors that overlap, each for a while or for good."""
     spec = plan.node()
     if spec is None:
         return
     known = ERRORS[spec.device]
-    for code in plan.random.sample(sorted(known), plan.random.randint(1, 2)):
+    for code in plan.random.sample(_codes(spec), plan.random.randint(1, 2)):
         for_s = plan.random.choice((None, plan.between(0.1, 3.0)))
         fault = faults.Emcy(spec.node_id, plan.now_s, code, *known[code], for_s=for_s)
         plan.add(fault, plan.between(0.1, 0.8))
@@ -182,7 +188,7 @@ def _errors(plan: Plan) -> None:
     spec = plan.node()
     if spec is None:
         return
-    codes = plan.random.sample(sorted(ERRORS[spec.device]), 3)
+    codes = plan.random.sample(_codes(spec), 3)
     begins = [plan.between(0.0, 1.0) for _ in codes]
     steps = [(begin, "+", code) for begin, code in zip(begins, codes, strict=True)]
     steps += [
@@ -196,7 +202,7 @@ def _errors(plan: Plan) -> None:
 def _storm(plan: Plan) -> None:
     spec = plan.node()
     if spec is not None:
-        code = plan.random.choice(sorted(ERRORS[spec.device]))
+        code = plan.random.choice(_codes(spec))
         register, alarms, _ = ERRORS[spec.device][code]
         count, every_ms = plan.random.randint(8, 40), plan.random.randint(10, 60)
         storm = faults.EmcyStorm(spec.node_id, plan.now_s, count, every_ms, code, register, alarms)
@@ -308,8 +314,14 @@ def _clock(plan: Plan) -> None:
 
 
 def _angle_jump(plan: Plan) -> None:
-    """The speed limit of the Haomiao is printed; after a preset its set input changes little."""
-    spec = plan.node(lambda s: s.device == "haomiao-38" and not plan.had(faults.Preset, s))
+    """The speed limit of the Haomiao is printed; its set input changes little the second time."""
+    spec = plan.node(
+        lambda spec: (
+            spec.device == "haomiao-38"
+            and not plan.had(faults.Preset, spec)
+            and not plan.had(faults.AngleJump, spec)
+        )
+    )
     if spec is not None:
         plan.add(faults.AngleJump(spec.node_id, plan.now_s), 0.5)
 

@@ -297,6 +297,6 @@ class Run:
         while simulation.now_ns < end_ns:
             simulation.run_until(min(end_ns, simulation.now_ns + _SLICE_NS))
             if simulation.now_ns == end_ns:
-                recorder.end(end_ns)
+                recorder.see_again(end_ns)
                 self.machine.finish(end_ns)
             yield from recorder.take()

@@ -45,7 +45,6 @@ class Recorder:
         self._last_ns = 0
         self._blind_since_ns: int | None = None
         self._lost = 0
-        self._begun = True
         self._done: list[FrameBatch | Gap] = []
         self._clear()
 
@@ -96,19 +95,12 @@ class Recorder:
 
     def not_yet(self) -> None:
         """Hear nothing until `begin`: the recording has not begun."""
-        self._begun = False
         self.go_blind(0)
 
     def begin(self, t_ns: int) -> None:
         """The recording begins; what passed before is not lost, it was never wanted."""
         self._lost = 0
-        self._begun = True
         self.hear_again(t_ns)
-
-    def end(self, t_ns: int) -> None:
-        """The recording ends; a gap that is open ends with it."""
-        if self._begun:
-            self.see_again(t_ns)
 
     def hear_again(self, t_ns: int) -> None:
         """Take frames again without a word about the time between."""

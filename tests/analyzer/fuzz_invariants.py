@@ -64,9 +64,6 @@ def second_bus(case: Case, random: Random) -> Iterator[str]:
     yield from _unlike("second bus: findings", _placed(case.analysis.findings, place), mine)
 
 
-_SEQS = ("seq", "end_seq", "evidence", "missed_seq")
-
-
 def _placed(value: Any, place: np.ndarray[Any, np.dtype[np.int64]]) -> Any:
     """Rows with every `seq` as it is in the merged capture."""
     if isinstance(value, list):
@@ -76,7 +73,7 @@ def _placed(value: Any, place: np.ndarray[Any, np.dtype[np.int64]]) -> Any:
     changed: dict[str, Any] = {}
     for each in fields(value):
         old = getattr(value, each.name)
-        if each.name in _SEQS:
+        if each.name.endswith("seq") or each.name == "evidence":
             new = [int(place[seq]) for seq in old] if isinstance(old, list) else old
             changed[each.name] = int(place[new]) if isinstance(new, int) else new
         elif isinstance(old, list):

@@ -166,9 +166,8 @@ def test_what_is_assumed_of_the_other_is_said() -> None:
     script = two_nodes().write(500, 0x1800, 1, 0x285)
     script.more = '[node.5]\ndevice = "haomiao-38"\n'
     told = script.told()
-    assert told.finding("config.cob_id_collision").assumed == [
-        "node 5: 1801h:1 = 645 (eds-default)"
-    ]
+    finding = told.finding("config.cob_id_collision")
+    assert (finding.severity, finding.assumed) == ("info", ["node 5: 1801h:1 = 645 (eds-default)"])
 
 
 @pytest.mark.near_miss("config.cob_id_collision")
@@ -212,3 +211,22 @@ def test_a_producer_that_hands_over_and_consumers() -> None:
     script.node = 5
     script.read(300, 0x1005, 0, 0x40000080).write(400, 0x1005, 0, 0x80)
     silent(script.told())
+
+
+@pytest.mark.triggers("config.heartbeat_consumer")
+def test_a_consumer_that_is_too_impatient() -> None:
+    script = two_nodes().write(500, 0x1016, 1, 0x0005_0064)
+    script.node = 5
+    told = script.write(400, 0x1017, 0, 200, size=2).told()
+    (text,) = texts(told, "config.heartbeat_consumer")
+    assert "waits 100 ms for the heartbeat of node 5 (1016h:1)" in text
+    assert "set to send one every 200 ms (1017h)" in text
+
+
+@pytest.mark.near_miss("config.heartbeat_consumer")
+def test_a_consumer_with_time_to_spare() -> None:
+    """Node 7 was never heard; a value of 0 watches nobody."""
+    script = two_nodes().write(500, 0x1016, 1, 0x0005_0096).write(510, 0x1016, 2, 0x0007_0001)
+    script.write(520, 0x1016, 3, 0x0005_0000)
+    script.node = 5
+    silent(script.write(400, 0x1017, 0, 100, size=2).told())

@@ -2,7 +2,7 @@
 
 import pytest
 
-from syncline_analyzer.deafness import RECORDER_OFF, RECORDER_OVERFLOW, with_deafness
+from syncline_analyzer.deafness import RECORDER_OFF, with_deafness
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
 from syncline_schemas.can_errors import ErrorClass
 from tests.analyzer.control_runs import MS, Row, frame

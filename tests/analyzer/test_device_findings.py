@@ -70,6 +70,27 @@ def test_a_master_that_configures_after_each_boot_up_has_lost_nothing() -> None:
     assert "device.lost_at_reset" not in script.told().ids
 
 
+@pytest.mark.near_miss("device.lost_at_reset")
+def test_a_value_that_reads_the_same_after_the_reset_is_not_lost() -> None:
+    script = turning(encoder()).write(500, 0x1800, 5, 20).nmt(5000, 0x81).boot(9000)
+    told = script.read(9100, 0x1800, 5, 20, size=2).heartbeat(9200, 11_000).told()
+    assert "device.lost_at_reset" not in told.ids
+
+
+def test_what_a_reset_left_is_marked_as_assumed() -> None:
+    script = turning(encoder()).write(500, 0x1800, 5, 20).nmt(5000, 0x81).boot(9000)
+    found = script.heartbeat(9200, 11_000).told().finding("device.lost_at_reset")
+    assert "back from 20 to 515 (not saved)" in found.text
+    assert found.assumed == ["1800h:5 = 515 (eds-default)"]
+
+
+@pytest.mark.near_miss("device.lost_at_reset")
+def test_a_device_of_which_nothing_is_known_may_store_by_itself() -> None:
+    script = Script(None).heartbeat(0, 3000).write(500, 0x2005, 0, 20, size=2)
+    told = script.nmt(3000, 0x81).boot(3500).heartbeat(3600, 6000).told()
+    assert "device.lost_at_reset" not in told.ids
+
+
 @pytest.mark.near_miss("pdo.silent")
 def test_a_node_that_stays_pre_operational_owes_no_pdo() -> None:
     assert "pdo.silent" not in encoder().heartbeat(0, 20_000, 0x7F).told().ids

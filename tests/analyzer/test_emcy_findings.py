@@ -136,6 +136,15 @@ def test_no_error_with_bits_left_is_not_healthy() -> None:
     assert finding.severity == "warning"
 
 
+def test_errors_of_which_one_is_gone_are_not_said_to_be_there() -> None:
+    messages = ["0041090000000000", "0042090000000000", "0000090000000000"]
+    rows = [emcy(100 * (n + 1), data) for n, data in enumerate(messages)]
+    result = node_5(rows, device="jn2100")
+    assert {finding.severity for finding in found(result, "emcy.active")} == {"warning"}
+    left = one(result, "emcy.partly_cleared").text
+    assert "maybe ambient temperature (4100h), maybe device temperature (4200h) are still" in left
+
+
 @pytest.mark.near_miss("emcy.partly_cleared")
 @pytest.mark.parametrize(
     "after", [emcy(400, ALL_CLEAR), frame(400, 0x705, BOOT_UP)], ids=["all clear", "boot-up"]
@@ -370,8 +379,12 @@ def test_a_pdo_of_the_wrong_length_is_named() -> None:
     assert finding.assumed == []
 
 
-def test_a_pdo_length_error_with_only_predefined_identifiers_says_what_it_assumes() -> None:
-    result = node_5(frame(99, 0x205, "01020304"), emcy(100, "1082110000000000"))
+@pytest.mark.parametrize("batch", [1, 1 << 20])
+def test_a_pdo_length_error_with_only_predefined_identifiers_says_what_it_assumes(
+    batch: int,
+) -> None:
+    rows = [frame(99, 0x205, "01020304"), emcy(100, "1082110000000000")]
+    result = node_5(rows, batch=batch)
     finding = one(result, "emcy.pdo_length")
     assert "RPDO1 (205h) with 4 bytes 1 ms earlier" in finding.text
     assert finding.assumed == ["RPDO1 of node 5 is 205h (predefined)"]

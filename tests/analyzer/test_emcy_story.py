@@ -144,6 +144,15 @@ def test_a_clear_ends_the_only_error_of_which_no_bit_tells_that_it_stays() -> No
     assert active_after(*repeated, device="jn2100")[-1] == [0x1000, 0x3100]
 
 
+def test_a_clear_that_may_end_one_of_two_leaves_both_in_doubt() -> None:
+    """JN2100: 4100h and 4200h share bit 3."""
+    rows = ("0041090000000000", "0042090000000000", "0000090000000000")
+    doubted = told(emcys(*rows), load_device("jn2100")).errors()
+    assert [(e.status, e.certain) for e in doubted] == [("still active", False)] * 2
+    again = told(emcys(*rows, "0042090000000000"), load_device("jn2100")).errors()
+    assert [e.certain for e in again] == [False, True]
+
+
 def test_an_unknown_code_goes_with_the_bits_that_were_new_with_it() -> None:
     sequence = ("01FF810000000000", "0031850000000000", "0000050000000000")
     assert active_after(*sequence)[-1] == [0x3100]

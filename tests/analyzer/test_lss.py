@@ -123,3 +123,13 @@ def test_a_refusal_is_told_with_its_reason() -> None:
     assert finding.severity == "warning"
     assert "node-ID out of range" in finding.text
     assert "lss.node_id_changed" not in ids(told)
+
+
+@pytest.mark.parametrize("asked", [True, False])
+def test_a_node_that_got_another_number_is_not_lost(asked: bool) -> None:
+    inquiry = [ask(2900, "5E"), answer(2902, "5E05")] if asked else []
+    renamed = [ask(3000, "1108"), answer(3002, "1100"), frame(3100, 0, "8105")]
+    again = [frame(3400, 0x708, "00"), *beats(8, 3500, 9000)]
+    told = whole(beats(9, 0, 9000), beats(5, 30, 3090), inquiry, renamed, again)
+    assert [f.id for f in told.findings if f.severity != "info"] == []
+    assert "lss.node_id_changed" in ids(told)

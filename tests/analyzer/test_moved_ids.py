@@ -116,6 +116,31 @@ def test_an_unasked_boot_up_with_a_state_byte_takes_settings_back() -> None:
     assert (row.value, row.cause, row.source) == (515, "reset", "sdo-read")
 
 
+@pytest.mark.parametrize("size", [1, 7, 64])
+def test_what_is_told_does_not_hang_on_the_size_of_batches(size: int) -> None:
+    """A PDO, the SYNC and the EMCYs move, and a reset takes two of the moves back."""
+    script = positions(encoder(), 0x181, 600, 2 * S)
+    script.write(2000, 0x1800, 1, 0x333).write(2010, 0x1014, 0, 0xF5).save(2020)
+    script.write(2030, 0x1005, 0, 0x90).write(2040, 0x1801, 1, 0x334)
+    positions(script, 0x333, 2100, 4 * S, 20)
+    script.every(2100, 4000, 100, "334#00000000").every(1000, 5000, 100, "090#")
+    script.frame(1500, "0F5#0031010000000000").frame(2500, "0F5#0031010000000000")
+    script.nmt(4 * S, 0x82).boot(4200).nmt(4300, 1)
+    positions(script, 0x333, 4400, 6 * S, 42).every(4400, 6000, 100, "281#00000000")
+    assert tables(script, size) == tables(script, 1 << 20)
+
+
+def tables(script: Script, size: int) -> list[object]:
+    """What the tables say of identifiers and objects, fed in batches of so many frames."""
+    told = script.told(size)
+    analysis = told.analysis
+    pdos = [(row.cob_id, row.node, row.pdo, row.frames, row.missed) for row in analysis.pdos]
+    emcys = [(row.seq, row.node) for row in analysis.emcy]
+    syncs = [(row.cob_id, row.count) for row in analysis.sync]
+    found = [(f.id, f.node, f.text) for f in analysis.findings]
+    return [pdos, emcys, syncs, found, analysis.objects, analysis.object_history]
+
+
 def test_a_fall_by_command_takes_nothing_back() -> None:
     script = Script("lir-da158a", 1).heartbeat(100, 5 * S, OPERATIONAL)
     script.read(200, 0x1800, 5, 515, size=2).write(300, 0x1800, 5, 20).nmt(5 * S, 0x80)

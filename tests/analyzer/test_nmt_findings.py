@@ -621,3 +621,22 @@ def test_a_healthy_bus_is_silent_however_its_heartbeats_jitter(
             for row in guarding(0, 20_000, state=5)
         ]
     assert run(*sorted(rows, key=lambda row: row[0])).ids() == []
+
+
+def test_nodes_that_fall_silent_together_have_something_in_common() -> None:
+    branch = [heartbeats(0, 1000, node=5), heartbeats(30, 1000, node=6)]
+    result = run(*ordered(*branch, others(4000)))
+    assert result.ids() == ["nmt.node_lost"] * 2
+    for finding, companion in zip(result.findings(), ("Node 6", "Node 5"), strict=True):
+        assert f"{companion} fell silent at the same moment" in finding.text
+        assert "in common" in finding.cause
+    alone = run(*ordered(heartbeats(0, 1000), heartbeats(0, 3000, node=6), others(6000)))
+    assert all("at the same moment" not in f.text for f in alone.findings())
+
+
+def test_a_command_that_is_refused_again_and_again_is_one_finding() -> None:
+    starts = [frame(1010 + 1000 * n, 0x000, "0105") for n in range(20)]
+    pause = [frame(1510 + 1000 * n, 0x000, "8005") for n in range(20)]
+    rows = ordered(heartbeats(0, 22_000, state="7F"), starts, pause, others(22_000))
+    finding = one(run(*rows), "nmt.command_ignored")
+    assert "The same happened 19 times more, the last time at +20.2" in finding.text

@@ -2,11 +2,14 @@
 
 from pathlib import Path
 
+import canopen
 import pytest
 
 from syncline_analyzer.results import ObjectHistoryRow
 from syncline_analyzer.session import open_session
+from syncline_analyzer.shadow import Shadow
 from syncline_analyzer.views.known import known_lines
+from syncline_schemas.devices import load_device
 from tests.analyzer.log_builder import CAPTURES
 from tests.analyzer.traps.script import T0, Script, Told
 
@@ -75,6 +78,13 @@ def test_objects_of_unknown_devices_have_the_names_of_cia_301(
     assert (row.name, row.meaning, row.value) == (name, meaning, value)
 
 
+def test_objects_of_drives_have_their_names_where_1000h_says_so() -> None:
+    drive = Script(node=5).boot(10).read(50, 0x1000, 0, 0x00020192).read(100, 0x6040, 0, 15)
+    assert drive.told().object(0x6040).name == "controlword"
+    other = Script(node=5).boot(10).read(50, 0x1000, 0, 0x00030191).read(100, 0x6040, 0, 15)
+    assert other.told().object(0x6040).name is None
+
+
 def test_the_devices_words_come_first_and_what_is_assumed_is_there_too() -> None:
     told = Script("lir-da158a", 1).boot(10).read(100, 0x1800, 2, 254).told()
     row = told.object(0x1800, 2)
@@ -101,8 +111,8 @@ def test_the_summary_says_what_is_known_and_from_where() -> None:
     known = lines(told)
     assert known["1017h"] == "Producer heartbeat time = 500 ms (sdo-write, seq 2)"
     assert known["TPDO1"] == (
-        "181h (eds-default, assumed); type 254 cyclic by the event timer (sdo-read, seq 4); "
-        "event timer 515 ms; 6004h:00/32 (eds-default, assumed)"
+        "type 254 cyclic by the event timer (sdo-read, seq 4); "
+        "181h, event timer 515 ms, 6004h:00/32 (eds-default, assumed)"
     )
     assert "1017h" in told.summary
     assert "sdo-write, seq 2" in told.summary
@@ -177,3 +187,25 @@ def acknowledged_writes(path: Path, node: int) -> dict[tuple[int, int], int]:
             found[key] = pending[1]
             pending = None
     return found
+
+
+DEVICES = ("haomiao-38", "jn2100", "lir-918", "lir-da158", "lir-da158a", "lir-ma158k")
+
+
+@pytest.mark.parametrize("name", DEVICES)
+def test_assumed_values_are_those_that_canopen_reads(name: str, tmp_path: Path) -> None:
+    """python-canopen reads the same EDS with its own resolution of $NODEID."""
+    device = load_device(name)
+    eds = next(data for file, data in device.files.items() if file.endswith(".eds"))
+    path = tmp_path / "device.eds"
+    path.write_bytes(eds)
+    od = canopen.import_od(str(path), node_id=9)
+    store = Shadow(lambda _: "can0", None, {9: device})
+    compared = 0
+    for index, thing in od.indices.items():
+        parts = thing.subindices.items() if hasattr(thing, "subindices") else [(0, thing)]
+        for sub, variable in parts:
+            if isinstance(variable.default, int):
+                assert store.number(0, 9, index, sub) == variable.default, f"{index:04X}h:{sub}"
+                compared += 1
+    assert compared > 20

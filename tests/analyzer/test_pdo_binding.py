@@ -68,6 +68,12 @@ def test_the_bus_description_binds_before_the_device() -> None:
     assert name(ctx, 0x287) == (7, "TPDO2", "eds-default")
 
 
+def test_a_described_pdo_far_up_is_found() -> None:
+    text = '[node.7.objects]\n"18C8:1" = 0x2AB\n'
+    ctx = context(description=BusDescription.loads(text))
+    assert name(ctx, 0x2AB) == (7, "TPDO201", "bus-description")
+
+
 def test_the_sender_wins_over_the_receiver() -> None:
     ctx = context(devices={10: "jn2100"})
     learn(ctx, 3, 0x1400, 1, 0x18A)
@@ -125,3 +131,41 @@ def test_transmission_names_its_sources() -> None:
     assert (sent.type.value, sent.type.source) == (0xFE, "sdo-write")
     assert sent.event_timer_ms is not None
     assert (sent.event_timer_ms.value, sent.event_timer_ms.source) == (10, "eds-default")
+
+
+def test_an_identifier_of_zero_is_none() -> None:
+    """Devices write an unused PDO as 0; NMT commands are not its frames."""
+    ctx = context()
+    learn(ctx, 5, 0x1800, 1, 0)
+    assert bindings(ctx).identifiers(0) == []
+    assert name(ctx, 0x185) is None
+
+
+def test_long_mappings_are_followed_to_their_last_entry() -> None:
+    """64 entries of one bit (CiA 301 7.5.2.36), the last of which changes."""
+    ctx = context()
+    learn(ctx, 5, 0x1800, 1, 0x185)
+    for sub in range(1, 65):
+        learn(ctx, 5, 0x1A00, sub, 0x2000_0001 + (sub << 16), seq=sub)
+    learn(ctx, 5, 0x1A00, 0, 64, seq=65)
+    learn(ctx, 5, 0x1A00, 64, 0x2100_0001, seq=100, source="sdo-write")
+    made = bindings(ctx)
+    assert made.cuts(0, 0x185, 65, 200) == [100]
+    pdo = made.owner(0, 0x185)
+    assert pdo is not None
+    entries = [made.mapping(pdo, seq) for seq in (99, 100)]
+    assert [m.entries[63].index for m in entries if m] == [0x2040, 0x2100]
+    assert made.mapping_confirmed(pdo, 99)
+
+
+def test_turns_are_new_values_only() -> None:
+    ctx = context()
+    learn(ctx, 5, 0x1800, 2, 1, seq=10)
+    learn(ctx, 5, 0x1800, 2, 1, seq=20, source="sdo-write")
+    learn(ctx, 5, 0x1800, 2, 254, seq=30, source="sdo-write")
+    learn(ctx, 5, 0x2000, 0, 7, seq=40, source="sdo-write")
+    learn(ctx, 5, 0x1005, 0, 0x90, seq=50, source="sdo-write")
+    ctx.shadow.reset(0, 5, 60)
+    made = bindings(ctx)
+    assert made.turns(0, 0, 100) == [10, 30, 50, 60]
+    assert made.turns(0, 10, 30) == [30]

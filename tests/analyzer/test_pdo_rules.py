@@ -177,8 +177,27 @@ def test_a_second_producer_joins_or_leaves(first: str) -> None:
     told = whole(quiet(), second)
     (finding,) = found(told, "sync.two_producers")
     assert finding.severity == "error"
-    assert "same period of 20 ms came 3 ms beside the first" in finding.text
+    assert "those that come every 20 ms there were" in finding.text
+    assert "the first 3 ms beside one of them" in finding.text
     assert "sync.jitter" not in ids(told)
+
+
+@pytest.mark.triggers("sync.two_producers")
+@pytest.mark.parametrize("period_ms", [7, 30, 33.3, 50])
+def test_a_second_producer_with_a_period_of_its_own(period_ms: float) -> None:
+    told = whole(quiet(), every(0x80, 10_004.4, 16_000, period_ms))
+    (finding,) = found(told, "sync.two_producers")
+    assert finding.start_ns == pytest.approx(T0 + 10 * S, abs=S)
+    assert finding.end_ns == pytest.approx(T0 + 16 * S, abs=S)
+    assert "sync.jitter" not in ids(told)
+
+
+@pytest.mark.near_miss("sync.two_producers")
+@pytest.mark.parametrize("period_ms", [5, 10, 40])
+def test_a_producer_that_is_set_to_another_period_is_one(period_ms: float) -> None:
+    rows = [*every(0x80, 1, 10_000, 20), *every(0x80, 10_001, 20_000, period_ms)]
+    told = whole(rows, beats(NODE, 7, 20_000), beats(9, 12, 20_000))
+    assert "sync.two_producers" not in ids(told)
 
 
 @pytest.mark.near_miss("sync.two_producers")

@@ -206,6 +206,8 @@ def test_what_runs_into_a_gap_is_interrupted() -> None:
     answered = sdo((">", "40 0010 00 00000000"), ("<", "43 0010 00 01000000"), start_ms=900)
     gap = Gap(10 * MS, 800 * MS, "adapter lost")
     assert [row.result for row in rows_of(*request, gap, *answered)] == ["interrupted", "ok"]
+    late = Gap(2000 * MS, 2800 * MS, "adapter lost")
+    assert [row.result for row in rows_of(*request, late, *answered)] == ["no answer", "ok"]
 
 
 @pytest.mark.parametrize(("end_ms", "result"), [(1010, "interrupted"), (5000, "no answer")])
@@ -241,6 +243,14 @@ def test_two_nodes_and_two_buses_do_not_mix() -> None:
     crossed = [first[0], other[0], other[1], first[1]]
     assert [row.bus for row in rows_of(*crossed)] == ["can0", "can1"]  # type: ignore[arg-type]
     assert {row.result for row in rows_of(*crossed)} == {"ok"}  # type: ignore[arg-type]
+
+
+def test_a_device_that_names_another_node_s_identifiers_does_not_take_them() -> None:
+    """1200h of node 5 says 640h and 5C0h, where node 64 answers all the time."""
+    other = sdo((">", "40 0010 00 00000000"), ("<", "43 0010 00 01000000"), node=0x40)
+    tell = sdo(*told(0x1200, 1, 0x640), *told(0x1200, 2, 0x5C0), start_ms=5)
+    rows = rows_of(*other, *tell, *MOVED)
+    assert [row.node for row in rows] == [0x40, 5, 5, 0x40]
 
 
 def told(index: int, sub: int, cob_id: int) -> list[tuple[str, str]]:
@@ -294,6 +304,19 @@ def test_a_server_that_the_bus_description_puts_elsewhere() -> None:
 """
     (row,) = rows_of(*MOVED, description=BusDescription.loads(text))
     assert (row.node, row.index, row.value) == (5, 0x1000, 0x10196)
+
+
+def test_a_node_that_is_polled_for_days_does_not_fill_the_memory(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Failures are listed longer than what went well; counts stay whole."""
+    monkeypatch.setattr("syncline_analyzer.folds.sdo.MAX_ROWS", 3)
+    polled = sdo((">", "40 0010 00 00000000"), ("<", "43 0010 00 01000000")) * 5
+    refused = sdo((">", "40 0110 00 00000000"), ("<", "80 0110 00 00000206"))
+    result = run(*polled, *refused)
+    assert [row.result for row in result.analysis.sdo] == ["ok", "ok", "ok", "abort"]
+    assert (result.nodes[5].sdo_transfers, result.nodes[5].sdo_aborts) == (6, 1)
+    assert result.tables.sdo.unlisted == 2
 
 
 def test_two_clients_on_one_server() -> None:

@@ -205,7 +205,7 @@ TRANSFERS = st.lists(st.tuples(st.integers(1, 4), scripts().map(coded)), min_siz
 
 
 @given(TRANSFERS, st.integers(0, 2**32))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=120, deadline=None)
 def test_every_transfer_is_a_row_with_its_payload(
     transfers: list[tuple[int, Coded]], seed: int
 ) -> None:
@@ -218,7 +218,7 @@ def test_every_transfer_is_a_row_with_its_payload(
 
 
 @given(TRANSFERS, st.integers(0, 2**32), st.data())
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 def test_a_capture_cut_anywhere_keeps_the_whole_transfers_and_invents_none(
     transfers: list[tuple[int, Coded]], seed: int, data: st.DataObject
 ) -> None:
@@ -242,7 +242,7 @@ def test_a_capture_cut_anywhere_keeps_the_whole_transfers_and_invents_none(
 
 
 @given(TRANSFERS, st.integers(0, 2**32), st.data())
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 def test_frames_that_are_missing_never_give_wrong_data(
     transfers: list[tuple[int, Coded]], seed: int, data: st.DataObject
 ) -> None:
@@ -294,7 +294,7 @@ def likely_frames(draw: st.DrawFn) -> tuple[str, int, bytes]:
 
 
 @given(st.lists(likely_frames(), max_size=60), st.integers(1, 7), st.booleans())
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=200, deadline=None)
 def test_no_sequence_of_frames_raises_and_batches_do_not_matter(
     frames: list[tuple[str, int, bytes]], batch: int, timed: bool
 ) -> None:

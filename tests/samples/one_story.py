@@ -28,5 +28,5 @@ def told_alone(script: Scenario, tmp_path: Path) -> None:
     run = script.run()
     findings = _findings(candump_log(run), run.description_toml, tmp_path)
     outcome = compare(run.truth.findings, findings)
-    assert outcome.missing == []
-    assert outcome.unexpected == []
+    assert not outcome.missing, [(each.id, each.node, each.what) for each in outcome.missing]
+    assert not outcome.unexpected, [(each.id, each.node, each.text) for each in outcome.unexpected]

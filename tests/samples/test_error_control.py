@@ -12,6 +12,7 @@ from syncline_samples.faults import (
     HeartbeatsMissing,
     LeavesOperational,
     MalformedCommand,
+    RemoteOnHeartbeat,
 )
 from syncline_samples.machine import DeviceSpec, Fault, Run, Scenario
 from syncline_samples.node import State
@@ -126,3 +127,17 @@ def test_malformed_commands_move_nobody() -> None:
         assert [row.state for row in result.truth.states if row.node == 30][-1] == "OPERATIONAL"
         told = [row for row in result.truth.commands if row.specifier == data[0]]
         assert len(told) == (len(data) == 2)
+
+
+@pytest.mark.parametrize("empty", [b"", b"\x00"])
+def test_empty_heartbeats_of_a_lir_are_a_zero_byte_or_none(empty: bytes) -> None:
+    """Both readings of the manual's "empty" state byte (sheet skbis-lir-canopen, LB03 and LB04)."""
+    spec = DeviceSpec(5, "lir-ma158k", "drum", stored_heartbeat_ms=200, empty_heartbeat=empty)
+    script = Scenario("empty", 9.0, (spec,), (RemoteOnHeartbeat(5, 7.0, count=1),), sync_us=0)
+    result = script.run()
+    frames = frames_of(result)
+    rows = (frames.can_id == 0x705) & ((frames.flags & FrameFlag.REMOTE) == 0)
+    late = rows & (frames.t_ns > result.scenario.epoch_ns + 7 * SECOND)
+    assert set(frames.dlc[late].tolist()) == {len(empty)}
+    assert not frames.data[late].any()
+    assert result.truth.counts["empty_heartbeats", 5] == int(late.sum()) > 8

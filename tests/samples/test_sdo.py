@@ -193,6 +193,7 @@ OUTCOMES: list[tuple[Fault, list[tuple[str, str, int | None, str | None]]]] = [
     (SdoClientStops(30, 3.0, server_timeout_ms=0), [("interrupted", "segmented", None, None)]),
     (SdoServerStops(30, 3.0), [("interrupted", "segmented", None, None)]),
     (SdoReset(30, 3.0), [("interrupted", "segmented", None, None)]),
+    (SdoReset(30, 3.0, read(0x1000), 300), [("interrupted", "expedited", None, None)]),
     (SdoLate(30, 3.0), [("ok", "expedited", None, None)]),
     (SdoLate(30, 3.0, on_timeout="abort"), [("abort", "expedited", abort.TIMEOUT, "client")]),
     (
@@ -253,3 +254,16 @@ def test_lost_segments_are_sent_again() -> None:
     again = answers(lossy) - answers(plain)
     assert again == 18 + 17, "the rest of both sub-blocks"
     assert rows_of(lossy)[0].data == rows_of(plain)[0].data
+
+
+def test_an_unanswered_request_before_a_reset_is_marked_as_uncertain() -> None:
+    run = io_run(SdoReset(30, 3.0, read(0x1000), 300), SdoAccess(30, 4.0, (read(0x1000),)))
+    assert [row.certain for row in rows_of(run)] == [False, True]
+
+
+def test_a_request_before_a_long_reset_is_interrupted_and_not_unanswered() -> None:
+    """A LIR is silent for 4 s after a reset: the client gives up long before."""
+    fault = SdoReset(5, 6.0, read(0x1000), 300)
+    run = Scenario("lir", 8.0, (DeviceSpec(5, "lir-da158", "drum"),), (fault,), sync_us=0).run()
+    row = run.truth.sdo[-1]
+    assert (row.result, row.certain) == ("interrupted", False)

@@ -112,6 +112,14 @@ def test_another_lss_master_is_refused() -> None:
         wire.master.configure_node_id(41)
 
 
+def test_a_slave_is_selected_by_its_whole_identity_only() -> None:
+    wire = LssWire()
+    assert wire.bench.ask("7E5#4301000000000000") == [], "the serial number alone"
+    for wrong in ("4000000000000000", "4102000000000000", "4201000000000000"):
+        assert wire.bench.ask(f"7E5#{wrong}") == []
+    assert wire.bench.ask("7E5#4301000000000000") == []
+
+
 def test_a_slave_that_waits_does_not_answer() -> None:
     wire = LssWire()
     wire.master.RESPONSE_TIMEOUT = 0.01

@@ -93,6 +93,23 @@ def test_what_cannot_be_mapped_is_refused() -> None:
         assert (row.result, row.abort_code) == ("abort", code)
 
 
+def refusals(*faults: Fault) -> list[tuple[int, int, int]]:
+    rows = [row for row in run(*faults).truth.sdo if row.abort_code]
+    return [(row.index, row.sub, row.abort_code or 0) for row in rows]
+
+
+def test_more_than_eight_bytes_cannot_be_mapped() -> None:
+    entries = (0x10180120, 0x10180220, 0x10180320)
+    assert refusals(RemapPdo(CABINET, 4.0, entries)) == [(0x1A00, 0, abort.PDO_LENGTH)]
+
+
+def test_more_entries_than_there_are_cannot_be_mapped() -> None:
+    assert refusals(RemapPdo(LIFT, 4.0, (0x60040020, 0x65000010, 0x65000010), 2)) == [
+        (0x1A01, 3, abort.NO_SUB),
+        (0x1A01, 0, abort.VALUE_RANGE),
+    ]
+
+
 def test_a_moved_emcy_comes_on_its_new_identifier() -> None:
     faults = (MoveEmcy(CABINET, 4.0, 0x0F1), Emcy(CABINET, 5.0, 0x1000, 0x01, for_s=0.5))
     after = identifiers(run(*faults), 4.5)

@@ -16,6 +16,7 @@ from syncline_analyzer.findings import (
     nmt,
     pdo,
     sdo,
+    stored,
     timing,
 )
 from syncline_analyzer.findings.rule import Facts, Rule, apply
@@ -37,6 +38,7 @@ RULES: tuple[Rule, ...] = (
     *pdo.RULES,
     *angle.RULES,
     *device.RULES,
+    *stored.RULES,
     *identity.RULES,
     *idle.RULES,
 )

@@ -13,17 +13,18 @@ WIDE = 0x100
 """From the index of a 16-bit slope to that of the same axis in 32 bits (CiA 410)."""
 WARNINGS = 0x6505
 _AT_PRESET = "preset value"
-_DEGREES = {"cpr": "6001h (counts per turn)", "res": "6000h (resolution)"}
-_SETTINGS = {
-    "range": "6002h or 6502h",
-    "scaling": "6000h bit 2",
-    "direction": "6000h bit 0",
-    "quad": "2040h",
-    "angle_def": "2044h",
-    "profile": "1000h",
-}
-"""Objects of the settings of a scale by their short names."""
 _ASSUMED = "assumed"
+_DEGREES = {"cpr": "counts per turn (6001h)", "res": "resolution (6000h)"}
+"""Settings without which there are no degrees, by their short names."""
+_SETTINGS = {
+    "range": "measuring range (6002h or 6502h)",
+    "scaling": "scaling (6000h bit 2)",
+    "direction": "direction (6000h bit 0)",
+    "quad": "quadrant correction (2040h)",
+    "angle_def": "angle definition (2044h)",
+    "profile": "device profile (1000h)",
+}
+"""The others."""
 
 
 def _jumps(facts: Facts) -> Iterator[Finding]:
@@ -147,20 +148,14 @@ def _ambiguous_16(facts: Facts) -> Iterator[Finding]:
         if wide in traced or trace.unit != "deg":
             continue
         for event in _events(facts.analysis, trace, "ambiguous"):
-            span = float(event.text.split()[-2])
-            value = event.after or 0.0
-            count = int(360 / span) + 1
-            same = [value + k * span for k in range(-count, count + 1)]
-            candidates = ", ".join(_value(round(v, 3)) for v in same if -180 <= v < 360)
             yield Finding(
-                "angle.ambiguous_16",
+                "angle.ambiguous",
                 "info",
                 trace.bus,
                 trace.node,
                 event.t_ns,
                 event.t_ns + 1,
-                f"{trace.name} of {_whose(facts, trace)} is ambiguous: {event.text}. The last one"
-                f" may be {candidates} deg.",
+                f"{trace.name} of {_whose(facts, trace)} is ambiguous: {event.text}.",
                 "16 bits are too few for 0..360 deg at this resolution (6000h).",
                 "Use TPDO2 (6110h and 6120h, 32 bits), or a coarser resolution.",
                 [event.seq],
@@ -249,9 +244,8 @@ def _whose(facts: Facts, trace: TraceRow) -> str:
 
 def _scale(trace: TraceRow) -> list[str]:
     """Settings of the scale that were only assumed, in words."""
-    return [
-        f"{name} ({_DEGREES.get(name, _SETTINGS.get(name, 'default'))})" for name in trace.assumed
-    ]
+    words = _DEGREES | _SETTINGS
+    return [words.get(name, name) for name in trace.assumed]
 
 
 def _events(analysis: Analysis, trace: TraceRow, kind: str) -> list[TraceEventRow]:
@@ -322,7 +316,7 @@ RULES: tuple[Rule, ...] = (
         _frozen,
     ),
     Rule(
-        "angle.ambiguous_16",
+        "angle.ambiguous",
         "A 16-bit angle repeats within the circle at the resolution that is set.",
         "The first sample of the trace.",
         ("Not told where the 32-bit object of the same axis is there too.",),

@@ -10,7 +10,7 @@ from syncline_analyzer.folds.control import ControlTables
 from syncline_analyzer.folds.load import OVERLOAD_PERCENT
 from syncline_analyzer.folds.nmt_events import Interval, Lost
 from syncline_analyzer.folds.nmt_timeline import Timeline
-from syncline_analyzer.results import Analysis, BusSilenceRow, EmcyRow, Finding
+from syncline_analyzer.results import BusSilenceRow, EmcyRow, Finding
 from syncline_schemas.wording import counted
 
 RECOVERED = 0x8140
@@ -32,7 +32,7 @@ def _bus_off(facts: Facts) -> Iterator[Finding]:
     """The recorder's own controller, and nodes that tell of it when they are back."""
     yield from _recorder_off(facts.control)
     if facts.context.timed:
-        yield from _node_off(facts.analysis, facts.control, facts.context)
+        yield from _node_off(facts)
 
 
 def _recorder_off(control: ControlTables) -> Iterator[Finding]:
@@ -58,11 +58,11 @@ def _recorder_off(control: ControlTables) -> Iterator[Finding]:
             )
 
 
-def _node_off(analysis: Analysis, control: ControlTables, context: Context) -> Iterator[Finding]:
+def _node_off(facts: Facts) -> Iterator[Finding]:
     """A node can tell of its bus-off only when it is back; what belongs together is one story."""
     rows = [
         row
-        for row in analysis.emcy
+        for row in facts.analysis.emcy
         if row.code is not None
         and row.transition not in ("malformed", "reset")
         and tells_bus_off(row.code, row.meaning)
@@ -71,16 +71,13 @@ def _node_off(analysis: Analysis, control: ControlTables, context: Context) -> I
     for _, group in groupby(rows, key=lambda row: (row.bus, row.node)):
         found = list(group)
         for start, end in Stretch.of([row.t_ns for row in found], TOGETHER_NS):
-            yield _node_off_story(
-                control, context, [row for row in found if start <= row.t_ns <= end]
-            )
+            yield _node_off_story(facts, [row for row in found if start <= row.t_ns <= end])
 
 
-def _node_off_story(control: ControlTables, context: Context, rows: list[EmcyRow]) -> Finding:
+def _node_off_story(facts: Facts, rows: list[EmcyRow]) -> Finding:
     """Silence, the node's own word for it, and the state it went to."""
     first, last = rows[0], rows[-1]
-    number = context.buses.index(first.bus) if first.bus in context.buses else 0
-    timeline = control.nmt.timelines.get((number, first.node))
+    timeline = facts.control.nmt.timelines.get((facts.number(first.bus), first.node))
     lost = [
         stretch
         for stretch in ((*timeline.lost, *timeline.restarts) if timeline else ())
@@ -92,7 +89,7 @@ def _node_off_story(control: ControlTables, context: Context, rows: list[EmcyRow
     away = f"; it had been silent for {silent}" if lost else ""
     fell = ""
     if fall is not None:
-        reaction = _reaction(context, (number, first.node), fall.evidence)
+        reaction = _reaction(facts.context, (facts.number(first.bus), first.node), fall.evidence)
         fell = f"; then it was {fall.state.value} without a command{reaction}"
     seqs = {row.seq for row in rows}
     if fall is not None and fall.evidence is not None:
@@ -108,7 +105,7 @@ def _node_off_story(control: ControlTables, context: Context, rows: list[EmcyRow
         first.node,
         min([first.t_ns, *(stretch.last_ns for stretch in lost)]),
         max(last.t_ns, fall.start_ns if fall else 0),
-        f"Node {first.node} says{often} that it was bus-off"
+        f"{facts.who(first.bus, first.node)} says{often} that it was bus-off"
         f" (EMCY {first.code or 0:04X}h){away}{fell}.",
         "The node's frames were destroyed on the wire: cable, termination, bit rate, or its"
         " CAN driver. The message comes after the recovery; the fault lies before it.",

@@ -15,6 +15,8 @@ from syncline_analyzer.object_history import Change, Known, Span
 from syncline_analyzer.pdo_binding import COMMUNICATION, PDO_COUNT, PdoBindings
 from syncline_analyzer.results import Finding
 from syncline_analyzer.service_ids import PRODUCES, SYNC, moved_emcy_id, sync_id
+from syncline_schemas.canopen.services import predefined_pdo
+from syncline_schemas.devices import quirks
 
 _TPDOS = range(COMMUNICATION["tpdo"], COMMUNICATION["tpdo"] + PDO_COUNT)
 _RESERVED = {
@@ -65,7 +67,11 @@ def _tpdo_claims(facts: Facts, bindings: PdoBindings, key: NodeKey) -> Iterator[
         tpdo = index - _TPDOS.start + 1
         for span in _spans_of(facts, key, index, 1):
             known = bindings.identifier(*key, "tpdo", tpdo, span.change.seq)
-            if known is not None and isinstance(known.value, int):
+            if known is None or not isinstance(known.value, int):
+                continue
+            # Files often state nonsense for PDOs beyond the predefined four.
+            usual = predefined_pdo(known.value) == ("tpdo", tpdo, key[1])
+            if usual or known.source != "eds-default":
                 yield _Claim(known.value, key, f"TPDO{tpdo}", index, 1, known, span)
 
 
@@ -110,9 +116,14 @@ def _collisions(facts: Facts) -> Iterator[Finding]:
                 f"{claim.what} of {_lower(facts.who(facts.context.bus_name(bus), claim.key[1]))}"
                 for claim in (a, b)
             )
+            assumed = [
+                f"node {claim.key[1]}: {words}"
+                for claim in (a, b)
+                for words in assumed_words(claim.index, claim.sub, claim.known)
+            ]
             yield Finding(
                 "config.cob_id_collision",
-                "warning",
+                "info" if assumed else "warning",
                 facts.context.bus_name(bus),
                 last.key[1],
                 max(last.span.change.t_ns, facts.analysis.capture.begin_ns),
@@ -122,11 +133,7 @@ def _collisions(facts: Facts) -> Iterator[Finding]:
                 f"COB-IDs of both; whoever receives {can_id:03X}h cannot tell the two apart, and "
                 "frames of both at once destroy one another.",
                 sorted(claim.known.seq for claim in (a, b) if claim.known.seq is not None),
-                assumed=[
-                    f"node {claim.key[1]}: {words}"
-                    for claim in (a, b)
-                    for words in assumed_words(claim.index, claim.sub, claim.known)
-                ],
+                assumed=assumed,
             )
             break
 
@@ -222,6 +229,48 @@ def _both_error_controls(facts: Facts) -> Iterator[Finding]:
         )
 
 
+def _short_consumers(facts: Facts) -> Iterator[Finding]:
+    """Heartbeat consumers that wait no longer than the producer takes."""
+    shadow = facts.context.shadow
+    for key in sorted(shadow.nodes()):
+        if not quirks(shadow.device(*key)).consumes_heartbeat or not alive(facts, key):
+            continue
+        for (index, sub), _ in shadow.history(*key):
+            watch = shadow.get(*key, index, sub) if index == 0x1016 and sub else None
+            if watch is None or not watch.confirmed or not isinstance(watch.value, int):
+                continue
+            producer, wait_ms = watch.value >> 16 & 0x7F, watch.value & 0xFFFF
+            if producer and wait_ms:
+                yield from _short(facts, key, sub, watch, (key[0], producer), wait_ms)
+
+
+def _short(
+    facts: Facts, key: NodeKey, sub: int, watch: Known, producer: NodeKey, wait_ms: int
+) -> Iterator[Finding]:
+    sent = facts.context.shadow.get(*producer, 0x1017)
+    period_ms = sent.value if sent is not None and isinstance(sent.value, int) else 0
+    if not alive(facts, producer) or not 0 < wait_ms <= period_ms:
+        return
+    bus = facts.context.bus_name(key[0])
+    seqs = [known.seq for known in (watch, sent) if known is not None and known.seq is not None]
+    assumed = assumed_words(0x1017, 0, sent)
+    yield Finding(
+        "config.heartbeat_consumer",
+        "info" if assumed else "warning",
+        bus,
+        key[1],
+        watch.t_ns or facts.analysis.capture.begin_ns,
+        facts.analysis.capture.end_ns,
+        f"{facts.who(bus, key[1])} waits {wait_ms} ms for the heartbeat of node {producer[1]} "
+        f"(1016h:{sub}), which is set to send one every {period_ms} ms (1017h): it will take a "
+        "healthy node for lost.",
+        "Consumer and producer heartbeat times were set without regard to one another.",
+        "Set 1016h of the consumer to at least 1.5 times 1017h of the producer.",
+        sorted(seqs),
+        assumed=assumed,
+    )
+
+
 RULES: tuple[Rule, ...] = (
     Rule(
         "config.cob_id_collision",
@@ -229,7 +278,8 @@ RULES: tuple[Rule, ...] = (
         "The transfers that told or wrote the COB-IDs.",
         (
             "Both nodes must have been heard, and both settings hold at the same time.",
-            "At least one of the two was told or acknowledged by its node; what is assumed is said.",
+            "At least one of the two was told or acknowledged by its node.",
+            "An info where the other is only assumed: it may have been moved before the capture.",
             "PDOs that are off (bit 31, or identifier 0) do not count, nor do receivers.",
         ),
         _collisions,
@@ -263,6 +313,17 @@ RULES: tuple[Rule, ...] = (
             "Silent where the device's maker says that heartbeat wins.",
         ),
         _both_error_controls,
+        untimed=True,
+    ),
+    Rule(
+        "config.heartbeat_consumer",
+        "A node is set to wait no longer for a heartbeat than its producer is set to take.",
+        "The transfers that told or wrote 1016h of the one and 1017h of the other.",
+        (
+            "The values at the end of the capture count, and both nodes must have been heard.",
+            "Devices that are known not to watch anybody are left out.",
+        ),
+        _short_consumers,
         untimed=True,
     ),
 )

@@ -1,6 +1,6 @@
 """Findings on what a device does with the writes that it acknowledged (the device sheets' traps)."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from itertools import pairwise
 
 from syncline_analyzer.findings.rule import Facts, Rule
@@ -10,11 +10,8 @@ from syncline_analyzer.results import Finding, SdoRow
 from syncline_schemas.devices import Device, device_names, load_device, quirks
 
 Key = tuple[int, int]
-LOAD = 0x1011
 SCALING_FOLLOWS_NS = 10_000_000_000
 """The scaling may be switched on this long after the counts per turn were written [ns]."""
-REWRITTEN_NS = 30_000_000_000
-"""A master that writes its settings again this soon after a reset has lost nothing [ns]."""
 ORDERED_NS = 10_000_000_000
 """A boot-up this long after the order is its effect [ns]."""
 TERMINATED = 3
@@ -77,8 +74,8 @@ def _undocumented(facts: Facts) -> Iterator[Finding]:
             f"{facts.who(row.bus, row.node)} acknowledged a write of {number(row):X}h to"
             f" {key[0]:04X}h, which is not in the dictionary of a {device.title}: {words}.",
             f"The frame was taken from another manual.{elsewhere}",
-            f"Is it this device? Read 1000h and 1008h of the node.{elsewhere} Undo it before the"
-            " settings are saved.",
+            "Is it this device? Read 1000h and 1008h of the node; undo the write before the settings"
+            " are saved.",
             severe=True,
         )
 
@@ -155,168 +152,6 @@ def _identifier_kept(facts: Facts) -> Iterator[Finding]:
             "Identifiers of this device follow its node id (its manual); bit 31 alone counts.",
             "Change the node id where another identifier is needed.",
         )
-
-
-def _defaults_pending(facts: Facts) -> Iterator[Finding]:
-    """Defaults that were put into the memory and act from the next reset on."""
-    for row, key, device in writes(facts):
-        if key[0] != LOAD or not device.quirks.load_writes_storage:
-            continue
-        reset = _next_reset(facts, row)
-        since = f"they act since the reset at {facts.moment(reset)}" if reset else None
-        yield told(
-            "device.defaults_pending",
-            row,
-            f"The defaults were stored in node {row.node} ({key[0]:04X}h:{key[1]:02X}): the settings"
-            " saved before are gone, "
-            + (since or "the running ones stay until the next reset")
-            + ".",
-            "A client restored the defaults.",
-            "Was it meant? After the reset the master must write its settings again.",
-        )
-
-
-def _next_reset(facts: Facts, row: SdoRow) -> int | None:
-    """When the node was reset or started next."""
-    found = [
-        command.t_ns
-        for command in facts.analysis.nmt_commands
-        if command.bus == row.bus
-        and command.node in (0, row.node)
-        and command.command.startswith("reset")
-        and command.seq > row.seq
-    ]
-    found += [
-        boot.t_ns
-        for boot in facts.control.nmt.boot_ups
-        if (boot.bus, boot.node) == (row.bus, row.node) and boot.seq > row.seq
-    ]
-    return min(found, default=None)
-
-
-def _lost_at_reset(facts: Facts) -> Iterator[Finding]:
-    """Values that were written, not saved, and fell back with a reset."""
-    for bus, node in sorted(facts.context.shadow.nodes()):
-        lost = sorted(_fallen_back(facts, bus, node), key=lambda each: (each[1].seq, each[0]))
-        if not lost:
-            continue
-        first, last = lost[0][1], lost[-1][1]
-        resets = len({change.seq for _, change, _ in lost})
-        texts = list(dict.fromkeys(text for _, _, text in lost))
-        more = f" and {len(texts) - LISTED} more" if len(texts) > LISTED else ""
-        often = f", {resets} times in all" if resets > 1 else ""
-        name = facts.context.bus_name(bus)
-        yield Finding(
-            "device.lost_at_reset",
-            "info",
-            name,
-            node,
-            first.t_ns,
-            last.t_ns,
-            f"{facts.who(name, node)} went back to its stored values when it was reset at"
-            f" {facts.moment(first.t_ns)}{often}: {'; '.join(texts[:LISTED])}{more}.",
-            "The values were written but not saved (1010h), or the device cannot store them; and"
-            " nobody wrote them again after the reset.",
-            "Save the settings after writing them, or let the master write them after each boot-up.",
-            [change.seq for _, change, _ in lost][:LISTED],
-        )
-
-
-def _fallen_back(facts: Facts, bus: int, node: int) -> Iterator[tuple[Key, Change, str]]:
-    """(object, the reset, words) of every written value that a reset took back."""
-    shadow = facts.context.shadow
-    device = shadow.device(bus, node)
-    saves = _saves(facts, bus, node)
-    for key, history in shadow.history(bus, node):
-        if key[0] in (0x1010, LOAD) or _is_command(device, key):
-            continue
-        for before, after, following in _triples(history.changes):
-            written = before.known
-            if after.cause != "reset" or written is None or written.source != "sdo-write":
-                continue
-            if _rewritten(after, following):
-                continue
-            now = after.known or shadow.assumed(bus, node, *key)
-            if not _persistence_known(device, key):
-                if following is None or following.cause != "sdo-read":
-                    continue
-                now = following.known
-            if now is not None and now.value == written.value:
-                continue
-            saved = [s for s in saves if before.t_ns < s <= after.t_ns]
-            if saved and _effect_kept(device, key):
-                continue
-            yield key, after, _fall(device, key, before, after, now.value if now else None, saved)
-
-
-def _rewritten(reset: Change, following: Change | None) -> bool:
-    """Whether somebody wrote the object again soon after the reset."""
-    if following is None or following.cause != "sdo-write":
-        return False
-    return following.t_ns - reset.t_ns <= REWRITTEN_NS
-
-
-def _persistence_known(device: Device | None, key: Key) -> bool:
-    """Whether the maker says what a reset does to an object; else only a read proves it."""
-    facts = device.object(*key) if device else None
-    return facts is not None and facts.persisted in ("yes", "no")
-
-
-def _triples(changes: list[Change]) -> Iterable[tuple[Change, Change, Change | None]]:
-    after: list[Change | None] = [*changes[2:], None]
-    return ((a, b, c) for (a, b), c in zip(pairwise(changes), after, strict=False))
-
-
-def _is_command(device: Device | None, key: Key) -> bool:
-    """Whether a write to the object is an order and not a setting."""
-    facts = quirks(device)
-    orders = {*facts.reset_writes, *facts.factory_reset_writes}
-    identity = (facts.node_id_object, facts.bitrate_object)
-    return key in orders or key in identity
-
-
-def _effect_kept(device: Device | None, key: Key) -> bool:
-    """Whether what a write did is saved although the object itself is not (a preset's offset)."""
-    measured = device.measurement if device else {}
-    if key != measured.get("preset") or "offset" not in measured:
-        return False
-    return any(measured["offset"] in kept for kept in quirks(device).storage.values())
-
-
-def _fall(
-    device: Device | None,
-    key: Key,
-    before: Change,
-    after: Change,
-    now: int | bytes | None,
-    saved: list[int],
-) -> str:
-    measured = device.measurement if device else {}
-    then = before.known.value if before.known else None
-    if key == measured.get("preset") and "offset" in measured:
-        offset = f"{measured['offset'][0]:04X}h"
-        return f"{named(device, key)} = {_shown(then)}: the offset {offset} that it made is lost"
-    back = f"back from {_shown(then)} to {_shown(now)}" if now is not None else ""
-    why = " (not storable)" if saved else " (not saved)"
-    return (
-        f"{named(device, key)} {back or f'no longer {_shown(then)}, its value is not known'}{why}"
-    )
-
-
-def _shown(value: int | bytes | None) -> str:
-    if isinstance(value, bytes):
-        return value.hex(" ").upper()
-    return "?" if value is None else str(value) if abs(value) < 1 << 16 else f"{value:X}h"
-
-
-def _saves(facts: Facts, bus: int, node: int) -> list[int]:
-    name = facts.context.bus_name(bus)
-    return [
-        row.end_ns
-        for row in facts.analysis.sdo
-        if (row.bus, row.node, row.index, row.direction, row.result)
-        == (name, node, 0x1010, "download", "ok")
-    ]
 
 
 def _restarted_unseen(facts: Facts) -> Iterator[Finding]:
@@ -490,25 +325,6 @@ RULES: tuple[Rule, ...] = (
         ("Only on devices whose manual says that their identifiers are fixed.",),
         _identifier_kept,
         untimed=True,
-    ),
-    Rule(
-        "device.defaults_pending",
-        "Defaults were restored; they act only from the next reset on.",
-        "The write to 1011h.",
-        (),
-        _defaults_pending,
-        untimed=True,
-    ),
-    Rule(
-        "device.lost_at_reset",
-        "Settings that were written fell back at a reset, because they were not saved.",
-        "The frames that tell of the resets.",
-        (
-            "Settings that the master writes again after the reset are not told.",
-            "Where the maker does not say what survives, only a read after the reset proves it.",
-            "A preset whose offset was saved is not lost.",
-        ),
-        _lost_at_reset,
     ),
     Rule(
         "device.restarted_unseen",

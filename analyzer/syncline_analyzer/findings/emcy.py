@@ -52,6 +52,9 @@ def _still_active(facts: Facts, rows: Sequence[ErrorRow], text: str) -> _Told:
             " so it may be over."
         )
         return _Told("warning", end_ns, text)
+    if not any(row.certain for row in rows):
+        text += "; it was not cleared for sure: the node told of one error less and not which of several."
+        return _Told("warning", end_ns, text)
     if _fell_silent(facts, rows[0]):
         return _Told("error", end_ns, f"{text}; it was not cleared before the node fell silent.")
     return _Told("error", end_ns, f"{text}; it is still active at the end of the capture.")
@@ -166,7 +169,15 @@ def _partly_cleared(facts: Facts) -> Iterator[Finding]:
 def _left(facts: Facts, row: EmcyRow) -> str:
     """What a partial clear leaves: the errors that were raised, else the bits; and a verb."""
     device = facts.context.shadow.device(facts.number(row.bus), row.node)
-    named = [error_name(code, emcy_meaning(device, code)) for code in dict.fromkeys(row.active)]
+    doubtful = {
+        error.code
+        for error in facts.analysis.errors
+        if (error.bus, error.node) == (row.bus, row.node) and not error.certain
+    }
+    named = [
+        f"{'maybe ' if code in doubtful else ''}{error_name(code, emcy_meaning(device, code))}"
+        for code in sorted(row.active, key=lambda code: code in doubtful)
+    ]
     bits = [bit for name, value in row.details.items() if name.endswith("_bits") for bit in value]
     left = named or bits or row.registers or [f"register {row.error_register or 0:02X}h"]
     return f"{', '.join(left)} {'is' if len(left) == 1 else 'are'}"

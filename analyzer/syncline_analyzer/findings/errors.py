@@ -16,11 +16,9 @@ MAX_FINDINGS = 10
 """More stretches of one kind on one bus become one finding."""
 MAX_EVIDENCE = 20
 _MOSTLY = 0.8
-"""Share of the frames after errors that one identifier needs to be the one that was hit."""
+"""Share of the destroyed frames that must be repeated at once, and by one identifier."""
 _UNUSUAL = 0.5
 """That identifier's share of all frames must be below this."""
-_REPEATED = 1 / 3
-"""Share of the error frames that must be followed by a frame at once."""
 _LAYERS = "Measure 60 ohm between CAN_H and CAN_L with the supply off; look at the shield and at"
 
 
@@ -127,7 +125,7 @@ def _hit(facts: Facts, group: list[ErrorStretch]) -> tuple[str, int | None] | No
     followers = sum((each.followers for each in group[1:]), group[0].followers)
     usual = sum((each.usual for each in group[1:]), group[0].usual)
     told = sum(followers.values())
-    if told < max(MANY, _REPEATED * sum(each.count for each in group)):
+    if told < max(MANY, _MOSTLY * sum(each.runs for each in group)):
         return None
     can_id, times = followers.most_common(1)[0]
     share = usual[can_id] / max(sum(usual.values()), 1)

@@ -1,5 +1,6 @@
 """Node guarding: stories of EMCY 8130h, answers that stay away, toggle bits, life times."""
 
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
 from itertools import groupby
 
@@ -8,6 +9,7 @@ from syncline_analyzer.findings.stretch import Stretch, seconds
 from syncline_analyzer.folds.control import ControlTables
 from syncline_analyzer.folds.nmt import NodeKey, NodeNmt
 from syncline_analyzer.folds.nmt_events import Unanswered
+from syncline_analyzer.folds.nmt_timeline import Timeline
 from syncline_analyzer.folds.nmt_timeout import (
     GUARD_TIME,
     LIFE_TIME_FACTOR,
@@ -16,6 +18,7 @@ from syncline_analyzer.folds.nmt_timeout import (
 )
 from syncline_analyzer.nodes import toggles_restarted
 from syncline_analyzer.results import EmcyRow, Finding
+from syncline_schemas.canopen.nmt import NmtState
 from syncline_schemas.wording import counted
 
 STORY_NS = 10_000_000_000
@@ -28,6 +31,7 @@ SINGLE = 5
 REPEATED = 2
 """Guard answers with the toggle bit of the one before, from which on it is told."""
 EVIDENCE = 40
+_ELSEWHERE = (NmtState.INITIALISING, NmtState.LOST, NmtState.UNKNOWN)
 
 
 def _guarding_lost(facts: Facts) -> Iterator[Finding]:
@@ -131,7 +135,9 @@ def _fall_after(control: ControlTables, key: NodeKey, t_ns: int) -> tuple[int, s
 def _unanswered(facts: Facts) -> Iterator[Finding]:
     """Guard requests without an answer of a node that was there all the time."""
     for key, nmt in facts.control.nmt.nodes.items():
-        runs = [run for run in nmt.guarding.unanswered if not _away(facts, key, run)]
+        timeline = facts.control.nmt.timelines[key]
+        starts = [interval.start_ns for interval in timeline.intervals]
+        runs = [run for run in nmt.guarding.unanswered if not _away(timeline, starts, run)]
         long = [run for run in runs if run.number >= IN_A_ROW]
         number = sum(run.number for run in runs)
         if not long and number < SINGLE:
@@ -156,18 +162,11 @@ def _unanswered(facts: Facts) -> Iterator[Finding]:
         )
 
 
-def _away(facts: Facts, key: NodeKey, run: Unanswered) -> bool:
-    """Whether the node was lost, restarting, or a clock step spoils the times: told elsewhere."""
-    timeline = facts.control.nmt.timelines[key]
-    gone = [*timeline.lost, *timeline.restarts]
-    if any(lost.last_ns <= run.end_ns and run.start_ns <= lost.end_ns for lost in gone):
-        return True
-    return any(
-        interval.state.value in ("INITIALISING", "LOST", "UNKNOWN")
-        and interval.start_ns <= run.end_ns
-        and run.start_ns <= interval.end_ns
-        for interval in timeline.intervals
-    )
+def _away(timeline: Timeline, starts: list[int], run: Unanswered) -> bool:
+    """Whether the node was lost, restarting, or its state not known then: told elsewhere."""
+    begin = max(0, bisect_left(starts, run.start_ns) - 1)
+    stop = bisect_right(starts, run.end_ns)
+    return any(interval.state in _ELSEWHERE for interval in timeline.intervals[begin:stop])
 
 
 def _toggles(facts: Facts) -> Iterator[Finding]:

@@ -1,5 +1,6 @@
 """Heartbeats: against 1017h and 1016h, irregular ones, switched off, and bytes that are no state."""
 
+from bisect import bisect_left
 from collections import Counter
 from collections.abc import Iterator
 
@@ -92,7 +93,8 @@ def _irregular(facts: Facts) -> Iterator[Finding]:
         usual = nmt.heartbeat_period_ns
         if usual is None:
             continue
-        late = [entry for entry in nmt.late if _is_late(nmt, entry, usual)]
+        ends = [pace.last_seq for pace in nmt.paces.paces]
+        late = [entry for entry in nmt.late if _is_late(nmt, ends, entry, usual)]
         if len(late) < IRREGULAR:
             continue
         worst = max(late, key=lambda e: e.end_ns - e.start_ns)
@@ -115,9 +117,10 @@ def _irregular(facts: Facts) -> Iterator[Finding]:
         )
 
 
-def _is_late(nmt: NodeNmt, late: Late, usual_ns: int) -> bool:
+def _is_late(nmt: NodeNmt, ends: list[int], late: Late, usual_ns: int) -> bool:
     """Whether a heartbeat was late for the pace that it stands in, and for the next one."""
-    near = [pace.median_ns for pace in nmt.paces.paces if pace.last_seq >= late.seq][:2]
+    at = bisect_left(ends, late.seq)
+    near = [pace.median_ns for pace in nmt.paces.paces[at : at + 2]]
     return late.end_ns - late.start_ns > IRREGULAR_FACTOR * max([usual_ns, *near])
 
 

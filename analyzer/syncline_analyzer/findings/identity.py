@@ -82,15 +82,50 @@ def _first_life(facts: Facts, bus: str, node: int) -> int | None:
     return min([*boots, *states], default=None)
 
 
-def moved_away(facts: Facts) -> set[tuple[str, int]]:
-    """(bus, node) of numbers that fell silent because their device goes by another one now."""
-    found: set[tuple[str, int]] = set()
-    for renaming in renamings(facts):
-        if renaming.new is not None:
-            found.add((renaming.row.bus, renaming.row.node))
-            if renaming.back_ns is not None:
-                found.add((renaming.row.bus, renaming.new))
-    return found
+class Absence(NamedTuple):
+    """A silence of this number that begins within and lasts beyond the end has its reason.
+
+    The device went by another number then.
+    """
+
+    bus: str
+    node: int
+    start_ns: int
+    end_ns: int
+
+    def explains(self, bus: str, node: int, last_ns: int, end_ns: int) -> bool:
+        """Whether a silence after a last sign of life is this one."""
+        inside = self.start_ns <= last_ns <= self.end_ns <= end_ns
+        return inside and (self.bus, self.node) == (bus, node)
+
+
+def absences(facts: Facts) -> list[Absence]:
+    """When numbers fell silent because their device was heard under another one."""
+    found: list[Absence] = []
+    for each in renamings(facts):
+        if each.new is None or each.new_ns is None:
+            continue
+        found.append(Absence(each.row.bus, each.row.node, each.row.start_ns, each.new_ns))
+        if each.back_ns is not None:
+            found.append(Absence(each.row.bus, each.new, each.new_ns, each.back_ns))
+    return [*found, *_renamed_by_lss(facts)]
+
+
+def _renamed_by_lss(facts: Facts) -> Iterator[Absence]:
+    """Node ids given by LSS (CiA 305): the old number falls silent when the new one is heard."""
+    lss = facts.control.lss
+    for setting in lss.settings:
+        bus, start_ns = setting.request.bus, setting.request.t_ns
+        new = setting.request.values.get("node_id")
+        if new is None or setting.refused:
+            continue
+        heard_ns = _first_life(facts, bus, new)
+        if heard_ns is None or heard_ns < start_ns:
+            continue
+        old = lss.node_before(setting)
+        known = {row.node for row in facts.analysis.nodes if row.bus == bus} - {new}
+        for node in [old] if old is not None else sorted(known):
+            yield Absence(bus, node, start_ns, heard_ns)
 
 
 def _node_ids(facts: Facts) -> Iterator[Finding]:
@@ -239,7 +274,7 @@ def _foreign(facts: Facts) -> Iterator[Finding]:
             continue
         strange = [pdo for pdo in guessed if pdo.bus == row.bus and _nobodys(facts, pdo)]
         owners = {pdo.node for pdo in strange}
-        if len(owners) == 1 and all(_fits(device, pdo) for pdo in strange):
+        if owners == {device.default_node} and all(_fits(device, pdo) for pdo in strange):
             yield _bound_elsewhere(facts, row, strange, owners.pop() or 0)
 
 
@@ -316,7 +351,7 @@ RULES: tuple[Rule, ...] = (
         "No single frame: the PDOs and the node without PDOs.",
         (
             "Only where nothing else speaks for the other number.",
-            "Only devices whose identifiers cannot be written.",
+            "Only devices whose identifiers cannot be written, and their factory number.",
         ),
         _foreign,
         untimed=True,

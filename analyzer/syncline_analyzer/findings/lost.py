@@ -8,6 +8,7 @@ from typing import NamedTuple
 from syncline_analyzer.context import Context
 from syncline_analyzer.findings.bus import tells_bus_off
 from syncline_analyzer.findings.guarding import STORY_NS, told_by_guarding
+from syncline_analyzer.findings.identity import absences
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import seconds, several
 from syncline_analyzer.folds.control import ControlTables
@@ -18,6 +19,8 @@ from syncline_analyzer.results import Analysis, Finding, Severity
 
 BOOT_UP_NS = 1_000_000_000
 """A boot-up this soon after a silence belongs to it [ns]."""
+TOGETHER_NS = 1_500_000_000
+"""Nodes whose last signs of life are no further apart fell silent at the same moment [ns]."""
 EVIDENCE = 40
 """Frames named at most."""
 
@@ -61,7 +64,7 @@ def _lost_nodes(facts: Facts) -> Iterator[Finding]:
     for _, equal in groupby(losses, key=lambda loss: loss.kind):
         found = list(equal)
         first = found[0]
-        text, cause, check_next = _alone(facts, found)
+        text, cause, check_next = _alone(facts, found, _together(losses, first))
         yield _finding(
             "nmt.node_lost", "error", facts, found, first.nodes[0], text, cause, check_next
         )
@@ -83,7 +86,7 @@ def _silent_buses(facts: Facts) -> Iterator[Finding]:
 
 def _entries(facts: Facts) -> list[tuple[int, NodeKey, Lost]]:
     """(last sign of life, node, silence) of what is no story of guarding, bus-off or a reset."""
-    told = told_by_guarding(facts)
+    told, elsewhere = told_by_guarding(facts), absences(facts)
     entries = [
         (lost.last_ns, key, lost)
         for key, timeline in facts.control.nmt.timelines.items()
@@ -91,6 +94,10 @@ def _entries(facts: Facts) -> list[tuple[int, NodeKey, Lost]]:
         if lost.last_seq not in told
         and not _after_reset(timeline, lost)
         and not was_bus_off(facts.analysis, facts.context, key, lost)
+        and not any(
+            each.explains(facts.context.bus_name(key[0]), key[1], lost.last_ns, lost.end_ns)
+            for each in elsewhere
+        )
     ]
     return sorted(entries, key=lambda entry: (entry[1][0], entry[0], entry[1]))
 
@@ -180,8 +187,20 @@ def _finding(
     )
 
 
-def _alone(facts: Facts, losses: list[_Loss]) -> tuple[str, str, str]:
-    """(text, cause, what to check) where the other nodes were heard all the time."""
+def _together(losses: list[_Loss], loss: _Loss) -> tuple[int, ...]:
+    """Other nodes that fell silent at about the same moment, and not only briefly after it."""
+    at_once = [
+        other.nodes[0]
+        for other in losses
+        if other.bus == loss.bus
+        and other.nodes != loss.nodes
+        and abs(other.start_ns - loss.start_ns) <= TOGETHER_NS
+    ]
+    return tuple(sorted(set(at_once)))
+
+
+def _alone(facts: Facts, losses: list[_Loss], together: tuple[int, ...]) -> tuple[str, str, str]:
+    """(text, cause, what to check) where other nodes were heard all the time."""
     first = losses[0]
     who, lasted = facts.who(facts.context.bus_name(first.bus), first.nodes[0]), _lasted(losses)
     if not first.over:
@@ -190,6 +209,17 @@ def _alone(facts: Facts, losses: list[_Loss]) -> tuple[str, str, str]:
         how = "with a boot-up" if first.booted else "without a boot-up"
         often, each = _often(facts, losses), " each time" if len(losses) > 1 else ""
         text = f"{who} was lost {often}for {lasted} and came back {how}{each}."
+    if together:
+        names = _names(together)
+        text += f" {names[:1].upper()}{names[1:]} fell silent at the same moment."
+        return (
+            text + first.limit,
+            (
+                "What these nodes have in common and the others have not: a supply, a fuse, a cable or"
+                " a connector between them and the rest of the bus."
+            ),
+            "Check the common supply and the cable behind the last node that was heard.",
+        )
     return (
         text + first.limit,
         "The node lost its supply or restarted: it came back with a boot-up."

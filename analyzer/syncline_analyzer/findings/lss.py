@@ -25,12 +25,20 @@ def _node_id_changed(facts: Facts) -> Iterator[Finding]:
             "lss.node_id_changed",
             "info",
             each,
-            f"A device was given {given} by LSS, and took it.",
+            f"{_whose(facts, each)} was given {given} by LSS, and took it.",
             "Somebody, or the master, configured a device.",
             "Was it meant? The new node-ID must be no other node's, and is lost at the next start"
             " unless it was stored.",
             None if node == UNCONFIGURED else node,
         )
+
+
+def _whose(facts: Facts, setting: LssSetting) -> str:
+    """The device, by the node-ID that it had."""
+    before = facts.control.lss.node_before(setting)
+    if before is None or before == UNCONFIGURED:
+        return "A device"
+    return facts.who(setting.request.bus, before)
 
 
 def _bitrate_changed(facts: Facts) -> Iterator[Finding]:

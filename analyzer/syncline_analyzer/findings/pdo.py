@@ -97,7 +97,7 @@ def _assumed_window(facts: Facts, row: PdoRow) -> list[str]:
     if row.node is None:
         return []
     known = facts.context.shadow.get(facts.number(row.bus), row.node, 0x1007)
-    if known is None or known.source != "eds-default":
+    if known is None or known.source != "eds-default" or not isinstance(known.value, int):
         return []
     return [f"1007h = {known.value} us (eds-default)"]
 
@@ -158,7 +158,7 @@ def _extra(facts: Facts) -> Iterator[Finding]:
     """Synchronous PDOs that came twice between two SYNCs."""
     for row in facts.analysis.pdos:
         told = row.transmission_type is not None and 1 <= row.transmission_type <= 0xF0
-        seen = not row.type_source.startswith(("inferred", "eds-default", "unknown"))
+        seen = not row.type_source.startswith(("inferred", "unknown"))
         if not (told and seen) or row.extra < _FEW or row.extra <= 2 * (row.missed + row.late):
             continue
         yield Finding(
@@ -173,6 +173,7 @@ def _extra(facts: Facts) -> Iterator[Finding]:
             "A second device sends the same identifier, or the device sends on events as well.",
             "Look for a second node with this identifier (180xh:1) or this node-ID; read 180xh:2.",
             row.extra_seq,
+            assumed=_assumed_type(row),
         )
 
 
@@ -284,7 +285,7 @@ RULES = (
         "A synchronous PDO came twice between two SYNCs.",
         "The first 20 frames that came a second time.",
         (
-            "Only where its transmission type was seen or described.",
+            "Only where its transmission type is known, not where it is inferred.",
             "Not where a SYNC may have been lost, nor where the PDO is missed or late as often.",
         ),
         _extra,

@@ -1,10 +1,13 @@
 """Restarts: those nobody asked for, and resets after which a node does not come back as it should."""
 
+from bisect import bisect_left
 from collections.abc import Iterator, Sequence
+from collections.abc import Set as AbstractSet
 from itertools import groupby
 from statistics import median
 
 from syncline_analyzer.findings.guarding import told_by_guarding
+from syncline_analyzer.findings.identity import absences
 from syncline_analyzer.findings.lost import BOOT_UP_NS, EVIDENCE, failed_resets, was_bus_off
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import seconds, several
@@ -13,7 +16,7 @@ from syncline_analyzer.folds.nmt import BootUp, NodeKey
 from syncline_analyzer.folds.nmt_events import Lost
 from syncline_analyzer.folds.nmt_timeline import Timeline
 from syncline_analyzer.results import EmcyRow, Finding
-from syncline_schemas.canopen.nmt import command_name
+from syncline_schemas.canopen.nmt import NmtState, command_name
 from syncline_schemas.devices import quirks
 
 COMMAND_WINDOW_NS = 10_000_000_000
@@ -36,23 +39,23 @@ def _unasked(facts: Facts) -> Iterator[list[tuple[BootUp, Lost | None]]]:
     boots = sorted(facts.control.nmt.boot_ups, key=lambda boot: (boot.bus, boot.node, boot.seq))
     for (bus, node), group in groupby(boots, key=lambda boot: (boot.bus, boot.node)):
         key = (facts.number(bus), node)
+        silences = {lost.end_seq: lost for lost in facts.control.nmt.timelines[key].restarts}
         found = [
-            (boot, silence)
+            (boot, silences.get(boot.seq))
             for boot in group
-            if not _explained(facts, key, boot)
-            for silence in [_silence_before(facts.control.nmt.timelines[key], boot)]
-            if silence is None
-            or (
-                silence.last_seq not in told
-                and not was_bus_off(facts.analysis, facts.context, key, silence)
-            )
+            if (bus, node) not in doubled
+            and not _explained(facts, key, boot)
+            and not _told(facts, key, silences.get(boot.seq), told)
         ]
-        if found and (bus, node) not in doubled:
+        if found:
             yield found
 
 
-def _silence_before(timeline: Timeline, boot: BootUp) -> Lost | None:
-    return next((r for r in timeline.restarts if r.end_seq == boot.seq), None)
+def _told(facts: Facts, key: NodeKey, silence: Lost | None, told: AbstractSet[int]) -> bool:
+    """Whether the silence before a restart belongs to a story of guarding or bus-off."""
+    return silence is not None and (
+        silence.last_seq in told or was_bus_off(facts.analysis, facts.context, key, silence)
+    )
 
 
 def _explained(facts: Facts, key: NodeKey, boot: BootUp) -> bool:
@@ -71,25 +74,25 @@ def _explained(facts: Facts, key: NodeKey, boot: BootUp) -> bool:
 
 def _first_sign(timeline: Timeline, boot: BootUp) -> bool:
     """Whether nothing was heard of the node before: switched on, not restarted."""
-    before = [i for i in timeline.intervals if i.start_ns < boot.t_ns]
-    return all(interval.state.value == "UNKNOWN" for interval in before)
+    known = (i.start_ns for i in timeline.intervals if i.state is not NmtState.UNKNOWN)
+    return next(known, boot.t_ns) >= boot.t_ns
 
 
 def _recent_command(facts: Facts, boot: BootUp) -> bool:
-    return any(
-        row.bus == boot.bus
-        and row.node in (0, boot.node)
-        and row.command.startswith("reset")
-        and row.seq < boot.seq
-        and boot.t_ns - row.t_ns <= COMMAND_WINDOW_NS
-        for row in facts.control.nmt.commands
-    )
+    commands = facts.control.nmt.commands
+    for at in range(bisect_left(commands, boot.seq, key=lambda row: row.seq) - 1, -1, -1):
+        row = commands[at]
+        if boot.t_ns - row.t_ns > COMMAND_WINDOW_NS:
+            return False
+        if row.bus == boot.bus and row.node in (0, boot.node) and row.command.startswith("reset"):
+            return True
+    return False
 
 
 def _reset_by_sdo(facts: Facts, key: NodeKey, boot: BootUp) -> bool:
     """Some devices restart when an object is written (2002h of the JN2100)."""
     writes = quirks(facts.context.shadow.device(*key)).reset_writes
-    return any(
+    return bool(writes) and any(
         row.direction == "download"
         and (row.bus, row.node) == (boot.bus, boot.node)
         and (row.index or 0, row.sub or 0) in writes
@@ -137,7 +140,7 @@ def _many(
     first, last = boots[0], boots[-1]
     alone = all(silence is not None and silence.whole_bus for _, silence in entries)
     often = several([facts.moment(boot.t_ns) for boot in boots]).strip()
-    watchdog = next((row for boot in boots if (row := _watchdog_emcy(facts, boot))), None)
+    watchdog = next((row for boot in boots[:LOOP] if (row := _watchdog_emcy(facts, boot))), None)
     cause = f"Its watchdog resets it (EMCY {watchdog.code:04X}h)." if watchdog else ""
     return Finding(
         rule,
@@ -221,9 +224,12 @@ def _watchdog_emcy(facts: Facts, boot: BootUp) -> EmcyRow | None:
 
 def _no_boot_up(facts: Facts) -> Iterator[Finding]:
     """Nodes that a reset command silenced: for long, or for good."""
+    elsewhere = absences(facts)
     for key, failed in failed_resets(facts):
         bus, node = facts.context.bus_name(key[0]), key[1]
         command, end_ns, end_seq, back = failed
+        if any(each.explains(bus, node, command.t_ns, end_ns) for each in elsewhere):
+            continue
         whom = "all nodes" if command.node == 0 else "it"
         lasted = seconds(end_ns - command.t_ns)
         silent = (

@@ -5,12 +5,12 @@ from collections.abc import Iterator
 from syncline_analyzer.findings import sdo_answers, sdo_protocol, sdo_writes
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.sdo_groups import (
+    History,
     by_node,
     evidence,
     grouped,
     object_words,
     objects_words,
-    state_at,
     stretches,
     timed_out,
     times,
@@ -151,34 +151,36 @@ def _silent_rows(facts: Facts) -> list[SdoRow]:
     ]
 
 
-def _stopped(facts: Facts, row: SdoRow) -> bool:
+def _stopped(facts: Facts, history: History, row: SdoRow) -> bool:
     mute = "sdo" in _quirks(facts, row).mute_in_stopped
-    return mute and state_at(facts, row.bus, row.node, row.start_ns) == "STOPPED"
+    return mute and _state(history, row) == "STOPPED"
+
+
+def _state(history: History, row: SdoRow) -> str | None:
+    """NMT state of the node at the time of a request, None where nothing tells it."""
+    return next(history.states((row.bus, row.node), row.start_ns, row.start_ns), None)
 
 
 def _no_answer(facts: Facts) -> Iterator[Finding]:
+    history = History(facts)
     rows = [
         row
         for row in _silent_rows(facts)
-        if not _stopped(facts, row) and not _explained(facts, row) and not _not_on_yet(facts, row)
+        if not _stopped(facts, history, row)
+        and not _explained(facts, history, row)
+        and not _not_on_yet(history, row)
     ]
     for found in by_node(rows):
         for part in stretches(found):
-            yield _unanswered(facts, part)
+            yield _unanswered(facts, history, part)
 
 
-def _unanswered(facts: Facts, rows: list[SdoRow]) -> Finding:
+def _unanswered(facts: Facts, history: History, rows: list[SdoRow]) -> Finding:
     first, last = rows[0], rows[-1]
     end_ns = max(row.end_ns for row in rows)
     span = last.start_ns - first.start_ns
     within = f" within {seconds(span)}" if span > 0 else ""
-    others = sum(
-        row.bus == first.bus
-        and row.node == first.node
-        and row.answer_us is not None
-        and first.start_ns <= row.start_ns <= end_ns
-        for row in facts.analysis.sdo
-    )
+    others = history.answers((first.bus, first.node), first.start_ns, end_ns)
     meanwhile = f"; {counted(others, 'other request')} in that time it answered" if others else ""
     return Finding(
         "sdo.no_answer",
@@ -195,7 +197,7 @@ def _unanswered(facts: Facts, rows: list[SdoRow]) -> Finding:
     )
 
 
-def _explained(facts: Facts, row: SdoRow) -> bool:
+def _explained(facts: Facts, history: History, row: SdoRow) -> bool:
     """Whether the node was silent altogether, or starting: that is told by another finding."""
     timeline = facts.control.nmt.timelines.get((facts.number(row.bus), row.node))
     if timeline is None:
@@ -204,42 +206,27 @@ def _explained(facts: Facts, row: SdoRow) -> bool:
     if any(lost.last_ns <= row.end_ns and row.start_ns < lost.end_ns for lost in gone):
         return True
     quiet_ns = _quirks(facts, row).reset_quiet_ms * 1_000_000 + STARTING_NS
+    node = row.bus, row.node
     return any(
         interval.state.value == "INITIALISING"
         and interval.start_ns <= row.start_ns < interval.end_ns + quiet_ns
-        and not _answered(facts, row, interval.end_ns)
+        and not history.answers(node, interval.end_ns, row.start_ns)
         for interval in timeline.intervals
     )
 
 
-def _answered(facts: Facts, row: SdoRow, since_ns: int = 0) -> bool:
-    """Whether the node answered any request between a moment and this one."""
-    return any(
-        (other.bus, other.node) == (row.bus, row.node)
-        and other.answer_us is not None
-        and since_ns <= other.start_ns < row.start_ns
-        for other in facts.analysis.sdo
-    )
-
-
-def _not_on_yet(facts: Facts, row: SdoRow) -> bool:
+def _not_on_yet(history: History, row: SdoRow) -> bool:
     """Whether the node was switched on only later: nothing of it was heard before its boot-up."""
-    boots = [
-        boot.t_ns
-        for boot in facts.control.nmt.boot_ups
-        if (boot.bus, boot.node) == (row.bus, row.node)
-    ]
-    if not boots or min(boots) <= row.start_ns:
+    node = row.bus, row.node
+    first_ns = history.first_boot_ns(node)
+    if first_ns is None or first_ns <= row.start_ns or history.answers(node, 0, row.start_ns):
         return False
-    return not _answered(facts, row) and state_at(facts, row.bus, row.node, row.start_ns) in (
-        None,
-        "UNKNOWN",
-        "INITIALISING",
-    )
+    return _state(history, row) in (None, "UNKNOWN", "INITIALISING")
 
 
 def _while_stopped(facts: Facts) -> Iterator[Finding]:
-    rows = [row for row in _silent_rows(facts) if _stopped(facts, row)]
+    history = History(facts)
+    rows = [row for row in _silent_rows(facts) if _stopped(facts, history, row)]
     for found in by_node(rows):
         for part in stretches(found):
             first = part[0]

@@ -1,12 +1,14 @@
 """SDO transfers as rules read them: of nodes that are there, in groups, with what was going on."""
 
+from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterable, Iterator
 from itertools import groupby
 from typing import Any
 
 from syncline_analyzer.findings.rule import Facts
-from syncline_analyzer.findings.stretch import Stretch
-from syncline_analyzer.results import SdoRow
+from syncline_analyzer.results import NmtStateRow, SdoRow
+
+_Node = tuple[str, int]
 
 TIMED_OUT = 0x05040000
 """Abort code with which a client gives up waiting."""
@@ -60,10 +62,16 @@ def by_object(rows: Iterable[SdoRow]) -> Iterator[list[SdoRow]]:
     return grouped(rows, lambda row: (row.bus, row.node, row.index, row.sub, row.direction))
 
 
-def stretches(rows: list[SdoRow], apart_ns: int = TOGETHER_NS) -> Iterator[list[SdoRow]]:
+def stretches(rows: Iterable[SdoRow], apart_ns: int = TOGETHER_NS) -> Iterator[list[SdoRow]]:
     """Transfers that follow one another within `apart_ns`."""
-    for start, end in Stretch.of([row.start_ns for row in rows], apart_ns):
-        yield [row for row in rows if start <= row.start_ns <= end]
+    part: list[SdoRow] = []
+    for row in sorted(rows, key=lambda row: (row.start_ns, row.seq)):
+        if part and row.start_ns - part[-1].start_ns > apart_ns:
+            yield part
+            part = []
+        part.append(row)
+    if part:
+        yield part
 
 
 def timed_out(row: SdoRow) -> bool:
@@ -76,40 +84,59 @@ def unanswered(row: SdoRow) -> bool:
     return row.result == "no answer" or timed_out(row)
 
 
-def state_at(facts: Facts, bus: str, node: int, t_ns: int) -> str | None:
-    """NMT state of a node at a moment, None where nothing tells it."""
-    for row in facts.analysis.nmt_states:
-        if row.bus == bus and row.node == node and row.start_ns <= t_ns < row.end_ns:
-            return row.state
-    return None
+class History:
+    """What is known of nodes at the time of their transfers, by (bus, node)."""
 
+    def __init__(self, facts: Facts) -> None:
+        self._answers: dict[_Node, list[int]] = {}
+        self._states: dict[_Node, list[NmtStateRow]] = {}
+        self._restarts: dict[_Node, list[int]] = {}
+        self._resets: dict[str, list[tuple[int, int]]] = {}
+        self._gaps = facts.analysis.capture.gaps
+        for row in facts.analysis.sdo:
+            if row.answer_us is not None:
+                self._answers.setdefault((row.bus, row.node), []).append(row.start_ns)
+        for state in facts.analysis.nmt_states:
+            self._states.setdefault((state.bus, state.node), []).append(state)
+        for boot in facts.control.nmt.boot_ups:
+            self._restarts.setdefault((boot.bus, boot.node), []).append(boot.t_ns)
+        for command in facts.analysis.nmt_commands:
+            if command.command.startswith("reset"):
+                self._resets.setdefault(command.bus, []).append((command.t_ns, command.node))
+        for listed in (self._answers, self._restarts):
+            for times_ns in listed.values():
+                times_ns.sort()
 
-def undisturbed(facts: Facts, bus: str, node: int, start_ns: int, end_ns: int) -> bool:
-    """Whether a node was neither reset nor lost in between, nor the recorder blind."""
-    analysis = facts.analysis
-    if any(
-        gap.bus in (None, bus) and gap.start_ns < end_ns and start_ns < gap.end_ns
-        for gap in analysis.capture.gaps
-    ):
-        return False
-    if any(
-        boot.bus == bus and boot.node == node and start_ns <= boot.t_ns <= end_ns
-        for boot in facts.control.nmt.boot_ups
-    ):
-        return False
-    if any(
-        command.bus == bus
-        and command.node in (0, node)
-        and command.command.startswith("reset")
-        and start_ns <= command.t_ns <= end_ns
-        for command in analysis.nmt_commands
-    ):
-        return False
-    return not any(
-        row.bus == bus
-        and row.node == node
-        and row.state in ("LOST", "INITIALISING")
-        and row.start_ns < end_ns
-        and start_ns < row.end_ns
-        for row in analysis.nmt_states
-    )
+    def answers(self, node: _Node, start_ns: int, end_ns: int) -> int:
+        """Requests of a half-open stretch of time that the node answered."""
+        found = self._answers.get(node, [])
+        return bisect_left(found, end_ns) - bisect_left(found, start_ns)
+
+    def first_boot_ns(self, node: _Node) -> int | None:
+        """Time of the first boot-up."""
+        return next(iter(self._restarts.get(node, [])), None)
+
+    def states(self, node: _Node, start_ns: int, end_ns: int) -> Iterator[str]:
+        """NMT states that overlap a stretch of time, its end included."""
+        rows = self._states.get(node, [])
+        first = bisect_right(rows, start_ns, key=lambda row: row.end_ns)
+        for row in rows[first:]:
+            if row.start_ns > end_ns:
+                return
+            yield row.state
+
+    def undisturbed(self, node: _Node, start_ns: int, end_ns: int) -> bool:
+        """Whether a node was neither reset nor lost in between, nor the recorder blind."""
+        bus, number = node
+        blind = any(
+            gap.bus in (None, bus) and gap.start_ns < end_ns and start_ns < gap.end_ns
+            for gap in self._gaps
+        )
+        boots = self._restarts.get(node, [])
+        booted = bisect_right(boots, end_ns) > bisect_left(boots, start_ns)
+        reset = any(
+            start_ns <= t_ns <= end_ns and to in (0, number)
+            for t_ns, to in self._resets.get(bus, [])
+        )
+        away = {"LOST", "INITIALISING"} & set(self.states(node, start_ns, end_ns))
+        return not (blind or booted or reset or away)

@@ -1,16 +1,16 @@
 """Findings on SDO writes: configurations that fail, values that are not kept, saves without end."""
 
 from collections.abc import Iterator
-from itertools import pairwise
+from itertools import groupby, pairwise
 
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.sdo_groups import (
+    History,
     by_object,
     evidence,
     grouped,
     object_words,
     stretches,
-    undisturbed,
 )
 from syncline_analyzer.findings.stretch import seconds
 from syncline_analyzer.results import Finding, SdoRow
@@ -122,11 +122,22 @@ def _storm(facts: Facts, rows: list[SdoRow]) -> Finding:
 
 
 def _not_kept(facts: Facts) -> Iterator[Finding]:
+    history = History(facts)
     rows = [row for row in facts.analysis.sdo if row.result == "ok" and _lasting(facts, row)]
-    for group in grouped(rows, lambda row: (row.bus, row.node, row.index or 0, row.sub or 0)):
-        wrong = [pair for pair in pairwise(group) if _lost(facts, *pair)]
-        if wrong:
-            yield _changed(facts, wrong)
+    wrong = [
+        pair
+        for group in grouped(rows, lambda row: (row.bus, row.node, row.index or 0, row.sub or 0))
+        for pair in pairwise(group)
+        if _reads_differently(history, *pair)
+    ]
+    upset = [row for row in facts.analysis.sdo if wrong and _upsets(facts, row)]
+    lost = [pair for pair in wrong if not _changed_otherwise(upset, *pair)]
+    for _, pairs in groupby(lost, key=lambda pair: _key(pair[0])):
+        yield _changed(facts, list(pairs))
+
+
+def _key(row: SdoRow) -> tuple[str, int, int | None, int | None]:
+    return row.bus, row.node, row.index, row.sub
 
 
 def _lasting(facts: Facts, row: SdoRow) -> bool:
@@ -140,26 +151,28 @@ def _lasting(facts: Facts, row: SdoRow) -> bool:
     return not any((index, sub) in keys for keys in special)
 
 
-def _lost(facts: Facts, before: SdoRow, after: SdoRow) -> bool:
+def _reads_differently(history: History, before: SdoRow, after: SdoRow) -> bool:
     """Whether a value that was written, and confirmed, reads back as another one."""
     return (
         before.direction == "download"
         and after.direction == "upload"
         and before.value != after.value
-        and undisturbed(facts, before.bus, before.node, before.end_ns, after.end_ns)
-        and not _changed_otherwise(facts, before, after)
+        and history.undisturbed((before.bus, before.node), before.end_ns, after.end_ns)
     )
 
 
-def _changed_otherwise(facts: Facts, before: SdoRow, after: SdoRow) -> bool:
-    """Whether the client itself brought other values back in between, or made the device restart."""
-    resets = _quirks(facts, before).reset_writes
+def _upsets(facts: Facts, row: SdoRow) -> bool:
+    """Whether a write brings other values back, or makes the device restart."""
+    if row.direction != "download":
+        return False
+    key = row.index or 0, row.sub or 0
+    return row.index == 0x1011 or key in _quirks(facts, row).reset_writes
+
+
+def _changed_otherwise(upset: list[SdoRow], before: SdoRow, after: SdoRow) -> bool:
     return any(
-        (row.bus, row.node) == (before.bus, before.node)
-        and row.direction == "download"
-        and before.seq < row.seq < after.seq
-        and (row.index == 0x1011 or (row.index or 0, row.sub or 0) in resets)
-        for row in facts.analysis.sdo
+        (row.bus, row.node) == (before.bus, before.node) and before.seq < row.seq < after.seq
+        for row in upset
     )
 
 

@@ -2,12 +2,13 @@
 
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 
 from syncline_analyzer.findings.bus import tells_bus_off
 from syncline_analyzer.findings.guarding import STORY_NS, guarding_stories
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import LISTED, error_name, seconds, several
-from syncline_analyzer.findings.twins import Place, twins
+from syncline_analyzer.findings.twins import twins
 from syncline_analyzer.folds.nmt import MAX_NODE, NodeKey
 from syncline_analyzer.folds.nmt_events import Ignored, Violation
 from syncline_analyzer.folds.nmt_timeline import Timeline
@@ -16,6 +17,8 @@ from syncline_schemas.canopen.nmt import COMMANDS, STATE_AFTER_COMMAND, NmtState
 from syncline_schemas.wording import counted
 
 EVIDENCE = 40
+GROUPED = 5
+"""More equal findings of one node than these are one finding."""
 SEARCHED = 10
 """Commands to more absent nodes than these are a search of the whole bus."""
 WAITED_NS = 30_000_000_000
@@ -23,31 +26,56 @@ WAITED_NS = 30_000_000_000
 
 
 def _ignored(facts: Facts) -> Iterator[Finding]:
-    """Commands that the node's own messages contradict a period later."""
+    """Commands that the node's own messages contradict a period later, equal ones together."""
     doubled = twins(facts)
-    for (number, node), timeline in facts.control.nmt.timelines.items():
-        bus = facts.context.bus_name(number)
+    for key, timeline in facts.control.nmt.timelines.items():
+        if (facts.context.bus_name(key[0]), key[1]) in doubled:
+            continue
+        by_command: dict[int, list[Finding]] = {}
         for ignored in timeline.ignored:
-            if (ignored.command.node == 0 and not timeline.followed) or (bus, node) in doubled:
-                continue
-            name = command_name(ignored.command.specifier)
-            pdos = [v for v in timeline.violations if not v.guess and _during(v, ignored)]
-            yield Finding(
-                "nmt.command_ignored",
-                "error",
-                bus,
-                node,
-                ignored.command.t_ns,
-                ignored.t_ns,
-                f'{facts.who(bus, node)} did not follow the command "{name}":'
-                f" {seconds(ignored.t_ns - ignored.command.t_ns)} later it still says {ignored.state}"
-                + (f" and goes on sending PDOs ({_identifiers(pdos)})." if pdos else "."),
-                "The node did not get the command, refuses it in its present condition, or another"
-                " node answers under the same number.",
-                "Does it follow when the command is repeated? Look for an EMCY of the node and for"
-                " 1F80h, 1029h.",
-                [ignored.command.seq, *(v.seq for v in pdos[:10]), ignored.seq],
-            )
+            if ignored.command.node or timeline.followed:
+                found = by_command.setdefault(ignored.command.specifier, [])
+                found.append(_one_ignored(facts, key, timeline, ignored))
+        for found in by_command.values():
+            yield from _merged(facts, found)
+
+
+def _one_ignored(facts: Facts, key: NodeKey, timeline: Timeline, ignored: Ignored) -> Finding:
+    bus, node = facts.context.bus_name(key[0]), key[1]
+    name = command_name(ignored.command.specifier)
+    pdos = [v for v in timeline.violations if not v.guess and _during(v, ignored)]
+    return Finding(
+        "nmt.command_ignored",
+        "error",
+        bus,
+        node,
+        ignored.command.t_ns,
+        ignored.t_ns,
+        f'{facts.who(bus, node)} did not follow the command "{name}":'
+        f" {seconds(ignored.t_ns - ignored.command.t_ns)} later it still says {ignored.state}"
+        + (f" and goes on sending PDOs ({_identifiers(pdos)})." if pdos else "."),
+        "The node did not get the command, refuses it in its present condition, or another node"
+        " answers under the same number.",
+        "Does it follow when the command is repeated? Look for an EMCY of the node and for 1F80h,"
+        " 1029h.",
+        [ignored.command.seq, *(v.seq for v in pdos[:10]), ignored.seq],
+    )
+
+
+def _merged(facts: Facts, found: list[Finding]) -> list[Finding]:
+    """Equal findings of one node in order of time; many of them become one."""
+    if len(found) <= GROUPED:
+        return found
+    first, last = found[0], found[-1]
+    more = f" The same happened {len(found) - 1} times more, the last time at"
+    return [
+        replace(
+            first,
+            end_ns=max(first.end_ns, last.end_ns),
+            text=f"{first.text}{more} {facts.moment(last.end_ns)}.",
+            evidence=[seq for finding in found for seq in finding.evidence][:EVIDENCE],
+        )
+    ]
 
 
 def _during(violation: Violation, ignored: Ignored) -> bool:
@@ -95,13 +123,16 @@ def _left_operational(facts: Facts) -> Iterator[Finding]:
     stories, doubled = guarding_stories(facts), twins(facts)
     for (number, node), timeline in facts.control.nmt.timelines.items():
         bus = facts.context.bus_name(number)
-        for seq, t_ns, before, after in timeline.changes:
-            emcy = _error_before(facts, bus, node, t_ns)
+        by_state: dict[str, list[Finding]] = {}
+        for seq, t_ns, before, after in timeline.changes if (bus, node) not in doubled else ():
+            emcy = _error_before(facts, bus, node, t_ns) if before == "OPERATIONAL" else None
             if before != "OPERATIONAL" or (emcy and tells_bus_off(emcy.code or 0, emcy.meaning)):
                 continue
             finding = _fall(facts, (number, node), seq, t_ns, after, emcy)
-            if not _within(finding, stories, doubled):
-                yield finding
+            if not _within(finding, stories):
+                by_state.setdefault(after, []).append(finding)
+        for found in by_state.values():
+            yield from _merged(facts, found)
 
 
 def _fall(
@@ -141,9 +172,9 @@ def _error_before(facts: Facts, bus: str, node: int, t_ns: int) -> EmcyRow | Non
     return rows[-1] if rows else None
 
 
-def _within(finding: Finding, stories: list[Finding], doubled: set[Place]) -> bool:
-    """Whether a story of the same node tells a finding already, or it is none of one node."""
-    return (finding.bus, finding.node) in doubled or any(
+def _within(finding: Finding, stories: list[Finding]) -> bool:
+    """Whether a story of the same node tells a finding already."""
+    return any(
         (finding.bus, finding.node) == (story.bus, story.node)
         and story.start_ns <= finding.end_ns <= story.end_ns
         for story in stories

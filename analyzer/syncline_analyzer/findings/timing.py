@@ -130,9 +130,10 @@ def _two_producers(facts: Facts) -> Iterator[Finding]:
             None,
             first.start_ns,
             last.end_ns,
-            f"Two producers sent SYNC {cob_id:03X}h at the same time{often}: a second one with the"
-            f" same period of {first.period_us / 1000:.4g} ms came {first.offset_us / 1000:.4g} ms"
-            f" beside the first, {counted(sum(row.pairs for row in rows), 'time')}.",
+            f"Two producers sent SYNC {cob_id:03X}h at the same time{often}: between those that come"
+            f" every {first.period_us / 1000:.4g} ms there were"
+            f" {sum(row.pairs for row in rows)} more, the first {first.offset_us / 1000:.4g} ms"
+            " beside one of them.",
             "A second device was set to produce SYNC (1005h bit 30, 1006h), or a second master was"
             " connected.",
             "Read 1005h of all nodes: only one may have bit 30 set; look for a service tool on the"
@@ -220,10 +221,10 @@ RULES = (
         "The first SYNCs of the stretch in which both sent.",
         (
             (
-                "Only where one of the two rhythms was also seen alone: a producer with a coarse timer"
+                "Only where one of the two rhythms was also seen alone, and is kept: one with a coarse timer"
                 " may alternate between two periods."
             ),
-            "At least 20 pairs in a row.",
+            "At least 20 SYNCs more; a producer that was set to another period makes none.",
         ),
         _two_producers,
     ),

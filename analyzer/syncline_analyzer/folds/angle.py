@@ -10,6 +10,12 @@ import numpy as np
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.fold import IndexedBatch
+from syncline_analyzer.folds.angle_notes import (
+    note_alarms,
+    note_ambiguous,
+    note_frozen,
+    note_gray,
+)
 from syncline_analyzer.folds.block import BLOCK_FRAMES, Block, Blocks
 from syncline_analyzer.folds.frozen import with_frozen
 from syncline_analyzer.folds.samples import (
@@ -27,7 +33,6 @@ from syncline_schemas.batch import Gap
 from syncline_schemas.decoder import decode_nmt
 from syncline_schemas.devices import Device, Jump, quirks
 from syncline_schemas.measurement import (
-    ambiguous_rpm,
     encoder_scale,
     measured_by,
     position_objects,
@@ -115,8 +120,8 @@ class AngleFold:
         tables = AngleTables()
         for key, state in sorted(self._states.items()):
             bus, node, _ = key
-            _note_ambiguous(state)
-            _note_gray(state)
+            note_ambiguous(state)
+            note_gray(state)
             tables.traces.append(state.row())
             tables.trace_data.append(state.trace())
             writes = list(self._writes.get((bus, node), ()))
@@ -199,10 +204,10 @@ class AngleFold:
         derived = state.add(piece, converter, timed=self._context.timed)
         self._note_jumps(state, key, piece, derived, converter)
         self._note_outside(state, piece, derived)
-        _note_frozen(state, piece)
+        note_frozen(state, piece)
         device = self._context.shadow.device(key[0], key[1])
         if (key[2] >> 8, key[2] & 0xFF) in alarm_objects(device):
-            _note_alarms(state, piece, device)
+            note_alarms(state, piece, device)
         elif isinstance(converter, Encoder) and device and "gray" in device.measurement:
             state.gray.add(piece.raw[piece.valid], converter.scale.range_counts)
 
@@ -390,79 +395,6 @@ def _acting(history: ObjectHistory, resets: Sequence[int], seq: int) -> Known | 
         if not waits:
             acting = change.known
     return acting
-
-
-def _note_frozen(state: TraceState, piece: Samples) -> None:
-    """The first sample of each stretch in which a sibling moves and this one does not."""
-    if piece.frozen is None:
-        state.frozen = False
-        return
-    starts = np.flatnonzero(np.diff(piece.frozen.astype(np.int8), prepend=int(state.frozen)) > 0)
-    state.frozen = bool(piece.frozen[-1])
-    for row in starts.tolist():
-        later = piece.frozen[row:] & (piece.source[row:] == piece.source[row])
-        last = row + int(np.flatnonzero(later)[-1])
-        lasted = (int(piece.t_ns[last]) - int(piece.t_ns[row])) / 1e9
-        value = float(piece.raw[row])
-        text = f"{int(later.sum())} equal values in {piece.source[row]:03X}h over {lasted:.4g} s"
-        state.note("frozen", int(piece.seq[row]), int(piece.t_ns[row]), value, value, text)
-
-
-def _note_alarms(state: TraceState, piece: Samples, device: Device | None) -> None:
-    """Bits that came up in an alarm or warning object."""
-    raw = piece.raw[piece.valid]
-    before = np.concatenate(([state.alarm_bits], raw[:-1]))
-    seqs, stamps = piece.seq[piece.valid], piece.t_ns[piece.valid]
-    for row in np.flatnonzero(raw & ~before).tolist():
-        words = device.object(state.object >> 8, state.object & 0xFF) if device else None
-        value = int(raw[row])
-        text = words.describe(value) if words else ""
-        state.note(
-            "alarm", int(seqs[row]), int(stamps[row]), float(before[row]), float(value), text
-        )
-    if len(raw):
-        state.alarm_bits = int(raw[-1])
-
-
-def _note_ambiguous(state: TraceState) -> None:
-    """What the samples cannot tell, once per trace, where most of them cannot."""
-    count = int(state.flag_counts[2])
-    if 2 * count < state.samples or not count or state.first_ns is None:
-        return
-    converter = state.converter
-    text = ""
-    if isinstance(converter, Encoder):
-        text = _too_seldom(state, converter)
-    elif isinstance(converter, Tilt):
-        span = 65536 * converter.scale.deg_per_count
-        text = f"16 bits at {converter.scale.deg_per_count:g} deg repeat every {span:g} deg"
-    if text:
-        first = state.last_value
-        state.note("ambiguous", state.first_seq, state.first_ns, None, first, text)
-
-
-def _too_seldom(state: TraceState, converter: Encoder) -> str:
-    scale = converter.scale
-    spacing_ns = min(state.link.spacing_ns.values(), default=0.0)
-    if not scale.counts_per_turn or not scale.range_counts or not spacing_ns:
-        return ""
-    limit = ambiguous_rpm(scale.range_counts, scale.counts_per_turn, spacing_ns / 1e9)
-    return (
-        f"samples every {spacing_ns / 1e6:.4g} ms tell direction and speed only below"
-        f" {limit:.4g} rpm, the device may turn {scale.max_rpm:g} rpm"
-    )
-
-
-def _note_gray(state: TraceState) -> None:
-    mismatch = state.gray.mismatch
-    if mismatch is None or state.first_ns is None:
-        return
-    text = (
-        "Gray code is read as binary counts"
-        if mismatch == "gray"
-        else "binary counts are converted as if they were Gray code"
-    )
-    state.note("gray code", state.first_seq, state.first_ns, None, None, text)
 
 
 def _restarted(event: TraceEventRow, since_ns: int, starts: Sequence[int]) -> bool:

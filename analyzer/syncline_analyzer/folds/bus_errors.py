@@ -50,6 +50,8 @@ class ErrorStretch:
     count: int = 0
     kinds: Counter[str] = field(default_factory=Counter)
     evidence: list[int] = field(default_factory=list)
+    runs: int = 0
+    """Destroyed frames, those one after the other without a frame in between counted once."""
     followers: Counter[int] = field(default_factory=Counter)
     """How often which 11-bit identifier came next after a destroyed frame."""
     usual: Counter[int] = field(default_factory=Counter)
@@ -310,6 +312,7 @@ def _add_followers(
     after = np.searchsorted(mine, rows)
     # Of several destroyed frames before the same one, it is the repetition of the last.
     last = np.append(after[1:] != after[:-1], True) & (after < len(mine))
+    stretch.runs += int(last.sum())
     next_rows = mine[after[last]]
     soon = frames.t_ns[next_rows] - frames.t_ns[rows[last]] <= retry_ns
     stretch.followers.update(_counts(frames.can_id[next_rows[soon]]))

@@ -12,7 +12,7 @@ MIN_PERIODS = 3
 """Periods that must have been seen before silence means anything (analysis.md 4)."""
 CANDIDATE_RATIO = 1.2
 """Intervals this much longer than the median are looked at again at the end."""
-DOUBLE_WINDOW, DOUBLES_IN_WINDOW = 12, 10
+DOUBLE_WINDOW, DOUBLES_IN_WINDOW = 30, 28
 """So many of so many intervals in a row alternate: of one producer that jitters, few do."""
 KEPT_DOUBLES = 10
 """Heartbeats in two interleaved cadences whose `seq` is kept."""
@@ -26,7 +26,7 @@ TWIN_TOLERANCE = 0.03
 """Part of its period by which an interval of such a series may be off."""
 TWIN_RATIO = 16
 """The slower period is at most about so many of the faster one."""
-TWIN_TRIES = 10_000
+TWIN_TRIES = 2000
 """Irregular windows that are looked at; a node that is still undecided then is let be."""
 _BIN = 1e-3
 """Relative width of a bin of the period statistics."""

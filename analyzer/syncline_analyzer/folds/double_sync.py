@@ -1,4 +1,4 @@
-"""Two SYNC producers on one identifier: a second rhythm of the same period between the first."""
+"""Two SYNC producers on one identifier: a second rhythm between the beats of the first."""
 
 from dataclasses import dataclass, field
 
@@ -10,11 +10,17 @@ from syncline_analyzer.results import SyncDoubleRow
 MIN_PAIRS = 20
 """So many pairs of SYNCs in a row make a second rhythm, so many single periods a first one."""
 MAX_ROWS = 100
+MAX_BEATS = 20_000
+"""Beats of the first rhythm that are followed through one stretch."""
 MAX_EVIDENCE = 20
 _SAME = 0.05
 """Periods that differ by no more than this share are equal."""
 _APART = 0.1
 """The second rhythm lies at least this share of the period off the first."""
+_STEADY = 0.1
+"""A period this close to the usual one is steady."""
+_RESTLESS = 0.2
+"""Share of the periods in a stretch of two rhythms that are not; a new period alone has none."""
 
 Ints = NDArray[np.int64]
 
@@ -43,7 +49,64 @@ class DoubleSync:
         for start, stop in edges.reshape(-1, 2).tolist():
             if stop - start >= 2 * MIN_PAIRS and len(self._found) < MAX_ROWS:
                 whole = float(np.median(pairs[start:stop]))
-                self._found.append(_row(t_ns, seq, periods, whole, start, stop))
+                self._add(_row(t_ns, seq, periods, whole, start, stop))
+        self._find_combs(t_ns, seq, periods)
+
+    def _find_combs(self, t_ns: Ints, seq: Ints, periods: Ints) -> None:
+        """Rhythms of single SYNCs that go on while others come between them, whatever their period."""
+        followed = 0
+        for first, stop in self._runs(periods):
+            period_ns = float(np.median(periods[first:stop]))
+            # Each SYNC between two beats cuts one period, so without short ones there are none.
+            short = int(np.count_nonzero(periods < (1 - _APART) * period_ns))
+            if stop <= followed or short < MIN_PAIRS:
+                continue
+            last = _comb_end(t_ns, stop - 1, period_ns)
+            self._add_comb(t_ns[stop - 1 : last + 1], seq[stop - 1 : last + 1], period_ns)
+            begin = len(t_ns) - 1 - _comb_end(-t_ns[::-1], len(t_ns) - 1 - first, period_ns)
+            self._add_comb(t_ns[begin : first + 1], seq[begin : first + 1], period_ns)
+            followed = last
+
+    def _add_comb(self, t_ns: Ints, seq: Ints, period_ns: float) -> None:
+        """What lies between the beats of a rhythm that is kept from the first SYNC to the last."""
+        apart = np.diff(t_ns)
+        short = np.flatnonzero(apart < (1 - _APART) * period_ns)
+        if not len(short):
+            return
+        first, last = int(short[0]), int(short[-1]) + 1
+        more = last - first - round(float(t_ns[last] - t_ns[first]) / period_ns)
+        if more < MIN_PAIRS or not _restless(apart[first:last]):
+            return
+        offset = float(apart[first])
+        self._add(
+            SyncDoubleRow(
+                "",
+                0,
+                int(t_ns[first]),
+                int(t_ns[last]),
+                period_ns / 1000,
+                min(offset, period_ns - offset) / 1000,
+                more,
+                seq[first : min(last, first + MAX_EVIDENCE)].tolist(),
+            )
+        )
+
+    def _runs(self, periods: Ints) -> list[tuple[int, int]]:
+        """Runs of at least `MIN_PAIRS` equal periods, half-open; only a few matter."""
+        even = np.abs(np.diff(periods)) <= _SAME * periods[1:]
+        edges = np.flatnonzero(np.diff(np.concatenate(([0], even.astype(np.int8), [0]))))
+        runs = [(a, b + 1) for a, b in edges.reshape(-1, 2).tolist() if b - a >= MIN_PAIRS]
+        return runs[:MAX_ROWS]
+
+    def _add(self, row: SyncDoubleRow) -> None:
+        """Keep a stretch, or make one with the one it overlaps."""
+        for at, known in enumerate(self._found):
+            if known.start_ns < row.end_ns and row.start_ns < known.end_ns:
+                longer = max(known, row, key=lambda each: each.end_ns - each.start_ns)
+                self._found[at] = longer
+                return
+        if len(self._found) < MAX_ROWS:
+            self._found.append(row)
 
     def rows(self, bus: str, cob_id: int) -> list[SyncDoubleRow]:
         """The stretches whose period was also seen with one producer alone."""
@@ -74,6 +137,24 @@ class DoubleSync:
     def _seen_alone(self, period_ns: float) -> bool:
         key = round(float(np.log(period_ns)) / _SAME)
         return any(self._single.get(key + off, 0) >= MIN_PAIRS for off in (-1, 0, 1))
+
+
+def _comb_end(t_ns: Ints, at: int, period_ns: float) -> int:
+    """Where a rhythm that stands at `at` is last kept, each beat within a twentieth of a period."""
+    for _ in range(MAX_BEATS):
+        due = t_ns[at] + period_ns
+        near = int(np.searchsorted(t_ns, due))
+        best = min((near - 1, near), key=lambda k: abs(t_ns[k] - due) if k < len(t_ns) else np.inf)
+        if best <= at or best >= len(t_ns) or abs(t_ns[best] - due) > _SAME * period_ns:
+            break
+        at = best
+    return at
+
+
+def _restless(periods: Ints) -> bool:
+    """Whether the periods are not those of one producer that was set to another period."""
+    usual = float(np.median(periods))
+    return float(np.mean(np.abs(periods - usual) > _STEADY * usual)) >= _RESTLESS
 
 
 def _row(

@@ -79,6 +79,7 @@ class EmcyFold:
             message = Message(batch.seq(row), int(frames.t_ns[row]), payload)
             self._messages.setdefault((bus, node), []).append(message)
             self._suspects.look(batch, row, bus, node, payload)
+        self._suspects.remember(batch)
 
     def _without_most_empty(self, batch: IndexedBatch, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
         """(n,) False for frames without content beyond the first of each sender: a SYNC, likely."""

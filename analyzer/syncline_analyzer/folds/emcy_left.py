@@ -20,7 +20,8 @@ class ActiveError:
     """An error that is there.
 
     `register` holds the bits set with it; `fresh` and `fresh_words` those of the register and of
-    the device's alarm words that were new with it.
+    the device's alarm words that were new with it. `certain` turns False with a clear that may
+    have ended it, and True again with its next message.
     """
 
     code: int
@@ -30,6 +31,7 @@ class ActiveError:
     fresh: int
     fresh_words: int = 0
     count: int = 1
+    certain: bool = True
     evidence: list[int] = field(default_factory=list)
 
 
@@ -44,14 +46,19 @@ def gone_errors(
     """Errors that a clear with bits left ends.
 
     A clear tells that at least one error is gone (CiA 301 7.2.7.2): where the bits prove none and
-    leave it open of one only, it is that one, unless the message is `repeated`.
+    leave it open of one of several only, it is that one, unless the message is `repeated`. Else none
+    ends, and none that may be meant is `certain` any more.
     """
     verdicts = [_verdict(device, error, active, register, manufacturer) for error in active]
     gone = [error for error, told in zip(active, verdicts, strict=True) if told == "gone"]
     open_ = [error for error, told in zip(active, verdicts, strict=True) if told == "maybe"]
-    if not gone and not repeated and len(open_) == 1 and len(active) > 1:
+    if gone:
+        return gone
+    if not repeated and len(open_) == 1 and len(active) > 1:
         return open_
-    return gone
+    for error in open_:
+        error.certain = False
+    return []
 
 
 def _verdict(

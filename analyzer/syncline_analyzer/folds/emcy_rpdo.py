@@ -7,16 +7,17 @@ import numpy as np
 
 from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.shadow import Shadow
-from syncline_schemas.canopen.services import Service
 
 LENGTH_CODES = (b"\x10\x82", b"\x20\x82")
 """First bytes of an EMCY that tells of a PDO of the wrong length: 8210h too short, 8220h too long."""
 MAX_SUSPECTS = 1000
 WITHIN_NS = 100_000_000
 """An RPDO longer before the EMCY is not the one [ns]."""
+FRAMES_BACK = 1000
+"""Nor is one with more frames than this between, which decides in a log without times."""
 _OFF_OR_29_BIT = 0xA0000000
 _PREDEFINED = 4
-_ROWS_BACK = 64
+_PDO_IDS = range(0x181, 0x580)
 _RPDO_COUNT = 512
 
 
@@ -46,19 +47,12 @@ class Suspect(NamedTuple):
         return self.mapped == self.dlc
 
 
-def _last_pdo(batch: IndexedBatch, row: int, bus: int) -> Suspect | None:
-    """The last PDO of the bus before a row, where no RPDO of the node is known."""
-    frames, begin = batch.frames, max(0, row - _ROWS_BACK)
-    before = slice(begin, row)
-    rows = np.flatnonzero((batch.service[before] == Service.PDO) & (frames.bus[before] == bus))
-    if not len(rows):
-        return None
-    last = begin + int(rows[-1])
-    passed_ns = int(frames.t_ns[row]) - int(frames.t_ns[last])
-    if not 0 <= passed_ns <= WITHIN_NS:
-        return None
-    can_id, dlc = int(frames.can_id[last]), int(frames.dlc[last])
-    return Suspect(0, can_id, batch.seq(last), passed_ns, dlc, None, True)
+class _Seen(NamedTuple):
+    """The last frame of an identifier."""
+
+    seq: int
+    t_ns: int
+    dlc: int
 
 
 class Suspects:
@@ -66,31 +60,54 @@ class Suspects:
 
     def __init__(self, shadow: Shadow) -> None:
         self._shadow = shadow
+        self._last: dict[tuple[int, int], _Seen] = {}
         self.found: dict[int, Suspect] = {}
 
     def look(self, batch: IndexedBatch, row: int, bus: int, node: int, data: bytes) -> None:
-        """Look for the RPDO that an EMCY in this row complains of, within its batch."""
+        """Look for the RPDO that an EMCY in this row complains of."""
         if data[:2] not in LENGTH_CODES or len(self.found) >= MAX_SUSPECTS:
             return
-        fits = (each for each in self._near(batch, row, bus, node) if not each.fits)
-        near = max(fits, key=lambda each: (each.wrong, each.seq), default=None)
-        near = near or _last_pdo(batch, row, bus)
-        if near is not None:
-            self.found[batch.seq(row)] = near
+        near = (each for each in self._near(batch, row, bus, node) if not each.fits)
+        best = max(near, key=lambda each: (each.wrong, each.seq), default=None)
+        best = best or self._last_pdo(batch, row, bus)
+        if best is not None:
+            self.found[batch.seq(row)] = best
+
+    def remember(self, batch: IndexedBatch) -> None:
+        """Keep the last frames of a batch for the EMCYs of the next one."""
+        for bus, can_id in batch.ids():
+            if can_id in _PDO_IDS:
+                self._last[bus, can_id] = _seen(batch, int(batch.rows(bus, can_id)[-1]))
+
+    def _before(self, batch: IndexedBatch, row: int, bus: int, can_id: int) -> _Seen | None:
+        """The last frame of an identifier before a row, if it is near."""
+        rows = batch.rows(bus, can_id)
+        place = int(np.searchsorted(rows, row))
+        seen = _seen(batch, int(rows[place - 1])) if place else self._last.get((bus, can_id))
+        if seen is None or batch.seq(row) - seen.seq > FRAMES_BACK:
+            return None
+        return seen if 0 <= int(batch.frames.t_ns[row]) - seen.t_ns <= WITHIN_NS else None
 
     def _near(self, batch: IndexedBatch, row: int, bus: int, node: int) -> Iterator[Suspect]:
         """The last frame of each RPDO of the node before the row."""
-        frames, seq = batch.frames, batch.seq(row)
+        seq, t_ns = batch.seq(row), int(batch.frames.t_ns[row])
         for number, can_id, guess in self._identifiers(bus, node, seq):
-            rows = batch.rows(bus, can_id)
-            place = int(np.searchsorted(rows, row))
-            if not place:
-                continue
-            last = int(rows[place - 1])
-            passed_ns = int(frames.t_ns[row]) - int(frames.t_ns[last])
-            if 0 <= passed_ns <= WITHIN_NS:
-                mapped, dlc = self._mapped(bus, node, number, seq), int(frames.dlc[last])
-                yield Suspect(number, can_id, batch.seq(last), passed_ns, dlc, mapped, guess)
+            seen = self._before(batch, row, bus, can_id)
+            if seen is not None:
+                mapped = self._mapped(bus, node, number, seq)
+                passed_ns = t_ns - seen.t_ns
+                yield Suspect(number, can_id, seen.seq, passed_ns, seen.dlc, mapped, guess)
+
+    def _last_pdo(self, batch: IndexedBatch, row: int, bus: int) -> Suspect | None:
+        """The last PDO of the bus before a row, for a node of which no RPDO is known."""
+        ids = {can_id for on, can_id in (*batch.ids(), *self._last) if on == bus}
+        seen = {i: self._before(batch, row, bus, i) for i in ids if i in _PDO_IDS}
+        near = {can_id: last for can_id, last in seen.items() if last is not None}
+        if not near:
+            return None
+        can_id, last = max(near.items(), key=lambda entry: entry[1].seq)
+        passed_ns = int(batch.frames.t_ns[row]) - last.t_ns
+        return Suspect(0, can_id, last.seq, passed_ns, last.dlc, None, True)
 
     def _identifiers(self, bus: int, node: int, seq: int) -> Iterator[tuple[int, int, bool]]:
         """(number, identifier, only guessed) of the RPDOs of a node."""
@@ -117,3 +134,7 @@ class Suspects:
         entries = [self._shadow.number(bus, node, index, sub, seq) for sub in range(1, count + 1)]
         bits = [entry & 0xFF for entry in entries if entry is not None]
         return -(-sum(bits) // 8) if len(bits) == count else None
+
+
+def _seen(batch: IndexedBatch, row: int) -> _Seen:
+    return _Seen(batch.seq(row), int(batch.frames.t_ns[row]), int(batch.frames.dlc[row]))

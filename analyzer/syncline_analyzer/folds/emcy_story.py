@@ -108,6 +108,7 @@ class Story:
             known = alike[-1]
         if known is not None:
             known.count += 1
+            known.certain = True
             _note(known.evidence, message.seq)
             return transition
         if len(self._active) < MAX_ACTIVE:
@@ -222,6 +223,7 @@ class Story:
             status,
             error.count,
             list(error.evidence),
+            error.certain,
         )
 
     def _add(

@@ -240,8 +240,7 @@ class ErrorControl:
         toggled = (rows.byte[talk] & 0x80) != 0
         said = Talk(rows.seq[talk], rows.t_ns[talk], request[talk], rows.remote[talk], toggled)
         kinds[talk[self.guarding.follow(said)]] = _ANSWER
-        for row in np.flatnonzero(one_byte & (rows.byte == 0)).tolist():
-            kinds[row] = self._zero_byte(rows, kinds, row, resets)
+        self._tell_zeros(rows, kinds, np.flatnonzero(one_byte & (rows.byte == 0)), resets)
         if rows.remote.any():
             self._remote_seq = max(self._remote_seq, int(rows.seq[rows.remote][-1]))
         self._reset_seq = max([self._reset_seq, *resets])
@@ -289,34 +288,31 @@ class ErrorControl:
             )
             self.odd.append(OddMessage(int(rows.seq[row]), int(rows.t_ns[row]), what))
 
-    def _zero_byte(
-        self, rows: Columns, kinds: NDArray[np.int8], row: int, resets: list[int]
-    ) -> int:
+    def _tell_zeros(
+        self, rows: Columns, kinds: NDArray[np.int8], zeros: NDArray[np.intp], resets: list[int]
+    ) -> None:
         """A byte 00h: a boot-up, unless a remote frame has emptied the heartbeats of the node.
 
         A single one between others is a boot-up all the same: the effect lasts until a reset.
         """
-        seq = int(rows.seq[row])
-        remote = rows.seq[:row][rows.remote[:row]]
-        last_remote = max(self._remote_seq, int(remote[-1]) if len(remote) else -1)
-        last_reset = max([self._reset_seq, *(r for r in resets if r < seq)])
-        if last_remote <= last_reset or (self.guarding.answers_seen and not self.counts.empty):
-            self._reset_seq = seq
-            return _BOOT_UP
-        talked = self.counts.heartbeats or bool((kinds[:row] == _HEARTBEAT).any())
+        if not len(zeros):
+            return
+        asked = np.maximum.accumulate(np.where(rows.remote, rows.seq, self._remote_seq))
+        talked = np.cumsum(kinds == _HEARTBEAT) + self.counts.heartbeats
         data = np.flatnonzero(~rows.remote)
-        following = data[data > row]
-        alone = len(following) and rows.byte[following[0]] != 0 and self._last_was_state(rows, row)
-        if not talked or alone:
-            self._reset_seq = seq
-            return _BOOT_UP
-        return _EMPTY
-
-    def _last_was_state(self, rows: Columns, row: int) -> bool:
-        before = np.flatnonzero(~rows.remote[:row])
-        if len(before):
-            return bool(rows.byte[before[-1]] != 0)
-        return self._last is not None and self._last[2] in (_HEARTBEAT, _ANSWER)
+        byte = rows.byte[data]
+        before = self._last is not None and self._last[2] in (_HEARTBEAT, _ANSWER)
+        silent = self.guarding.answers_seen and not self.counts.empty
+        for row, at in zip(zeros.tolist(), np.searchsorted(data, zeros).tolist(), strict=True):
+            seq = int(rows.seq[row])
+            last_reset = max([self._reset_seq, *(r for r in resets if r < seq)])
+            single = at + 1 < len(byte) and byte[at + 1] != 0
+            single = single and (bool(byte[at - 1] != 0) if at else before)
+            if asked[row] <= last_reset or silent or not talked[row] or single:
+                self._reset_seq = seq
+                kinds[row] = _BOOT_UP
+            else:
+                kinds[row] = _EMPTY
 
     def _count(self, kinds: NDArray[np.int8], beats: Columns, beat_kinds: NDArray[np.int8]) -> None:
         number = np.bincount(kinds, minlength=6)
@@ -363,6 +359,7 @@ class ErrorControl:
         self.doubles.note(beats.seq[ends], beats.t_ns[ends], passed, steady)
         self.twins.note(beats.seq[ends], beats.t_ns[ends], steady)
         rows = longer_than_before(passed, recent, known)
+        rows = rows[~_within_usual(passed[rows], recent, known[rows])]
         late = np.zeros(len(passed), np.bool_)
         late[rows] = known[rows] >= MIN_PERIODS
         self.paces.note(beats.seq[ends], beats.t_ns[ends], passed, steady, late)
@@ -491,6 +488,15 @@ class ErrorControl:
     @staticmethod
     def _median(periods: Int64s) -> int | None:
         return int(np.median(periods)) if len(periods) >= MIN_PERIODS else None
+
+
+def _within_usual(passed: Int64s, recent: Int64s, known: Int64s) -> Mask:
+    """Which intervals are hardly longer than the median of the last periods ahead of each."""
+    full = known >= WINDOW
+    within = np.zeros(len(passed), np.bool_)
+    before = known[full][:, None] - 1 - np.arange(WINDOW)
+    within[full] = passed[full] <= CANDIDATE_RATIO * np.median(recent[before], axis=1)
+    return within
 
 
 def reset_mark(seq: int) -> int:

@@ -9,6 +9,8 @@ from syncline_schemas.canopen.lss import decode_frame
 
 REQUEST_ID, ANSWER_ID = 0x7E5, 0x7E4
 MAX_ROWS = 10_000
+SESSION_NS = 60_000_000_000
+"""What was asked longer ago may have been another slave [ns]."""
 ANSWER_NS = 2_000_000_000
 """An answer that comes later belongs to nothing [ns]."""
 
@@ -33,6 +35,18 @@ class LssTable:
     rows: list[LssRow] = field(default_factory=list)
     beyond: int = 0
     settings: list[LssSetting] = field(default_factory=list)
+
+    def node_before(self, setting: LssSetting) -> int | None:
+        """Node-ID that the configured slave had, as the master asked it shortly before."""
+        asked = [
+            row.values["node_id"]
+            for row in self.rows
+            if row.bus == setting.request.bus
+            and (row.sender, row.command) == ("slave", "inquire node-ID")
+            and row.seq < setting.request.seq
+            and setting.request.t_ns - row.t_ns <= SESSION_NS
+        ]
+        return asked[-1] if asked else None
 
 
 _CONFIGURE = ("configure node-ID", "configure bit timing", "store configuration")

@@ -1,6 +1,6 @@
 """How a node's heartbeat period went over the capture: stretches of one pace, and late ones."""
 
-from collections.abc import Callable
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -100,10 +100,9 @@ class HeartbeatPeriods:
         """Nothing more comes."""
         self._end_window()
 
-    def quantiles(self, explained: Callable[[Late], bool]) -> Quantiles | None:
-        """All periods [us] but for the late ones that something else explains; None without any."""
-        kept = (late.end_ns - late.start_ns for late in self.late if not explained(late))
-        return self._usual.quantiles(kept)
+    def quantiles(self, late: Iterable[Late]) -> Quantiles | None:
+        """All usual periods [us] and those of some late heartbeats; None without any."""
+        return self._usual.quantiles(entry.end_ns - entry.start_ns for entry in late)
 
     @property
     def count(self) -> int:
@@ -111,16 +110,18 @@ class HeartbeatPeriods:
         return self._usual.count + len(self.late)
 
     def _follow(self, seq: Int64s, t_ns: Int64s, passed: Int64s, steady: Mask) -> None:
-        begin = 0
-        for stop in [*np.flatnonzero(~steady).tolist(), len(seq)]:
-            part = slice(begin, stop)
-            self._seq = np.concatenate((self._seq, seq[part]))
-            self._t_ns = np.concatenate((self._t_ns, t_ns[part]))
-            self._passed = np.concatenate((self._passed, passed[part]))
-            self._take_windows()
-            if stop < len(seq):
+        rows = np.flatnonzero(steady)
+        following = 0
+        for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1) if len(rows) else ():
+            if run[0] != following:
                 self._end_window()
-            begin = stop + 1
+            self._seq = np.concatenate((self._seq, seq[run]))
+            self._t_ns = np.concatenate((self._t_ns, t_ns[run]))
+            self._passed = np.concatenate((self._passed, passed[run]))
+            self._take_windows()
+            following = int(run[-1]) + 1
+        if following != len(seq):
+            self._end_window()
 
     def _take_windows(self) -> None:
         number = len(self._seq) // WINDOW
@@ -142,6 +143,8 @@ class HeartbeatPeriods:
         self._passed = self._passed[used:]
 
     def _end_window(self) -> None:
+        if not len(self._seq):
+            return
         if len(self._seq) >= MIN_PERIODS:
             ends = (int(self._seq[0]), int(self._seq[-1]))
             stamps = (int(self._t_ns[0]), int(self._t_ns[-1]), int(self._t_ns[0]))
@@ -169,8 +172,9 @@ class HeartbeatPeriods:
             return
         for before in self._complete():
             if self.halved is None and _halves(before, pace, times):
-                ends = (before.first_seq, pace.first_seq, pace.first_ns)
-                self.halved = Halved(*ends, before.median_ns)
+                self.halved = Halved(
+                    before.first_seq, pace.first_seq, pace.first_ns, before.median_ns
+                )
         if len(self.paces) < MAX_PACES:
             self.paces.append(pace)
 

@@ -105,7 +105,9 @@ class PdoState:
 
     def answers_sync(self, sync_period_ns: float) -> int | None:
         """n when the frames follow every n-th SYNC closely enough to answer it."""
-        every = self.rhythm.every()
+        known = self.transmission.type if self.transmission else None
+        default = known.value if known is not None and known.source == "eds-default" else None
+        every = self.rhythm.every(default if isinstance(default, int) else None)
         if every is None or not self.response.count:
             return None
         return every if _spread(self.response) <= _SMALL_SPREAD * sync_period_ns else None

@@ -15,6 +15,8 @@ LEARN = 10
 """Answers from which a pattern is told."""
 SAME_PATTERN = 0.95
 """Share of SYNC periods that must hold the pattern (analysis.md section 5)."""
+AS_BY_DEFAULT = 0.6
+"""The same where the device does so by default: a pattern that PDOs are missing from."""
 _MAX_STEP = 256
 _OUTAGE_STEPS = 8
 """A longer silence counts as this many periods of another pattern, as it is one event."""
@@ -171,15 +173,19 @@ class Rhythm:
         self.steps += np.bincount(steps, minlength=_MAX_STEP + 1)
         self._last = int(ordinal[-1])
 
-    def every(self) -> int | None:
-        """n when at least 95 % of the SYNC periods fit "one PDO on every n-th SYNC"."""
+    def every(self, default: int | None = None) -> int | None:
+        """n when at least 95 % of the SYNC periods fit "one PDO on every n-th SYNC".
+
+        Fewer do where n is the device's `default`.
+        """
         if self.steps.sum() < LEARN - 1:
             return None
         n = int(np.argmax(self.steps))
         width = np.minimum(np.arange(_MAX_STEP + 1), n * _OUTAGE_STEPS)
         share = float(self.steps[n] * n / (self.steps * width).sum())
         stray = 1.0 - float(self.steps[n::n].sum() / self.steps.sum()) if n else 1.0
-        return n if n < _MAX_STEP and share >= SAME_PATTERN and stray <= _STRAY else None
+        enough = AS_BY_DEFAULT if n == default else SAME_PATTERN
+        return n if n < _MAX_STEP and share >= enough and stray <= _STRAY else None
 
     def evaluate(self, every: int | None, index: SyncIndex) -> None:
         """Find the SYNCs of the block that were due (every n-th) and not answered."""

@@ -19,6 +19,8 @@ from syncline_schemas.canopen.sdo import LOAD_SIGNATURE, SAVE_SIGNATURE
 from syncline_schemas.canopen.services import Service
 
 OBJECT_MISSING = 0x06020000
+MAX_ROWS = 500_000
+"""Transfers that become rows; of a node that is polled for days the rest is counted only."""
 _EXTENDED_OR_OFF = 0xA0000000
 _SERVERS = range(0x1200, 0x1280)
 """SDO server parameters: 1200h is the default server, the others are additional ones."""
@@ -55,7 +57,7 @@ class SdoNodeCounts:
 class SdoTable:
     """Transfers in order of `seq`, counts by (bus number, node), and what is no transfer.
 
-    `oddities` are answers that should not be, in the order of their frames. `irregular` holds the
+    `unlisted` counts those beyond `MAX_ROWS`. `oddities` are answers that should not be, in the order of their frames. `irregular` holds the
     transfers, by `seq`, of which a rule must know more than the row: broken off, with toggle
     errors, with segments sent again, or not recorded whole.
     """
@@ -65,6 +67,7 @@ class SdoTable:
     strays: dict[tuple[int, int], Strays] = field(default_factory=dict)
     oddities: dict[tuple[int, int], list[Oddity]] = field(default_factory=dict)
     irregular: dict[int, Transfer] = field(default_factory=dict)
+    unlisted: int = 0
 
 
 class SdoFold:
@@ -82,13 +85,18 @@ class SdoFold:
         self._moved: dict[int, _Handler] = {}
         self._told: set[tuple[int, int, int]] = set()
         """(bus, node, index) of servers of which the bus told something."""
+        self._buses: set[int] = set()
         self._locate_again = True
         self._ended: list[tuple[int, int, Transfer]] = []
+        self._unlisted = 0
+        self._counts: dict[tuple[int, int], list[int]] = {}
 
     def update(self, batch: IndexedBatch, resets: Iterable[Reset] = ()) -> None:
         """Take in the next frames; `resets` in order of their rows."""
         usual = batch.rows_of(Service.SDO_REQUEST, Service.SDO_ANSWER)
-        self._locate_again = True
+        buses = {bus for bus, _ in batch.ids()}
+        self._locate_again = self._locate_again or not buses <= self._buses
+        self._buses |= buses
         begin = 0
         for reset in resets:
             self._feed(batch, usual, begin, reset.row)
@@ -97,10 +105,11 @@ class SdoFold:
         self._feed(batch, usual, begin, len(batch))
 
     def gap(self, gap: Gap) -> None:
-        """Transfers that run into a gap end as interrupted."""
+        """Transfers that run into a gap end as interrupted, or unanswered if they waited long."""
+        begin_ns = gap.start_ns if self._context.timed else None
         for (bus, _, _), channel in self._channels.items():
             if gap.bus in (None, bus):
-                channel.cut()
+                channel.cut(begin_ns)
 
     def finish(self, end_ns: int) -> SdoTable:
         """All transfers; those still running end with the capture."""
@@ -111,6 +120,7 @@ class SdoFold:
         table = SdoTable(
             [rows.row(*entry) for entry in self._ended],
             irregular={each.seq: each for _, _, each in self._ended if _irregular(each)},
+            unlisted=self._unlisted,
         )
         self._count(table)
         return table
@@ -119,7 +129,7 @@ class SdoFold:
         """Hand the frames of a stretch of rows to their channels."""
         while begin < stop:
             if self._locate_again:
-                self._moved = dict(self._servers(batch))
+                self._moved = dict(self._servers())
                 self._locate_again = False
             rows = usual
             if self._moved:
@@ -158,19 +168,33 @@ class SdoFold:
             self._channels[key] = SdoChannel(bus, node, self._done)
         return self._channels[key]
 
-    def _servers(self, batch: IndexedBatch) -> Iterator[tuple[int, _Handler]]:
+    def _servers(self) -> Iterator[tuple[int, _Handler]]:
         """Handler by bus and identifier of servers that are not where CiA 301 puts them."""
         shadow = self._context.shadow
-        usual = {(bus, node, 0x1200) for bus, _ in batch.ids() for node in shadow.nodes_of(bus)}
+        usual = {(bus, node, 0x1200) for bus in self._buses for node in shadow.nodes_of(bus)}
         for bus, node, index in sorted(usual | self._told):
             for sub, base in ((1, 0x600), (2, 0x580)):
-                known = shadow.number(bus, node, index, sub)
-                if known is None or known & _EXTENDED_OR_OFF:
+                can_id = self._moved_to(bus, node, index, sub)
+                if can_id is None or (index, can_id) == (0x1200, base + node):
                     continue
-                can_id = known & 0x7FF
-                if can_id and (index, can_id) != (0x1200, base + node):
+                if not self._taken(bus, node, can_id):
                     channel = self._channel(bus, node, index)
                     yield bus << 11 | can_id, _side(channel, sub == 1)
+
+    def _moved_to(self, bus: int, node: int, index: int, sub: int) -> int | None:
+        """Identifier of a server as the bus or its description tells; an EDS is often wrong."""
+        shadow = self._context.shadow
+        known = shadow.get(bus, node, index, sub)
+        number = shadow.number(bus, node, index, sub)
+        if known is None or number is None or known.source == "eds-default":
+            return None
+        return None if number & _EXTENDED_OR_OFF else number & 0x7FF or None
+
+    def _taken(self, bus: int, node: int, can_id: int) -> bool:
+        """Whether another node's server was heard on its usual identifiers: it is there."""
+        other = self._channels.get((bus, can_id & 0x7F, 0x1200))
+        usual = 0x580 < can_id < 0x680 and can_id & 0x7F != node
+        return usual and other is not None and other.answers > 0
 
     def _reset(self, reset: Reset, seq: int, t_ns: int) -> None:
         shadow = self._context.shadow
@@ -184,12 +208,25 @@ class SdoFold:
 
     def _done(self, channel: SdoChannel, transfer: Transfer) -> None:
         bus, node = channel.bus, channel.node
-        self._ended.append((bus, node, transfer))
+        self._note(bus, node, transfer)
         if transfer.result == "ok":
             if transfer.whole:
                 self._learn(bus, node, transfer)
         elif transfer.abort_code == OBJECT_MISSING and transfer.abort_by == "server":
             self._context.shadow.refuse(bus, node, transfer.index, transfer.sub)
+
+    def _note(self, bus: int, node: int, transfer: Transfer) -> None:
+        """Count a transfer, and keep it for its row; failed ones are kept twice as long."""
+        numbers = self._counts.setdefault((bus, node), [0, 0, 0, 0, 0])
+        numbers[0] += 1
+        numbers[1] += transfer.result == "abort"
+        numbers[2] += transfer.result == "no answer"
+        numbers[4] += transfer.answered_ns is not None
+        failed = transfer.result != "ok"
+        if len(self._ended) < MAX_ROWS * (1 + failed):
+            self._ended.append((bus, node, transfer))
+        else:
+            self._unlisted += 1
 
     def _learn(self, bus: int, node: int, transfer: Transfer) -> None:
         shadow = self._context.shadow
@@ -203,18 +240,21 @@ class SdoFold:
             source = "sdo-write" if write else "sdo-read"
             known = Known(value, source, transfer.end_seq, transfer.end_ns)  # type: ignore[arg-type]
             shadow.learn(bus, node, transfer.index, transfer.sub, known)
-            if transfer.index in _SERVERS:
-                self._told.add((bus, node, transfer.index))
-                self._locate_again = True
+            if transfer.index in _SERVERS and transfer.sub in (1, 2):
+                self._follow(bus, node, transfer, value)
+
+    def _follow(self, bus: int, node: int, transfer: Transfer, value: int | bytes) -> None:
+        """Look for servers anew, unless one only says that it is where it always was."""
+        server = (bus, node, transfer.index)
+        base = 0x600 if transfer.sub == 1 else 0x580
+        usual = (transfer.index, value) == (0x1200, base + node)
+        if usual and server not in self._told and not self._moved:
+            return
+        self._told.add(server)
+        self._locate_again = True
 
     def _count(self, table: SdoTable) -> None:
-        counts: dict[tuple[int, int], list[int]] = {}
-        for bus, node, transfer in self._ended:
-            numbers = counts.setdefault((bus, node), [0, 0, 0, 0, 0])
-            numbers[0] += 1
-            numbers[1] += transfer.result == "abort"
-            numbers[2] += transfer.result == "no answer"
-            numbers[4] += transfer.answered_ns is not None
+        counts = {key: list(numbers) for key, numbers in self._counts.items()}
         for (bus, node, _), channel in self._channels.items():
             counts.setdefault((bus, node), [0, 0, 0, 0, 0])[3] += channel.answers
             strays = table.strays.setdefault((bus, node), Strays())

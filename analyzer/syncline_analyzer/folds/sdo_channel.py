@@ -123,9 +123,9 @@ class SdoChannel:
         """End what runs because the node was reset."""
         self._end_all(t_ns, "reset")
 
-    def cut(self) -> None:
-        """End what runs because nothing was heard for a while."""
-        self._end_all(None, "gap")
+    def cut(self, begin_ns: int | None) -> None:
+        """End what runs because nothing was heard for a while, from `begin_ns` on if known."""
+        self._end_all(begin_ns, "gap")
         self._last = None
         self._given_up.clear()
 
@@ -228,7 +228,7 @@ class SdoChannel:
         if self._unsure is None or data[0] >> 5 not in _ANSWERS:
             return False
         at, asked_ns, asked = self._unsure
-        if len(asked) < 4 or asked[0] >> 5 not in (1, 2) or asked[1:4] != data[1:4]:
+        if len(asked) < 4 or not _may_initiate(asked) or asked[1:4] != data[1:4]:
             return False
         transfer = _initiated(at, asked_ns, asked)
         if not _fits(transfer, data):
@@ -421,6 +421,11 @@ def _initiated(seq: int, t_ns: int, data: bytes) -> Transfer:
     transfer = Transfer(seq, t_ns, index, sub, "download")
     transfer.take_initiate(data)
     return transfer
+
+
+def _may_initiate(data: bytes) -> bool:
+    """Whether a frame may be an initiate request: a write, or a read, which carries no data."""
+    return data[0] & 0xF0 == 0x20 or (data[0] >> 5 == 2 and not any(data[4:]))
 
 
 def _fits(waiting: Transfer, data: bytes) -> bool:

@@ -192,7 +192,8 @@ class Tilt:
     def shows(self) -> str:
         """Axis, angle definition, range and reference."""
         span = f"{self.axis.low_deg:g} .. {self.axis.high_deg:g} deg"
-        named = (self.axis.name, self.scale.definition, span, self.reference)
+        step = f"{self.scale.deg_per_count:g} deg per count"
+        named = (self.axis.name, self.scale.definition, span, step, self.reference)
         return ", ".join(part for part in named if part)
 
     def same_scale(self, other: Converter | None) -> bool:

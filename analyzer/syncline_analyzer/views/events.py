@@ -20,6 +20,7 @@ from syncline_analyzer.views.words import (
     node_label,
     object_name,
     printable,
+    sdo_result,
 )
 from syncline_schemas.canopen.nmt import NmtState
 
@@ -142,8 +143,7 @@ def sdo_events(analysis: Analysis) -> Iterator[Event]:
         if row.result != "ok":
             label = labels.get((row.bus, row.node), node_label(row.node))
             what = f"{row.direction} {object_name(row.index, row.sub)} {printable(row.name or '')}"
-            code = f" {hex_code(row.abort_code, 8)}" if row.abort_code is not None else ""
-            text = f"{row.bus} node {label}: {what.strip()}: {row.result}{code}"
+            text = f"{row.bus} node {label}: {what.strip()}: {sdo_result(row)}"
             yield Event(row.start_ns, row.seq, "warning", text)
 
 

@@ -13,6 +13,7 @@ MAX_LINES = 12
 MAX_NODES = 20
 _TEXTS = (0x1008, 0x1009, 0x100A)
 _IDENTITY = 0x1018
+_NUMBERS = {1: "vendor", 2: "product", 4: "serial number"}
 _PDOS = range(0x1400, 0x1C00)
 _CONTROL = (0x1005, 0x1006, 0x100C, 0x100D, 0x1014, 0x1015, 0x1016, 0x1017, 0x1019, 0x1029)
 
@@ -76,9 +77,9 @@ def _identity(rows: Sequence[ObjectRow]) -> Iterator[str]:
     for row in rows:
         if row.index in _TEXTS and isinstance(row.value, str) and row.source == "sdo-read":
             yield f"{hex_code(row.index)} {printable(row.value).strip()}"
-        if row.index == _IDENTITY and row.sub and isinstance(row.value, int):
-            name = (row.name or "").rpartition(": ")[2] or f"sub {row.sub}"
-            yield f"{printable(name)} {hex_code(row.value, 8)}"
+        known = row.index == _IDENTITY and row.sub in _NUMBERS
+        if known and isinstance(row.value, int) and row.value:
+            yield f"{_NUMBERS[row.sub]} {row.value:X}h"
 
 
 def _goes_without_saying(row: ObjectRow) -> bool:
@@ -120,8 +121,11 @@ def _pdo_lines(analysis: Analysis, rows: Sequence[ObjectRow]) -> Iterator[tuple[
             by_pdo.setdefault(f"{kind}{number}", {})[mapping, row.sub] = row
     for pdo, parts in by_pdo.items():
         if pdo in sent or any(part.seq is not None for part in parts.values()):
-            told = groupby(_pdo_parts(parts), lambda part: part[1].source)
-            yield pdo, "; ".join(_with_source(list(group)) for _, group in told)
+            by_source: dict[str, list[Part]] = {}
+            for part in _pdo_parts(parts):
+                by_source.setdefault(part[1].source, []).append(part)
+            groups = sorted(by_source.values(), key=lambda group: group[0][1].seq is None)
+            yield pdo, "; ".join(map(_with_source, groups))
 
 
 Part = tuple[str, ObjectRow]
@@ -130,12 +134,12 @@ Part = tuple[str, ObjectRow]
 
 def _with_source(parts: Sequence[Part]) -> str:
     """What one source tells, the source once behind it."""
-    words = "; ".join(text for text, _ in parts)
-    first, last = parts[0][1], parts[-1][1]
-    if first.seq is None or last.seq is None or first.seq == last.seq:
+    words = ", ".join(text for text, _ in parts)
+    seqs = [row.seq for _, row in parts if row.seq is not None]
+    first = parts[0][1]
+    if not seqs or min(seqs) == max(seqs):
         return f"{words} ({source_words(first)})"
-    low, high = sorted((first.seq, last.seq))
-    return f"{words} ({first.source}, seq {low} to {high})"
+    return f"{words} ({first.source}, seq {min(seqs)} to {max(seqs)})"
 
 
 def _pdo_parts(parts: dict[tuple[bool, int], ObjectRow]) -> Iterator[Part]:

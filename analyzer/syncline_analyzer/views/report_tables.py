@@ -20,6 +20,7 @@ from syncline_analyzer.views.words import (
     hex_code,
     number,
     object_name,
+    sdo_result,
     spread,
     trace_object,
 )
@@ -151,7 +152,7 @@ def sdo_table(rows: list[SdoRow], clock: Clock) -> Iterator[Html]:
             element("code", object_name(row.index, row.sub)),
             row.direction,
             row.kind,
-            row.result if row.abort_code is None else f"abort {hex_code(row.abort_code, 8)}",
+            sdo_result(row),
             number(row.answer_us, "us"),
             row.seq,
             row.name or "-",

@@ -27,6 +27,7 @@ from syncline_analyzer.views.words import (
     number,
     object_name,
     printable,
+    sdo_result,
     spread,
     trace_object,
 )
@@ -122,8 +123,6 @@ def _story(finding: Finding, analysis: Analysis, clock: Clock) -> Iterator[Rende
 def _tables(analysis: Analysis, clock: Clock, width: int) -> Iterator[tuple[str, RenderableType]]:
     if analysis.nodes:
         yield "Nodes", _nodes(analysis, width)
-    if lines := known_lines(analysis):
-        yield "What is known of the nodes, and from where", _known(analysis, lines)
     if analysis.nmt_states and clock.timed:
         yield "NMT states", _states(analysis, width)
     if analysis.sync or analysis.pdos:
@@ -135,6 +134,8 @@ def _tables(analysis: Analysis, clock: Clock, width: int) -> Iterator[tuple[str,
         yield "SDO transfers that failed", _sdo(analysis, clock)
     if analysis.traces:
         yield "Traces", _traces(analysis)
+    if lines := known_lines(analysis):
+        yield "What is known of the nodes, and from where", _known(analysis, lines)
     if analysis.bus_load:
         yield "Bus load", _bus_load(analysis)
     if analysis.bus_errors:
@@ -202,11 +203,13 @@ def _nodes(analysis: Analysis, width: int) -> Table:
 def _known(analysis: Analysis, lines: Sequence[KnownLine]) -> Table:
     table = Table.grid(padding=(0, 2))
     several = len(analysis.capture.buses) > 1
+    names = names_of(analysis.nodes)
     before: tuple[str, int] | None = None
     for line in lines:
         key = line.bus, line.node
         bus = f"{line.bus} " if several and line.node else ""
-        head = f"{bus}node {line.node}" if line.node and key != before else ""
+        label = names.get(key, node_label(line.node))
+        head = f"{bus}node {label}" if line.node and key != before else ""
         table.add_row(Text(head), Text(line.what, style="dim"), Text(line.text))
         before = key
     return table
@@ -288,10 +291,9 @@ def _sdo(analysis: Analysis, clock: Clock) -> Table:
     table = _grid("when", "bus", "node", "object", "direction", "result")
     failed = [row for row in analysis.sdo if row.result != "ok"]
     for row in failed[:MAX_ROWS]:
-        code = row.abort_code
-        result = row.result if code is None else f"abort {hex_code(code, 8)}"
         what = f"{object_name(row.index, row.sub)} {printable(row.name or '')}"
-        _row(table, clock.short(row.start_ns), row.bus, row.node, what, row.direction, result)
+        asked = (clock.short(row.start_ns), row.bus, row.node, what, row.direction)
+        _row(table, *asked, sdo_result(row))
     return _with_rest(table, len(failed))
 
 

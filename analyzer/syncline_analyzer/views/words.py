@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from syncline_analyzer.results import CaptureRow, NodeRow, Quantiles
+from syncline_analyzer.results import CaptureRow, NodeRow, Quantiles, SdoRow
 
 _SECOND = 1_000_000_000
 
@@ -27,6 +27,14 @@ def object_name(index: int | None, sub: int | None) -> str:
     ('1A00h:01', '?')
     """
     return "?" if index is None else f"{index:04X}h:{sub or 0:02X}"
+
+
+def sdo_result(row: SdoRow) -> str:
+    """How an SDO transfer ended, an abort with its code and what that means."""
+    if row.result != "abort":
+        return row.result
+    code = "" if row.abort_code is None else f" {hex_code(row.abort_code, 8)}"
+    return f"abort{code}" + (f": {row.abort_text}" if row.abort_text else "")
 
 
 def trace_object(number: int) -> str:

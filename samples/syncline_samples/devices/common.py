@@ -77,8 +77,10 @@ def serve_mapping(node: Node, pdo: int) -> None:
             raise SdoAbort(abort.PDO_LENGTH)
 
     def count(value: int) -> None:
-        bits = sum(objects.number(index, sub) & 0xFF for sub in range(1, value + 1))
-        if bits > 64:
+        entries = [objects.number(index, sub) for sub in range(1, value + 1)]
+        if not all(entries):
+            raise SdoAbort(abort.VALUE_RANGE)
+        if sum(each & 0xFF for each in entries) > 64:
             raise SdoAbort(abort.PDO_LENGTH)
         node.tpdos[pdo].build = partial(mapped_pdo, node, pdo)
         node.tpdos.rewritten(value)

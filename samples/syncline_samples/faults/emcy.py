@@ -194,5 +194,6 @@ class EmcyWhileStopped:
         machine.at(self.at_s + 0.5, emcy.send_raw, b"\x00\x10\x01\0\0\0\0\0")
         machine.at(self.at_s + 0.8, emcy.send_raw, bytes(8))
         machine.at(self.at_s + self.for_s, master.command, START, self.node)
-        machine.expect("emcy.while_stopped", self.node, self.at_s, self.for_s, required=False)
+        for finding in ("emcy.while_stopped", "emcy.active"):
+            machine.expect(finding, self.node, self.at_s, self.for_s, required=False)
         _may_tell(machine, self.node)

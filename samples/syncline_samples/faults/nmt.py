@@ -133,7 +133,11 @@ class DuplicateNode:
             "nmt.pdo_outside_operational",
             "nmt.command_ignored",
             "pdo.missed",
+            "sdo.doubled_answer",
+            "sdo.abort",
+            "pdo.extra",
             "angle.jump",
+            "angle.preset_by_wire",
         ):
             machine.expect(finding, self.node, self.at_s, for_s, required=False)
 

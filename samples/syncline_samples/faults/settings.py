@@ -152,7 +152,7 @@ class Storage:
 
 @dataclass(frozen=True, slots=True)
 class ResetBySdo:
-    """The master resets a JN2100 by 2002h: a boot-up without any NMT command, no finding."""
+    """The master resets a JN2100 by 2002h: a boot-up without any NMT command, but no fault."""
 
     node: int
     at_s: float
@@ -160,6 +160,7 @@ class ResetBySdo:
     def arm(self, machine: Machine) -> None:
         """Queue the write."""
         machine.at(self.at_s, machine.master.sdo(self.node).run, write(0x2002, 0, 1, 1))
+        machine.expect("device.reset_by_sdo", self.node, self.at_s, required=False)
 
 
 @dataclass(frozen=True, slots=True)

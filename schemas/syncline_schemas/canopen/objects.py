@@ -42,6 +42,15 @@ def standard_object(index: int, sub: int) -> StandardObject | None:
     return _array_entry(index, sub)
 
 
+def drive_object(index: int) -> str | None:
+    """Name of an object of the drive profile CiA 402-2, None for others.
+
+    >>> drive_object(0x6040), drive_object(0x6004)
+    ('controlword', None)
+    """
+    return _DRIVES.get(index)
+
+
 def standard_meaning(index: int, sub: int, value: int) -> str:
     """Words for a value of a communication object (CiA 301 7.5.2), "" where the number says it all.
 
@@ -190,3 +199,43 @@ def _array_entry(index: int, sub: int) -> StandardObject | None:
     if sub == 0:
         return StandardObject(f"{name}: number of entries", UNSIGNED8)
     return entry._replace(name=f"{name}: {words.get(sub, f'{entry.name} {sub}')}")
+
+
+DRIVES = 402
+"""Profile number of drives in the low half of 1000h."""
+_DRIVES = {
+    0x603F: "error code",
+    0x6040: "controlword",
+    0x6041: "statusword",
+    0x605A: "quick stop option code",
+    0x605E: "fault reaction option code",
+    0x6060: "modes of operation",
+    0x6061: "modes of operation display",
+    0x6062: "position demand value",
+    0x6063: "position actual internal value",
+    0x6064: "position actual value",
+    0x6065: "following error window",
+    0x6067: "position window",
+    0x606B: "velocity demand value",
+    0x606C: "velocity actual value",
+    0x6071: "target torque",
+    0x6072: "max torque",
+    0x6077: "torque actual value",
+    0x6078: "current actual value",
+    0x6079: "DC link circuit voltage",
+    0x607A: "target position",
+    0x607C: "home offset",
+    0x607D: "software position limit",
+    0x607F: "max profile velocity",
+    0x6080: "max motor speed",
+    0x6081: "profile velocity",
+    0x6083: "profile acceleration",
+    0x6084: "profile deceleration",
+    0x6085: "quick stop deceleration",
+    0x6098: "homing method",
+    0x6099: "homing speeds",
+    0x60FD: "digital inputs",
+    0x60FE: "digital outputs",
+    0x60FF: "target velocity",
+    0x6502: "supported drive modes",
+}

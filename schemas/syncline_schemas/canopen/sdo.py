@@ -74,10 +74,35 @@ ABORT_CODES: dict[int, str] = {
 """Words for the abort codes of CiA 301, and for 0601 0003..6 that devices took from ETG.1000."""
 
 
+_GROUPS = {
+    0x0503: "toggle bit",
+    0x0504: "protocol",
+    0x0601: "access to the object",
+    0x0602: "object",
+    0x0604: "mapping or compatibility",
+    0x0606: "hardware",
+    0x0607: "data type or length",
+    0x0609: "subindex or value",
+    0x060A: "resources",
+    0x0800: "device or its present state",
+}
+"""What a code that no standard lists is about, by its upper half (error class and error code)."""
+
+
 def abort_meaning(code: int) -> str:
     """Words for an SDO abort code, without its number.
 
+    Codes of a maker's own are told by their group; codes sent high byte first are recognised.
+
     >>> abort_meaning(0x06020000), abort_meaning(0x12345678)
     ('object does not exist', 'unknown code')
+    >>> abort_meaning(0x06090099), abort_meaning(0x00000206)
+    ('unknown code about subindex or value', 'object does not exist (its bytes are exchanged)')
     """
-    return ABORT_CODES.get(code, "unknown code")
+    if code in ABORT_CODES:
+        return ABORT_CODES[code]
+    exchanged = int.from_bytes(code.to_bytes(4, "little"), "big")
+    if exchanged in ABORT_CODES:
+        return f"{ABORT_CODES[exchanged]} (its bytes are exchanged)"
+    group = _GROUPS.get(code >> 16)
+    return f"unknown code about {group}" if group else "unknown code"

@@ -156,8 +156,8 @@ class Script:
     def emcy(self, at: float, code: int, register: int, rest: str = "0000000000") -> Self:
         return self.frame(at, f"{0x80 + self.node:03X}#{little(code, bits=16)}{register:02X}{rest}")
 
-    def told(self) -> "Told":
-        """What the whole analysis tells."""
+    def told(self, batch: int = 1 << 20) -> "Told":
+        """What the whole analysis tells, fed in batches of so many frames."""
         rows = sorted(self.rows, key=lambda row: row[0])
         stream: list[tuple[int, FrameBatch | Gap]] = []
         seq = 0
@@ -165,7 +165,9 @@ class Script:
         for start, end in edges:
             part = [row for row in rows[seq:] if row[0] < end]
             if part:
-                stream.append((seq, FrameBatch.from_rows([_row(row) for row in part])))
+                frames = FrameBatch.from_rows([_row(row) for row in part])
+                for at in range(0, len(part), batch):
+                    stream.append((seq + at, frames[at : at + batch]))
                 seq += len(part)
             if end != float("inf"):
                 gap = Gap(T0 + round(start * MS), T0 + round(end * MS), "adapter lost")

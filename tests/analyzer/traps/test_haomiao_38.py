@@ -178,6 +178,8 @@ def renamed(*, saved: bool) -> Script:
         script.save(6000)
     script.node = 10 if saved else 1
     script.boot(14000).heartbeat(14100, 18000, PRE_OPERATIONAL)
+    script.node = 5
+    script.heartbeat(0, 18000)
     script.node = 1
     return script
 
@@ -189,8 +191,7 @@ def test_trap_09_a_change_without_save() -> None:
     found = told.findings("device.node_id_change")
     assert says(found[0].text, "node 1", "node 10", "3000h")
     assert says(" ".join(f.text + f.cause for f in found), "not saved")
-    assert [f for f in told.findings("nmt.node_lost") if f.node == 1] == []
-    assert "nmt.unexpected_reset" not in told.ids
+    assert told.accusations == []
 
 
 def test_trap_09_with_a_save_it_stays() -> None:
@@ -329,10 +330,12 @@ def test_trap_20_3000h_may_be_stored_minus_one(booted: int) -> None:
     script = turning(encoder(), 0, 5000).write(4000, 0x3000, value=10).nmt(5000, 0x81)
     script.node = booted
     script.boot(5200).heartbeat(5300, 10000)
+    script.node = 5
+    script.heartbeat(0, 10000)
     script.node = 1
     told = script.told()
     assert says(told.finding("device.node_id_change").text, f"now node {booted}")
-    assert [f for f in told.findings("nmt.node_lost") if f.node == 1] == []
+    assert told.accusations == []
 
 
 def test_trap_21_the_multi_turn_range_passes_fast() -> None:

@@ -175,7 +175,11 @@ class PdoRow:
     """Frames less than half the inhibit time (180xh:3) after the one before."""
     extra_seq: list[int] = field(default_factory=list)
     """`seq` of the first `extra` frames (at most 20)."""
+    extra_first_ns: int | None = None
+    extra_last_ns: int | None = None
     too_soon_seq: list[int] = field(default_factory=list)
+    too_soon_first_ns: int | None = None
+    too_soon_last_ns: int | None = None
     inhibit_us: int | None = None
     """180xh:3 as seen on the bus or described."""
     event_timer_us: int | None = None

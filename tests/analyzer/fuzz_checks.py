@@ -15,6 +15,7 @@ from syncline_samples.faults import (
     BusPowerOff,
     CommandIgnored,
     DuplicateNode,
+    LeavesOperational,
     MoveEmcy,
     RemoteOnHeartbeat,
     SecondSyncProducer,
@@ -102,7 +103,7 @@ def error_control(case: Case) -> Iterator[str]:
         beats = counts["heartbeats", row.node] - counts["empty_heartbeats", row.node]
         answers = counts["guard_answers", row.node]
         unsure = sum(boot.byte != 0 for boot in boots if _first(case, boot))
-        if not len(boots) - unsure <= row.boot_ups <= len(boots):
+        if not len(boots) - unsure <= row.boot_ups <= len(boots) + _falls(case, row.node):
             yield f"node {row.node}: {row.boot_ups} boot-ups instead of {len(boots)}"
         elif abs(row.boot_ups + row.heartbeats - len(boots) - beats) > unsure_answers:
             yield f"node {row.node}: {row.heartbeats} heartbeats instead of {beats}"
@@ -118,6 +119,15 @@ def error_control(case: Case) -> Iterator[str]:
                 f"node {row.node}: {row.toggle_errors} toggle errors instead of"
                 f" {counts['toggle_errors', row.node]}"
             )
+
+
+def _falls(case: Case, node: int) -> int:
+    """Falls to PRE-OPERATIONAL of a device that boots with 7Fh: they look like restarts."""
+    stored = any(s.node_id == node and s.stored_heartbeat_ms for s in case.scenario.devices)
+    return stored * sum(
+        isinstance(fault, LeavesOperational) and fault.node == node
+        for fault in case.scenario.faults
+    )
 
 
 def _boot_ups(case: Case, node: int) -> list[BootUpTruth]:
@@ -442,6 +452,9 @@ def _spoiled(case: Case, node: int, at_ns: int) -> set[str]:
     for fault in case.scenario.faults:
         if isinstance(fault, RemoteOnHeartbeat) and fault.node == node:
             found |= {"UNKNOWN"} if case.at(fault.at_s) <= at_ns else set()
+        if isinstance(fault, LeavesOperational) and fault.node == node and _falls(case, node):
+            during = abs(at_ns - case.at(fault.at_s)) < 2 * case.period_ns(node)
+            found |= {"INITIALISING"} if during else set()
         if isinstance(fault, CommandIgnored) and fault.node == node:
             during = 0 <= at_ns - case.at(fault.at_s) < 2 * case.period_ns(node)
             found |= {"STOPPED", "PRE-OPERATIONAL"} if during else set()

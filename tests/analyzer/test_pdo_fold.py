@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from syncline_analyzer.context import Context
+from syncline_analyzer.folds.rhythm import Rhythm
 from syncline_analyzer.folds.timing import TimingTables
 from syncline_analyzer.results import PdoRow
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
@@ -447,3 +448,10 @@ def test_a_service_that_is_switched_off_takes_no_identifier() -> None:
     learn(ctx, 5, 0x1014, 0, 0x8000_0185, source="sdo-write")
     frames = ordered([frame(0, 0x185, bytes(8))])
     assert [row.cob_id for row in timing(ctx, frames).pdos] == [0x185]
+
+
+def test_fewer_answers_tell_what_the_device_does_by_default() -> None:
+    """22 answers to every second SYNC, one of them missing: 91 % of the SYNC periods."""
+    rhythm = Rhythm()
+    rhythm.answered(np.delete(np.arange(0, 46, 2), 11))
+    assert [rhythm.every(), rhythm.every(2), rhythm.every(1)] == [None, 2, None]

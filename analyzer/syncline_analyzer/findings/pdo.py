@@ -166,8 +166,8 @@ def _extra(facts: Facts) -> Iterator[Finding]:
             "warning",
             row.bus,
             row.node,
-            facts.analysis.capture.begin_ns,
-            facts.analysis.capture.end_ns,
+            _moment_of(facts, row.extra_first_ns),
+            _moment_of(facts, row.extra_last_ns),
             f"{_name(facts, row)} came {counted(row.extra, 'time')} a second time before the next"
             f" SYNC; {_type(row)}, which allows one.",
             "A second device sends the same identifier, or the device sends on events as well.",
@@ -175,6 +175,10 @@ def _extra(facts: Facts) -> Iterator[Finding]:
             row.extra_seq,
             assumed=_assumed_type(row),
         )
+
+
+def _moment_of(facts: Facts, t_ns: int | None) -> int:
+    return facts.analysis.capture.begin_ns if t_ns is None else t_ns
 
 
 def _inhibit_time(facts: Facts) -> Iterator[Finding]:
@@ -187,8 +191,8 @@ def _inhibit_time(facts: Facts) -> Iterator[Finding]:
             "warning",
             row.bus,
             row.node,
-            facts.analysis.capture.begin_ns,
-            facts.analysis.capture.end_ns,
+            _moment_of(facts, row.too_soon_first_ns),
+            _moment_of(facts, row.too_soon_last_ns),
             f"{_name(facts, row)} came {counted(row.too_soon, 'time')} in less than half of its"
             f" inhibit time of {row.inhibit_us / 1000:.4g} ms (180xh:3); the shortest time between"
             f" two was {row.period_us.min / 1000:.4g} ms.",

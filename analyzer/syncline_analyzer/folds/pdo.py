@@ -74,8 +74,11 @@ class PdoState:
     """Frames with the same data as the one before: no change of the value made the device send."""
     pauses: list[Pause] = field(default_factory=list)
     extra_seq: list[int] = field(default_factory=list)
+    extra_ns: list[int] = field(default_factory=list)
+    """Stamps of the first and the last of them."""
     too_soon: int = 0
     too_soon_seq: list[int] = field(default_factory=list)
+    too_soon_ns: list[int] = field(default_factory=list)
 
     def told_inhibit_ns(self) -> int | None:
         """Inhibit time of an event-driven TPDO that the bus or the user told; None without one."""
@@ -252,7 +255,7 @@ class PdoFold:
                 true &= ~(bundled[1:] | bundled[:-1])[len(rows) - len(periods) :]
             state.period.add(periods[true])
             self._find_pauses(state, periods, t_ns, seq)
-            self._find_too_soon(state, np.where(true, periods, PAUSE_NS), seq[1:])
+            self._find_too_soon(state, np.where(true, periods, PAUSE_NS), t_ns[1:], seq[1:])
             self._find_overdue(state, periods, t_ns[:-1], seq[:-1])
         _count_repeats(state, block, rows)
         state.last_ns, state.last_seq = int(t_ns[-1]), int(seq[-1])
@@ -271,13 +274,19 @@ class PdoFold:
             )
 
     @staticmethod
-    def _find_too_soon(state: PdoState, periods: NDArray[np.int64], seq: NDArray[np.int64]) -> None:
+    def _find_too_soon(
+        state: PdoState,
+        periods: NDArray[np.int64],
+        t_ns: NDArray[np.int64],
+        seq: NDArray[np.int64],
+    ) -> None:
         """Frames closer than half the inhibit time: more than arbitration can pull together."""
         inhibit_ns = state.told_inhibit_ns()
         if inhibit_ns is None:
             return
         soon = np.flatnonzero((periods < inhibit_ns / 2) & (seq > state.changed_seq))
         state.too_soon += len(soon)
+        _span(state.too_soon_ns, t_ns[soon])
         state.too_soon_seq.extend(seq[soon[: MAX_EVIDENCE - len(state.too_soon_seq)]].tolist())
 
     @staticmethod
@@ -309,6 +318,7 @@ class PdoFold:
         state.extra += len(extra)
         more = rows[extra[: MAX_EVIDENCE - len(state.extra_seq)]]
         state.extra_seq.extend((passing.block.batch.seq0 + more).tolist())
+        _span(state.extra_ns, passing.block.frames.t_ns[rows[extra]])
         rows, ordinal = rows[first], ordinal[first]
         if self._context.timed and len(rows):
             self._respond(passing, state, rows, sync)
@@ -393,6 +403,12 @@ class PdoFold:
         seq = block.batch.seq0 + int(rows[-1])
         window_us = self._context.shadow.number(bus, state.owner.node, 0x1007, 0, seq)
         return int((response > window_us * 1000).sum()) if window_us else 0
+
+
+def _span(span: list[int], t_ns: NDArray[np.int64]) -> None:
+    """Widen (first, last) by more stamps, in order."""
+    if len(t_ns):
+        span[:] = [span[0] if span else int(t_ns[0]), int(t_ns[-1])]
 
 
 def _count_repeats(state: PdoState, block: Block, rows: NDArray[np.intp]) -> None:

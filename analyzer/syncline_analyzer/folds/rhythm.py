@@ -23,6 +23,8 @@ _OUTAGE_STEPS = 8
 
 _STRAY = 0.005
 """Share of steps that are no multiple of n: more of them, and a timer of its own sends the PDO."""
+_STRAY_BY_DEFAULT = 0.1
+"""The same where the device answers every n-th SYNC by default: it counted anew a few times."""
 UNSEEN_NS = 10_000_000_000
 """So long before it was seen to have left OPERATIONAL, a node's silence may be the leaving."""
 
@@ -184,8 +186,8 @@ class Rhythm:
         width = np.minimum(np.arange(_MAX_STEP + 1), n * _OUTAGE_STEPS)
         share = float(self.steps[n] * n / (self.steps * width).sum())
         stray = 1.0 - float(self.steps[n::n].sum() / self.steps.sum()) if n else 1.0
-        enough = AS_BY_DEFAULT if n == default else SAME_PATTERN
-        return n if n < _MAX_STEP and share >= enough and stray <= _STRAY else None
+        least, most = (SAME_PATTERN, _STRAY) if n != default else (AS_BY_DEFAULT, _STRAY_BY_DEFAULT)
+        return n if n < _MAX_STEP and share >= least and stray <= most else None
 
     def evaluate(self, every: int | None, index: SyncIndex) -> None:
         """Find the SYNCs of the block that were due (every n-th) and not answered."""

@@ -358,7 +358,11 @@ def _pdo_row(
         missed_seq=missed.seq[:MAX_EVIDENCE].tolist(),
         too_soon=state.too_soon,
         extra_seq=state.extra_seq if answers else [],
+        extra_first_ns=state.extra_ns[0] if answers and state.extra_ns else None,
+        extra_last_ns=state.extra_ns[-1] if answers and state.extra_ns else None,
         too_soon_seq=state.too_soon_seq,
+        too_soon_first_ns=state.too_soon_ns[0] if state.too_soon_ns else None,
+        too_soon_last_ns=state.too_soon_ns[-1] if state.too_soon_ns else None,
         inhibit_us=_us(state.told_inhibit_ns()),
         event_timer_us=_us(state.told_timer_ns()),
     )

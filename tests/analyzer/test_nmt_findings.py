@@ -640,3 +640,13 @@ def test_a_command_that_is_refused_again_and_again_is_one_finding() -> None:
     rows = ordered(heartbeats(0, 22_000, state="7F"), starts, pause, others(22_000))
     finding = one(run(*rows), "nmt.command_ignored")
     assert "The same happened 19 times more, the last time at +20.2" in finding.text
+
+
+@pytest.mark.near_miss("nmt.bus_silent")
+def test_a_short_restart_on_a_bus_with_few_frames_is_that_of_the_node() -> None:
+    """Nobody was heard for 180 ms by chance, and the others went on: no machine was switched off."""
+    few = heartbeats(0, 4000, every_ms=300, node=9)
+    back = [boot(1985), *heartbeats(2085, 4000)]
+    result = run(*ordered(heartbeats(5, 1900), back, few))
+    assert result.ids() == ["nmt.unexpected_reset"]
+    assert one(result, "nmt.unexpected_reset").severity == "error"

@@ -149,7 +149,6 @@ BONDS: tuple[Bond, ...] = (
         "device.lost_at_reset",
         lifelong=True,
     ),
-    *_bonds("lss.node_id_changed", "nmt.node_lost", "nmt.no_boot_up", lifelong=True),
     *_bonds("device.factory_reset", "nmt.node_lost", "nmt.no_boot_up", "device.lost_at_reset"),
     *_bonds("device.bit_rate_change", "nmt.node_lost", "nmt.no_boot_up", lifelong=True),
     *_bonds(
@@ -179,6 +178,8 @@ BONDS: tuple[Bond, ...] = (
         shared=True,
     ),
     *_bonds("emcy.active", "angle.sensor_alarm", lasting=True),
+    *_bonds("emcy.active", "pdo.stopped", after_ns=5 * _S, lasting=True),
+    *_bonds("clock.step_forward", "clock.time_jump", "sdo.no_answer", same_node=False),
     *_bonds("emcy.active", "angle.jump"),
     *_bonds("config.sync_producers", "sync.two_producers", same_node=False, lifelong=True),
     *_bonds("sync.two_producers", "sync.jitter", "sync.missing", "sync.period", same_node=False),

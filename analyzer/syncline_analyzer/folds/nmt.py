@@ -36,7 +36,7 @@ from syncline_analyzer.folds.sdo import Reset
 from syncline_analyzer.pdo_binding import Pdo, PdoBindings
 from syncline_analyzer.results import NmtCommandRow, NmtStateRow, Quantiles
 from syncline_schemas.batch import FrameFlag, Gap
-from syncline_schemas.canopen.nmt import COMMANDS, NmtState, command_name
+from syncline_schemas.canopen.nmt import COMMANDS, STATE_OF_BYTE, NmtState, command_name
 from syncline_schemas.canopen.services import Service
 from syncline_schemas.devices import quirks
 
@@ -394,6 +394,7 @@ class NmtFold:
             guard_period_ns=control.guarding.periods.median_ns(),
             paces=control.paces.paces,
             alone=alone,
+            others_anew=self._others_anew(key),
             communication_errors=self._errors.get(key, ()),
         )
         timeline = Timeline(self._context, history, clock)
@@ -432,6 +433,16 @@ class NmtFold:
             heard_ns=control.heard_last_ns,
             off_pace=timeline.off_pace,
             pdos="no" if not spans else "guess" if all(s.guess for s in spans) else "bound",
+        )
+
+    def _others_anew(self, key: NodeKey) -> list[int]:
+        """When other nodes of the bus may have started: a boot-up may look like a heartbeat."""
+        return sorted(
+            beat.t_ns
+            for other, control in self._control.items()
+            if other[0] == key[0] and other != key
+            for beat in control.beats
+            if beat.kind == "boot-up" or STATE_OF_BYTE.get(beat.state) is NmtState.PRE_OPERATIONAL
         )
 
     def _command_row(self, bus: int, command: Command) -> NmtCommandRow:

@@ -161,6 +161,8 @@ class NodeHistory:
     paces: Sequence[Pace] = ()
     alone: bool = False
     """Whether no other node is known on its bus."""
+    others_anew: Sequence[int] = ()
+    """Times, ascending, at which other nodes of its bus booted or told PRE-OPERATIONAL."""
     communication_errors: Sequence[int] = ()
     """Times of its EMCYs that tell of a communication error (75xxh, 81xxh)."""
 

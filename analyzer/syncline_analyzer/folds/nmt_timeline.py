@@ -392,6 +392,8 @@ class Timeline:
                 return
             start = max(start, since + quiet)
         whole = self._of_the_bus(silence, timeout_ns)
+        if whole and self._starts_anew(silence) and self._went_on(silence):
+            whole = silence.end_ns - silence.start_ns > ALONE_RESTART_NS
         before = now.state.value
         now.command = None
         if self._is_restart(silence, whole):
@@ -431,6 +433,14 @@ class Timeline:
             return True
         nobody = self.quiet.within(silence.start_ns, silence.end_ns)
         return nobody > 0 and passed - nobody <= timeout_ns
+
+    def _went_on(self, silence: Silence) -> bool:
+        """Whether the other nodes of the bus did not start anew when this one did."""
+        anew = self.history.others_anew
+        at = bisect_left(anew, silence.start_ns)
+        return not self.history.alone and (
+            at == len(anew) or anew[at] > silence.end_ns + RESTART_NS
+        )
 
     def _is_restart(self, silence: Silence, whole: bool) -> bool:
         """Whether an unasked boot-up ends a silence no longer than a restart may take."""

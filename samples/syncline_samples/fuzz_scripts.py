@@ -103,7 +103,7 @@ def _heartbeat_period(plan: Plan) -> None:
     """Of a node whose 1017h the master has written: else nobody can know what it should be."""
     spec = plan.node(lambda spec: beats(spec) and not spec.stored_heartbeat_ms)
     if spec is not None:
-        percent = plan.random.choice((50, 90, 110, 130, 170, 220))
+        percent = plan.random.choice((60, 90, 110, 130, 170, 220))
         plan.add(faults.HeartbeatPeriod(spec.node_id, plan.now_s, percent, 4.0), 5.0)
 
 

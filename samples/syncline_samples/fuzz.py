@@ -8,6 +8,7 @@ report.
 from dataclasses import replace
 from random import Random
 
+from syncline_samples.faults import BlockCrcWrong, BlockSegmentsLost
 from syncline_samples.fuzz_plan import Plan, is_lir, period_ms, readable, some
 from syncline_samples.fuzz_scripts import ENDINGS, SCRIPTS
 from syncline_samples.machine import LIR_MODELS, DeviceSpec, Scenario
@@ -15,6 +16,8 @@ from syncline_samples.motion import Shaft, Tilt
 from syncline_samples.sdo_client import write
 
 BITRATES = (100_000, 125_000, 250_000, 500_000, 1_000_000)
+BLOCK_BITRATE = 250_000
+"""From here on a kilobyte in one block does not hold up heartbeats and guard requests."""
 SYNCS_US = (0, 20_000, 25_000, 50_000, 50_000, 100_000)
 COUNTER_OVERFLOWS = (0, 0, 0, 2, 10, 60, 240)
 HEARTBEATS_MS = (100, 150, 200, 250, 300, 500)
@@ -43,12 +46,15 @@ def random_scenario(random: Random, *, most_faults: int = 3) -> Scenario:
     if most_faults and random.random() < _ENDING_SHARE:
         plan.wait(plan.between(0.3, 1.2))
         random.choice(ENDINGS)(plan)
+    bitrate = random.choice(BITRATES)
+    if any(isinstance(fault, BlockSegmentsLost | BlockCrcWrong) for fault in plan.faults):
+        bitrate = max(bitrate, BLOCK_BITRATE)
     return Scenario(
         "fuzz",
         round(plan.now_s + plan.between(1.5, 2.5), 3),
         devices,
         tuple(plan.faults),
-        bitrate=random.choice(BITRATES),
+        bitrate=bitrate,
         sync_us=sync_us,
         sync_jitter_us=random.choice((0, 5, 50)),
         sync_counter=random.choice(COUNTER_OVERFLOWS),

@@ -93,7 +93,8 @@ def _toggle(plan: Plan) -> None:
 
 
 def _unanswered(plan: Plan) -> None:
-    spec = plan.node(guarded)
+    """So few that the node, which starts its life time with each answer, does not miss the master."""
+    spec = plan.node(lambda spec: guarded(spec) and spec.life_factor >= 4)
     if spec is not None:
         count = plan.random.randint(1, 2)
         plan.add(faults.GuardUnanswered(spec.node_id, plan.now_s, count), 2.0)
@@ -452,7 +453,7 @@ def _twin(plan: Plan) -> None:
     spec = plan.node(beats)
     if spec is not None:
         twin = faults.DuplicateNode(spec.node_id, plan.now_s, heartbeat_ms=spec.heartbeat_ms + 130)
-        plan.add(twin, max(8.0, spec.heartbeat_ms / 25))
+        plan.add(twin, max(14.0, spec.heartbeat_ms / 25))
 
 
 def _new_number(plan: Plan) -> None:

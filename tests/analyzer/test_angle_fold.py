@@ -370,6 +370,18 @@ def test_short_frames_hold_no_value() -> None:
     assert np.isnan(trace.value).tolist() == [False, True]
 
 
+@pytest.mark.parametrize("block_frames", [1, 1 << 16])
+def test_a_short_frame_is_no_jump(block_frames: int) -> None:
+    """Two of four bytes are not the position 823214 modulo 65536."""
+    whole, short = position(823_214), position(823_214)[:2]
+    data = (whole, whole, short, short, whole, whole)
+    frames = ordered([frame(k * 20 * MS, 0x181, part) for k, part in enumerate(data)])
+    ctx = context(devices={1: "haomiao-38"})
+    tables = angles(ctx, frames, block_frames=block_frames)
+    assert [event.kind for event in tables.events] == []
+    assert np.isnan(only(tables).value).tolist() == [False, False, True, True, False, False]
+
+
 def test_vibration_is_only_valid_in_its_mode() -> None:
     ctx = context(devices={10: "jn2100"})
     frames = ordered([frame(0, 0x38A, position(125, 981))])

@@ -26,6 +26,7 @@ class Bond:
         lasting: whether the effect may go on long after the cause, as an active error does.
         lifelong: whether the cause holds at any time from its beginning on.
         shared: whether both must rest on a common frame; time is then not asked.
+        opens: whether the cause must rest on the effect's first frame; time is then not asked.
     """
 
     cause: str
@@ -36,6 +37,7 @@ class Bond:
     lasting: bool = False
     lifelong: bool = False
     shared: bool = False
+    opens: bool = False
 
     def holds(self, cause: Finding, effect: Finding) -> bool:
         """Whether the effect follows from the cause by place, and by time or frames."""
@@ -43,6 +45,8 @@ class Bond:
             return False
         if self.same_node and (cause.node is None or cause.node != effect.node):
             return False
+        if self.opens:
+            return bool(effect.evidence) and effect.evidence[0] in cause.evidence
         if self.shared:
             return not set(cause.evidence).isdisjoint(effect.evidence)
         return self._in_time(cause, effect)
@@ -80,6 +84,10 @@ BONDS: tuple[Bond, ...] = (
         "nmt.heartbeat_fast",
         "nmt.heartbeat_irregular",
         "nmt.guard_toggle",
+        "nmt.guard_unanswered",
+        "nmt.unknown_state",
+        "nmt.state_changed",
+        "nmt.consumer_time",
         "sdo.doubled_answer",
         "sdo.wrong_answer",
         "sdo.toggle",
@@ -137,7 +145,8 @@ BONDS: tuple[Bond, ...] = (
     ),
     *_bonds("nmt.heartbeat_stopped", "nmt.guarding_lost", after_ns=10 * _S, same_node=False),
     *_bonds("nmt.guarding_lost", "nmt.left_operational", shared=True),
-    *_bonds("nmt.guarding_lost", "nmt.consumer_time", "nmt.life_time", shared=True),
+    *_bonds("nmt.consumer_time", "nmt.guarding_lost", lifelong=True, before_ns=_FOREVER),
+    *_bonds("nmt.life_time", "nmt.guarding_lost", lifelong=True, before_ns=_FOREVER),
     *_bonds(
         "nmt.guarding_lost", *_TRAFFIC, "nmt.pdo_outside_operational", before_ns=0, after_ns=2 * _S
     ),
@@ -165,14 +174,14 @@ BONDS: tuple[Bond, ...] = (
     *_bonds("nmt.unexpected_reset", "emcy.active", "pdo.stopped", after_ns=5 * _S, lasting=True),
     *_bonds("nmt.unexpected_reset", "device.lost_at_reset", *_TRAFFIC, after_ns=5 * _S),
     *_bonds("nmt.command_ignored", "nmt.pdo_outside_operational"),
+    *_bonds("emcy.pdo_length", "emcy.storm", "emcy.active", "emcy.intermittent", shared=True),
     *_bonds("emcy.storm", "emcy.active", "emcy.intermittent", "emcy.inhibit_time", shared=True),
+    *_bonds("emcy.after_write", "emcy.active", opens=True),
     *_bonds(
         "emcy.active",
         "emcy.intermittent",
         "emcy.returns_after_reset",
         "emcy.partly_cleared",
-        "emcy.pdo_length",
-        "emcy.after_write",
         "emcy.register_mismatch",
         "nmt.left_operational",
         shared=True,

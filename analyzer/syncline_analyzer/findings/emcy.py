@@ -1,13 +1,15 @@
 """Findings on the errors of nodes: active, partly cleared, from before the capture, in storms."""
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 from syncline_analyzer.findings import emcy_history, emcy_messages, emcy_pattern
 from syncline_analyzer.findings.bus import tells_bus_off
-from syncline_analyzer.findings.emcy_hints import check_next
+from syncline_analyzer.findings.emcy_hints import check_next, likely_cause
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import error_name, seconds
+from syncline_analyzer.folds.emcy_rates import Storm
 from syncline_analyzer.results import EmcyContextRow, EmcyRow, ErrorRow, Finding, Severity
 from syncline_schemas.canopen.nmt import NmtState
 from syncline_schemas.devices import emcy_meaning
@@ -53,7 +55,7 @@ def _still_active(facts: Facts, rows: Sequence[ErrorRow], text: str) -> _Told:
         )
         return _Told("warning", end_ns, text)
     if not any(row.certain for row in rows):
-        text += "; it was not cleared for sure: the node told of one error less and not which of several."
+        text += "; it may be over: the node told later that one of several errors is gone, and not which."
         return _Told("warning", end_ns, text)
     if _fell_silent(facts, rows[0]):
         return _Told("error", end_ns, f"{text}; it was not cleared before the node fell silent.")
@@ -91,7 +93,9 @@ def _reports(facts: Facts, rows: Sequence[ErrorRow], maker: str) -> str:
     name = error_name(first.code, first.meaning)
     text = f"{facts.who(first.bus, first.node)} reports {name}"
     text += f" with the maker's bytes {maker}" if maker.strip("0") else ""
-    return f"{text} in {count} messages" if count > len(rows) else text
+    text += f" in {count} messages" if count > len(rows) else ""
+    when = facts.at(first.raised_ns)
+    return f"{text}, first{when}" if when and count > 1 else text + when
 
 
 def _error_finding(
@@ -106,7 +110,7 @@ def _error_finding(
         first.raised_ns,
         told.end_ns,
         told.text,
-        f"The node itself found this fault; the code is its own word for it.{_around(context)}",
+        f"{likely_cause(first.code)}{_around(context)}",
         check_next(first.code),
         [seq for row in rows for seq in row.evidence][:20],
     )
@@ -118,13 +122,15 @@ def _around(context: EmcyContextRow | None) -> str:
         return ""
     told = []
     if context.state != NmtState.UNKNOWN:
-        told.append(f"the node was {context.state} ({context.certainty})")
+        sure = "" if context.certainty == "observed" else f" ({context.certainty})"
+        told.append(f"the node was {context.state}{sure}")
     if context.bus_state not in (None, "active", "unknown"):
         told.append(f"the recorder's controller was {context.bus_state}")
     for value in list(context.values.values())[:3]:
         if value["before"] is not None:
-            told.append(f"{value['name']} was {value['before']:.6g} {value['unit']}".rstrip())
-    return f" When it came, {', '.join(told)}." if told else ""
+            told.append(f"{value['name']} was {value['before']:.10g} {value['unit']}".rstrip())
+    listed = ", ".join(told[:-1]) + " and " + told[-1] if len(told) > 1 else "".join(told)
+    return f" When it came, {listed}." if told else ""
 
 
 def _blind_after(facts: Facts, row: ErrorRow) -> int:
@@ -193,12 +199,27 @@ def _storms(facts: Facts) -> Iterator[Finding]:
             storm.start_ns,
             storm.end_ns,
             f"{facts.who(storm.bus, storm.node)} sent {storm.number} EMCYs within"
-            f" {seconds(storm.end_ns - storm.start_ns)}.",
+            f" {seconds(storm.end_ns - storm.start_ns)}{facts.at(storm.start_ns)}"
+            f"{_codes_of(facts, storm)}.",
             "A fault that comes and goes many times a second: loose contact, or a limit without"
             " hysteresis; no inhibit time (1015h) holds it back.",
-            "Which codes alternate? Set 1015h to keep the bus free.",
+            "Find what makes the fault come and go; set 1015h to keep the bus free meanwhile.",
             [storm.first_seq],
         )
+
+
+def _codes_of(facts: Facts, storm: Storm) -> str:
+    """The errors that a storm tells, the most frequent first; begins with a colon."""
+    codes = Counter(
+        error_name(row.code, row.meaning)
+        for row in facts.analysis.emcy
+        if (row.bus, row.node) == (storm.bus, storm.node)
+        and storm.start_ns <= row.t_ns <= storm.end_ns
+        and row.code is not None
+        and row.code >> 8
+    )
+    told = [f"{count} times {name}" for name, count in codes.most_common(3)]
+    return f": {', '.join(told)}{', ...' if len(codes) > 3 else ''}" if told else ""
 
 
 def _before(facts: Facts) -> Iterator[Finding]:
@@ -220,9 +241,9 @@ def _before_by_bits(facts: Facts, row: EmcyRow, codes: Sequence[int]) -> Finding
     who = facts.who(row.bus, row.node)
     clears = row.transition == "partly cleared"
     text = (
-        f"An EMCY of {_lower(who)} clears one error and leaves others: {left}."
+        f"An EMCY of {_lower(who)}{facts.at(row.t_ns)} clears one error and leaves others: {left}."
         if clears
-        else f"An EMCY of {_lower(who)} also shows the bits of another error: {left}."
+        else f"An EMCY of {_lower(who)}{facts.at(row.t_ns)} also shows the bits of another error: {left}."
     )
     blind = _blind_before(facts, row)
     return Finding(

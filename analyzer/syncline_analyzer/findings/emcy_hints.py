@@ -1,4 +1,33 @@
-"""What to check next after an EMCY, by its code."""
+"""Likely cause of an EMCY and what to check next, by its code."""
+
+CAUSES: dict[int, str] = {
+    0x2: "Too much current: a short circuit or an overload at the node's outputs, or inside of it.",
+    0x3: "A voltage of the node is too low or too high: weak supply, long cable, or a load that is"
+    " switched.",
+    0x4: "The node is too hot or too cold: its surroundings, its cooling, or its load.",
+    0x5: "A part of the node's electronics, for example its memory, failed the node's own test.",
+    0x6: "The node's firmware stumbled, or its stored data do not fit.",
+    0x7: "A sensor or module that belongs to the node delivers nothing valid.",
+    0x9: "Something outside of the node, which it watches, is not as it should be.",
+}
+"""Likely cause by the first digit of the code."""
+EXACT_CAUSES: dict[int, str] = {
+    0x7510: "The node's frames are destroyed on the wire.",
+    0x8110: "Frames came faster than the node could read them; some are lost to it.",
+    0x8120: "Frames from or to the node are destroyed on the wire: plug, cable, termination, or"
+    " another bit rate.",
+    0x8130: "What the node watches (heartbeat or guarding) did not come in time.",
+    0x8140: "Frames of the node were destroyed on the wire until it switched itself off the bus.",
+    0x8150: "Another node sends on an identifier of this node.",
+    0x8210: "A PDO that the node receives is shorter than its mapping.",
+    0x8220: "A PDO that the node receives is longer than its mapping.",
+    0x8240: "The SYNC has a counter that the node does not expect, or lacks the one it expects.",
+    0x8250: "A PDO that the node waits for did not come in time.",
+}
+"""Likely cause by the whole code; goes before that of the group."""
+UNNAMED = (
+    "The node names no cause: only its manual tells what this code and the maker's bytes mean."
+)
 
 HINTS: dict[int, str] = {
     0x2: "Look for a short circuit or an overload at the outputs of the node.",
@@ -23,6 +52,15 @@ EXACT: dict[int, str] = {
 }
 """Hint by the whole code; goes before that of the group."""
 MANUAL = "Look the code up in the device's manual; read 1001h and 1003h of the node."
+
+
+def likely_cause(code: int) -> str:
+    """The likely cause of an error.
+
+    >>> likely_cause(0x8220), likely_cause(0x1000) == UNNAMED
+    ('A PDO that the node receives is longer than its mapping.', True)
+    """
+    return EXACT_CAUSES.get(code) or CAUSES.get(code >> 12) or UNNAMED
 
 
 def check_next(code: int) -> str:

@@ -6,11 +6,11 @@ from itertools import groupby
 
 from syncline_analyzer.findings.emcy_hints import MANUAL
 from syncline_analyzer.findings.rule import Facts, Rule
-from syncline_analyzer.findings.stretch import error_name, seconds
+from syncline_analyzer.findings.stretch import LISTED, error_name, seconds
 from syncline_analyzer.folds.emcy_rates import TooSoon
 from syncline_analyzer.folds.emcy_rpdo import LENGTH_CODES, Suspect
 from syncline_analyzer.results import EmcyRow, Finding, NmtStateRow
-from syncline_schemas.canopen.emcy import UNKNOWN
+from syncline_schemas.canopen.emcy import UNKNOWN, short_message
 from syncline_schemas.canopen.nmt import NmtState
 from syncline_schemas.devices import Device, quirks
 from syncline_schemas.wording import counted
@@ -19,6 +19,8 @@ IN_FLIGHT_NS = 10_000_000
 """An EMCY this soon after a change of state was on its way already [ns] (analysis.md 4)."""
 UNTIL_HEARD_NS = 2_000_000_000
 """A state that is told only now and then holds for sure where it goes on this long [ns]."""
+EMPTY = short_message(b"")
+"""Words for an EMCY without any byte."""
 _LENGTH = frozenset(int.from_bytes(code, "little") for code in LENGTH_CODES)
 
 
@@ -51,9 +53,11 @@ def _too_soon(facts: Facts) -> Iterator[Finding]:
             node,
             *_span(found),
             f"{facts.who(bus, node)} sent {counted(len(found), 'EMCY')} sooner than its inhibit"
-            f" time 1015h allows ({first.passed_us:.0f} us after the one before instead of"
-            f" {first.inhibit_us:.0f} us, {first.source}).",
-            "1015h is not in effect, or the recorder's stamps are not exact.",
+            f" time 1015h allows; the first{facts.at(first.t_ns)} came"
+            f" {seconds(round(first.passed_us * 1000))} after the one before instead of"
+            f" {seconds(round(first.inhibit_us * 1000))} ({first.source}).",
+            "1015h is not in effect yet (some devices take it only after a reset), or the recorder's"
+            " stamps are not exact.",
             "Read 1015h back.",
             [row.seq for row in found[:20]],
         )
@@ -61,8 +65,10 @@ def _too_soon(facts: Facts) -> Iterator[Finding]:
 
 def _malformed(facts: Facts) -> Iterator[Finding]:
     """EMCYs that are too short to tell an error (CiA 301 7.2.7.3: eight bytes)."""
-    rows = (row for row in facts.analysis.emcy if row.transition == "malformed")
-    for bus, node, found in _by_node(rows):
+    rows = [row for row in facts.analysis.emcy if row.transition == "malformed"]
+    for bus, node, found in _by_node(row for row in rows if row.meaning == EMPTY):
+        yield _empty(facts, bus, node, found)
+    for bus, node, found in _by_node(row for row in rows if row.meaning != EMPTY):
         one = len(found) == 1
         yield Finding(
             "emcy.malformed",
@@ -70,14 +76,35 @@ def _malformed(facts: Facts) -> Iterator[Finding]:
             bus,
             node,
             *_span(found),
-            f"{counted(len(found), 'frame')} on the EMCY identifier of node {node}"
-            f" {'does' if one else 'do'} not have eight bytes (the first is an"
+            f"{counted(len(found), 'frame')} on the EMCY identifier of {facts.inside(bus, node)}"
+            f" {'does' if one else 'do'} not have eight bytes"
+            f" ({'it' if one else 'the first'}{facts.at(found[0].t_ns)} is an"
             f" {found[0].meaning}): no error is concluded from {'it' if one else 'them'}.",
-            "The device does not keep to CiA 301, or the identifier carries something else than"
-            " EMCYs.",
-            "Look at the frames; read 1014h of the node and 1005h of all nodes.",
+            "The device does not keep to CiA 301, or another device sends something else on the"
+            " identifier.",
+            "Look at the frames; read 1014h of the node, and 1005h and 180xh:1 of all nodes.",
             [row.seq for row in found[:20]],
         )
+
+
+def _empty(facts: Facts, bus: str, node: int, rows: Sequence[EmcyRow]) -> Finding:
+    """Empty EMCYs: how devices announced their boot-up before CiA 301 V4 (DS-301 V3)."""
+    listed = ", ".join(facts.moment(row.t_ns) for row in rows[:LISTED])
+    listed += ", ..." if len(rows) > LISTED else ""
+    when = f" at {listed}" if facts.context.timed else ""
+    often = "an empty EMCY" if len(rows) == 1 else f"{len(rows)} empty EMCYs"
+    return Finding(
+        "emcy.malformed",
+        "info",
+        bus,
+        node,
+        *_span(rows),
+        f"{facts.who(bus, node)} sent {often}{when} (0 instead of 8 bytes): most likely it started.",
+        "Devices made after CiA DS-301 V3 announce their boot-up with an empty EMCY instead of"
+        " 700h + node id; it tells of no error.",
+        "Was the node reset or switched on then? If not, look at its supply.",
+        [row.seq for row in rows[:20]],
+    )
 
 
 def _without_register(facts: Facts) -> Iterator[Finding]:
@@ -97,8 +124,9 @@ def _without_register(facts: Facts) -> Iterator[Finding]:
             bus,
             node,
             *_span(rows),
-            f"{facts.who(bus, node)} sent {counted(len(rows), 'EMCY')} with an error code and an"
-            f" error register of 0 (the first is {error_name(first.code or 0, first.meaning)}):"
+            f"{facts.who(bus, node)} reports"
+            f" {error_name(first.code or 0, first.meaning)}{facts.at(first.t_ns)} with an error"
+            f" register of 00h{f', and so in {len(rows)} EMCYs' if len(rows) > 1 else ''}:"
             " its 1001h does not show its errors.",
             "The device does not set bit 0 of 1001h with every error, as CiA 301 7.5.2.2 asks.",
             "Judge this node by its EMCYs and 1003h, not by 1001h.",
@@ -128,8 +156,9 @@ def _unknown_code(facts: Facts) -> Iterator[Finding]:
             node,
             *_span(rows),
             f"{facts.who(bus, node)} sent {counted(len(rows), 'EMCY')} with"
-            f" {counted(len(codes), 'code')} that {'neither ' if device else ''}CiA 301{table}"
-            f" {'knows' if device else 'does not know'} ({listed}).",
+            f" {counted(len(codes), 'code')} ({listed}) that {'neither ' if device else ''}CiA"
+            f" 301{table} {'explains' if device else 'does not explain'}; the first came"
+            f"{facts.at(rows[0].t_ns) or ' in frame ' + str(rows[0].seq)}.",
             "A code of the maker's own.",
             f"{MANUAL} A device description with this code gives it words here.",
             [row.seq for row in rows[:20]],
@@ -162,10 +191,10 @@ def _while_stopped(facts: Facts) -> Iterator[Finding]:
             node,
             *_span(found),
             f"{facts.who(bus, node)} sent {counted(len(found), 'EMCY')} while it was STOPPED, which"
-            " CiA 301 does not allow"
-            f" (the first is {error_name(found[0].code or 0, found[0].meaning)}).",
+            f" CiA 301 does not allow (the first{facts.at(found[0].t_ns)}:"
+            f" {error_name(found[0].code or 0, found[0].meaning)}).",
             "The device does not keep to CiA 301, or another node sends on this identifier.",
-            "Compare node ids and 1014h of all nodes.",
+            "Compare node ids and 1014h (COB-ID of the EMCY) of all nodes.",
             [row.seq for row in found[:20]],
         )
 
@@ -200,18 +229,25 @@ def _pdo_length_finding(
 ) -> Finding:
     first = rows[0]
     often = f" in {len(rows)} messages" if len(rows) > 1 else ""
+    first_at = facts.at(first.t_ns)
+    often += f", first{first_at}" if often and first_at else first_at
     complains = (
         f"{facts.who(bus, node)} complains of {error_name(first.code or 0, first.meaning)}{often}"
     )
     seen = [suspects[0] for suspects in by_id.values() if suspects[0].number]
     others = sorted((each for each in by_id.values() if not each[0].number), key=len)
     if seen:
-        text = f"{complains}; before it came {' and '.join(_suspect(facts, s) for s in seen)}."
+        text = f"{complains}; just before came {' and '.join(_suspect(facts, s) for s in seen)}."
         cause = "The sender of this PDO and the node's mapping do not agree on its length."
+    elif others:
+        text = f"{complains}; the last PDO before it was {_whose(others[-1])}."
+        cause = (
+            f"An RPDO of the node most likely receives {others[-1][0].can_id:03X}h and is mapped to"
+            " another length; no setting in the capture tells which."
+        )
     else:
-        text = f"{complains}; none of the RPDOs that are known of it came just before"
-        text += f", the last PDO was {_whose(others[-1])}." if others else "."
-        cause = "One of its RPDOs is bound to an identifier that other PDOs of the bus use."
+        text = f"{complains}; no PDO came just before."
+        cause = "An RPDO of the node receives an identifier that carries another length."
     return Finding(
         "emcy.pdo_length",
         "warning",
@@ -256,10 +292,11 @@ RULES: tuple[Rule, ...] = (
     ),
     Rule(
         "emcy.malformed",
-        "Frames on an EMCY identifier do not have eight bytes.",
+        "Frames on an EMCY identifier do not have eight bytes; an empty one is most likely a boot-up.",
         "These frames.",
         (
             "No error is concluded from them.",
+            "Empty ones are a note: devices made after DS-301 V3 announce their boot-up so.",
             "Not for a SYNC or a PDO that lies on the identifier.",
         ),
         _malformed,

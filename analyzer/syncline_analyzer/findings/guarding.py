@@ -1,13 +1,12 @@
-"""Node guarding: stories of EMCY 8130h, answers that stay away, toggle bits, life times."""
+"""Node guarding: answers that stay away, toggle bits, life times, and its stories."""
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
-from itertools import groupby
 
+from syncline_analyzer.findings.guarding_story import guarding_lost
 from syncline_analyzer.findings.rule import Facts, Rule
-from syncline_analyzer.findings.stretch import Stretch, seconds
-from syncline_analyzer.folds.control import ControlTables
-from syncline_analyzer.folds.nmt import NodeKey, NodeNmt
+from syncline_analyzer.findings.stretch import seconds
+from syncline_analyzer.folds.nmt import NodeNmt
 from syncline_analyzer.folds.nmt_events import Unanswered
 from syncline_analyzer.folds.nmt_timeline import Timeline
 from syncline_analyzer.folds.nmt_timeout import (
@@ -17,13 +16,10 @@ from syncline_analyzer.folds.nmt_timeout import (
     life_time_ns,
 )
 from syncline_analyzer.nodes import toggles_restarted
-from syncline_analyzer.results import EmcyRow, Finding
+from syncline_analyzer.results import Finding
 from syncline_schemas.canopen.nmt import NmtState
 from syncline_schemas.wording import counted
 
-STORY_NS = 10_000_000_000
-"""Events this close to an EMCY belong to its story [ns]."""
-LIFE_GUARD = 0x8130
 IN_A_ROW = 2
 """Unanswered guard requests in a row that are worth a word."""
 SINGLE = 5
@@ -32,104 +28,6 @@ REPEATED = 2
 """Guard answers with the toggle bit of the one before, from which on it is told."""
 EVIDENCE = 40
 _ELSEWHERE = (NmtState.INITIALISING, NmtState.LOST, NmtState.UNKNOWN)
-
-
-def _guarding_lost(facts: Facts) -> Iterator[Finding]:
-    """EMCY 8130h: a node missed its master, not the other way round."""
-    rows = [
-        row
-        for row in facts.analysis.emcy
-        if row.code == LIFE_GUARD and row.transition in ("raised", "further")
-    ]
-    rows.sort(key=lambda row: (row.bus, row.node, row.t_ns))
-    for (bus, node), group in groupby(rows, key=lambda row: (row.bus, row.node)):
-        found = list(group)
-        for begin, end in Stretch.of([row.t_ns for row in found], STORY_NS):
-            told = [row for row in found if begin <= row.t_ns <= end]
-            yield _story(facts, bus, node, told)
-
-
-def told_by_guarding(facts: Facts) -> set[int]:
-    """Frames that the stories of lost guarding rest on."""
-    return {seq for finding in _guarding_lost(facts) for seq in finding.evidence}
-
-
-def guarding_stories(facts: Facts) -> list[Finding]:
-    """The stories of EMCY 8130h."""
-    return list(_guarding_lost(facts))
-
-
-def _story(facts: Facts, bus: str, node: int, told: list[EmcyRow]) -> Finding:
-    """Who fell silent, who missed it, and what it did then."""
-    first, last = told[0], told[-1]
-    key = (facts.number(bus), node)
-    silent = _silent_before(facts.control, key, first.t_ns)
-    fall = _fall_after(facts.control, key, first.t_ns)
-    pieces, evidence = [], [row.seq for row in told]
-    start = first.t_ns
-    if silent is not None:
-        name, last_ns, last_seq = silent
-        pieces.append(f"{name} silent from {facts.moment(last_ns)} on")
-        evidence.insert(0, last_seq)
-        start = last_ns
-    pieces.append(
-        f"node {node} misses it after {seconds(first.t_ns - start)}"
-        if silent
-        else f"node {node} misses its master"
-    )
-    life = life_time_ns(facts.context, *key, first.seq)
-    pieces[-1] += f" ({life[1]})" if life is not None and silent else ""
-    pieces.append(f"EMCY 8130h at {facts.moment(first.t_ns)}")
-    if fall is not None:
-        pieces.append(f"node {node} goes {fall[1]} and its PDOs stop")
-        evidence.append(fall[0])
-    text = " -> ".join(pieces)
-    return Finding(
-        "nmt.guarding_lost",
-        "error",
-        bus,
-        node,
-        start,
-        max(last.t_ns, fall[2] if fall else last.t_ns),
-        f"{text[:1].upper()}{text[1:]}.",
-        (
-            f"{silent[0][:1].upper() + silent[0][1:]} stopped: the root is there, not at node {node}."
-            if silent
-            else "The master stopped guarding or its heartbeat did not reach node"
-            f" {node}; no silence of a master stands in the capture."
-        ),
-        "Look at the master (program stopped, restarted, bus-off?) before changing the sensor;"
-        f" compare its period with 100Ch x 100Dh or 1016h of node {node}.",
-        evidence,
-    )
-
-
-def _silent_before(control: ControlTables, key: NodeKey, t_ns: int) -> tuple[str, int, int] | None:
-    """Who fell silent just before: another node, or the guard requests to this one."""
-    losses = [
-        (lost.last_ns, other[1], lost)
-        for other, timeline in control.nmt.timelines.items()
-        if other[0] == key[0] and other != key
-        for lost in (*timeline.lost, *timeline.restarts)
-        if lost.last_ns <= t_ns <= lost.end_ns and t_ns - lost.last_ns <= STORY_NS
-    ]
-    if losses:
-        last_ns, node, lost = max(losses, key=lambda entry: entry[0])
-        return f"master (node {node})", last_ns, lost.last_seq
-    node_nmt = control.nmt.nodes.get(key)
-    for pause in reversed(node_nmt.guarding.pauses if node_nmt else []):
-        covers = pause.start_ns <= t_ns and (pause.end_ns is None or t_ns <= pause.end_ns)
-        if covers and t_ns - pause.start_ns <= STORY_NS:
-            return "guarding master", pause.start_ns, pause.start_seq
-    return None
-
-
-def _fall_after(control: ControlTables, key: NodeKey, t_ns: int) -> tuple[int, str, int] | None:
-    timeline = control.nmt.timelines.get(key)
-    for seq, change_ns, before, after in timeline.changes if timeline else ():
-        if before == "OPERATIONAL" and 0 <= change_ns - t_ns <= STORY_NS:
-            return seq, after, change_ns
-    return None
 
 
 def _unanswered(facts: Facts) -> Iterator[Finding]:
@@ -263,7 +161,7 @@ RULES = (
         "A node missed its master: life guarding or heartbeat consumption failed (EMCY 8130h).",
         "The master's last frame, the EMCY, and the state the node went to.",
         ("Only where the node itself says so.",),
-        _guarding_lost,
+        guarding_lost,
     ),
     Rule(
         "nmt.guard_unanswered",

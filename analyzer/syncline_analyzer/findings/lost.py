@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.findings.bus import tells_bus_off
-from syncline_analyzer.findings.guarding import STORY_NS, told_by_guarding
+from syncline_analyzer.findings.guarding_story import STORY_NS, told_by_guarding
 from syncline_analyzer.findings.identity import absences
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import seconds, several

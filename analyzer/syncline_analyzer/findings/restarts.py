@@ -6,7 +6,7 @@ from collections.abc import Set as AbstractSet
 from itertools import groupby
 from statistics import median
 
-from syncline_analyzer.findings.guarding import told_by_guarding
+from syncline_analyzer.findings.guarding_story import told_by_guarding
 from syncline_analyzer.findings.identity import absences
 from syncline_analyzer.findings.lost import BOOT_UP_NS, EVIDENCE, failed_resets, was_bus_off
 from syncline_analyzer.findings.rule import Facts, Rule

@@ -34,6 +34,10 @@ class Facts:
         """A moment as seconds into the capture."""
         return f"+{(t_ns - self.analysis.capture.first_ns) / 1e9:.3f} s"
 
+    def at(self, t_ns: int) -> str:
+        """ " at +12.345 s", to go on in a sentence with; nothing in a log without times."""
+        return f" at {self.moment(t_ns)}" if self.context.timed else ""
+
 
 @dataclass(frozen=True, slots=True)
 class Rule:

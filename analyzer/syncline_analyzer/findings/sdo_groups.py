@@ -28,7 +28,8 @@ def object_words(row: SdoRow) -> str:
 def objects_words(rows: Iterable[SdoRow]) -> str:
     """The objects of several transfers, the first few of them."""
     objects = sorted({object_words(row) for row in rows})
-    return ", ".join(objects[:LISTED]) + (" ..." if len(objects) > LISTED else "")
+    more = f" and {len(objects) - LISTED} more" if len(objects) > LISTED else ""
+    return ", ".join(objects[:LISTED]) + more
 
 
 def evidence(rows: Iterable[SdoRow]) -> list[int]:

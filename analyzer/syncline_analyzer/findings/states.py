@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from syncline_analyzer.findings.bus import tells_bus_off
-from syncline_analyzer.findings.guarding import STORY_NS, guarding_stories
+from syncline_analyzer.findings.guarding_story import STORY_NS, guarding_stories
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import LISTED, error_name, seconds, several
 from syncline_analyzer.findings.twins import twins

@@ -393,6 +393,7 @@ class NmtFold:
             period_ns=control.slowest_ns(),
             guard_period_ns=control.guarding.periods.median_ns(),
             paces=control.paces.paces,
+            guarded=control.guarding.answers_seen,
             alone=alone,
             others_anew=self._others_anew(key),
             communication_errors=self._errors.get(key, ()),

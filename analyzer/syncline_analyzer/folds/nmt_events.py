@@ -159,6 +159,8 @@ class NodeHistory:
     period_ns: int | None
     guard_period_ns: int | None = None
     paces: Sequence[Pace] = ()
+    guarded: bool = False
+    """Whether it answers guard requests: then nobody times its silence while the master is off."""
     alone: bool = False
     """Whether no other node is known on its bus."""
     others_anew: Sequence[int] = ()

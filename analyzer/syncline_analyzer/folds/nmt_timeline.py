@@ -338,6 +338,7 @@ class Timeline:
             and now.reset is None
         )
         seq, t_ns = (reset.seq, reset.t_ns) if reset and commanded else (None, None)
+        blind = blind or (self.history.guarded and self._switched_on(beat))
         event = BootUpEvent(beat.seq, beat.t_ns, beat.state, seq, t_ns, repeated, blind)
         self.boot_ups.append(event)
         if not repeated:
@@ -392,7 +393,7 @@ class Timeline:
                 return
             start = max(start, since + quiet)
         whole = self._of_the_bus(silence, timeout_ns)
-        if whole and self._starts_anew(silence) and self._went_on(silence):
+        if whole and self._starts_anew(silence) and self._went_on(silence.start_ns, silence.end_ns):
             whole = silence.end_ns - silence.start_ns > ALONE_RESTART_NS
         before = now.state.value
         now.command = None
@@ -434,13 +435,17 @@ class Timeline:
         nobody = self.quiet.within(silence.start_ns, silence.end_ns)
         return nobody > 0 and passed - nobody <= timeout_ns
 
-    def _went_on(self, silence: Silence) -> bool:
+    def _went_on(self, start_ns: int, end_ns: int) -> bool:
         """Whether the other nodes of the bus did not start anew when this one did."""
         anew = self.history.others_anew
-        at = bisect_left(anew, silence.start_ns)
-        return not self.history.alone and (
-            at == len(anew) or anew[at] > silence.end_ns + RESTART_NS
-        )
+        at = bisect_left(anew, start_ns)
+        return not self.history.alone and (at == len(anew) or anew[at] > end_ns + RESTART_NS)
+
+    def _switched_on(self, beat: Beat) -> bool:
+        """Whether a boot-up ends a silence of the whole bus, after which others started as well."""
+        start_ns, end_ns = beat.previous_ns, beat.t_ns
+        nobody = self.quiet.within(start_ns, end_ns)
+        return nobody > (end_ns - start_ns) / 2 and not self._went_on(start_ns, end_ns)
 
     def _is_restart(self, silence: Silence, whole: bool) -> bool:
         """Whether an unasked boot-up ends a silence no longer than a restart may take."""

@@ -27,7 +27,7 @@ class Samples:
     """Samples of one object, in order of `seq`; all (n,).
 
     `source` is the COB-ID that carried a sample, `SDO_SOURCE` for SDO reads. `valid` is False
-    where the frame is too short, `frozen` True where a sibling moves meanwhile (None: nowhere).
+    where the frame is too short (`raw` is then the one before), `frozen` True where a sibling moves meanwhile (None: nowhere).
     """
 
     entry: MappedObject
@@ -46,6 +46,7 @@ class SampleReader:
         self._shadow = shadow
         self._bindings = bindings
         self._reads_seen: dict[int, int] = {}
+        self._last_raw: dict[tuple[Key, int], int] = {}
 
     def read(self, block: Block, bus: int) -> dict[Key, Samples]:
         """Samples of every trace of a bus in a block."""
@@ -99,7 +100,19 @@ class SampleReader:
             if column.entry in wanted:
                 entry = wanted[column.entry]
                 key = (owner.bus, owner.node, entry.index << 8 | entry.sub)
-                yield key, _samples(block, rows, column, entry, can_id)
+                yield key, self._held(key, can_id, _samples(block, rows, column, entry, can_id))
+
+    def _held(self, key: Key, can_id: int, samples: Samples) -> Samples:
+        """The same, with the value before a frame that is too short in its place: it is no jump."""
+        rows = np.flatnonzero(samples.valid)
+        before = self._last_raw.get((key, can_id))
+        if len(rows):
+            self._last_raw[key, can_id] = int(samples.raw[rows[-1]])
+            before = int(samples.raw[rows[0]]) if before is None else before
+        if len(rows) == len(samples.raw) or before is None:
+            return samples
+        known = np.concatenate(([before], samples.raw[rows]))
+        return replace(samples, raw=known[np.cumsum(samples.valid)])
 
     def _as_traced(
         self, owner: Pdo, device: Device | None, entry: MappedObject

@@ -1,6 +1,7 @@
 """Findings as Markdown, for the text panel of the Rerun viewer."""
 
 from pathlib import Path
+from typing import NamedTuple
 
 from syncline_analyzer.results import Analysis, Finding
 from syncline_analyzer.views.words import Clock, duration, names_of, node_label, printable
@@ -63,14 +64,24 @@ def where(finding: Finding, labels: dict[tuple[str, int], str]) -> str:
     return f"node {label}" + (f" on {finding.bus}" if finding.bus else "")
 
 
-def chain_lines(finding: Finding, clock: Clock) -> list[str]:
-    """What followed from a finding, a line each with its time; the longest chains are cut."""
+class ChainLine(NamedTuple):
+    """One piece of a story: "before it" where it began before the finding, else "followed by"."""
+
+    label: str
+    text: str
+
+
+def chain_lines(finding: Finding, clock: Clock) -> list[ChainLine]:
+    """The other pieces of a story, a line each with its time; the longest chains are cut."""
     lines = [
-        f"{clock.short(link.start_ns)}: {link.text}" if clock.timed else link.text
+        ChainLine(
+            "before it" if clock.timed and link.start_ns < finding.start_ns else "followed by",
+            f"{clock.short(link.start_ns)}: {link.text}" if clock.timed else link.text,
+        )
         for link in finding.chain[:CHAIN_LINES]
     ]
     rest = len(finding.chain) - CHAIN_LINES
-    return [*lines, f"and {rest} more"] if rest > 0 else lines
+    return [*lines, ChainLine("followed by", f"and {rest} more")] if rest > 0 else lines
 
 
 def _story(finding: Finding, clock: Clock, labels: dict[tuple[str, int], str]) -> list[str]:
@@ -81,7 +92,7 @@ def _story(finding: Finding, clock: Clock, labels: dict[tuple[str, int], str]) -
         "",
         f"{when}{_escaped(where(finding, labels))}",
         "",
-        *(f"- followed by {_escaped(line)}" for line in chain_lines(finding, clock)),
+        *(f"- {line.label} {_escaped(line.text)}" for line in chain_lines(finding, clock)),
         *([""] if finding.chain else []),
         f"**Likely cause** {_escaped(finding.cause)}",
         "",

@@ -213,10 +213,13 @@ def _story(finding: Finding, labels: dict[tuple[str, int], str], clock: Clock) -
 
 
 def _chain(finding: Finding, clock: Clock) -> Iterator[Html]:
-    """What followed, in order of time."""
+    """The other pieces of the story, in order of time."""
     if finding.chain:
-        lines = (element("li", line) for line in chain_lines(finding, clock))
-        yield element("ol", *lines, class_="chain", aria_label="What followed")
+        lines = (
+            element("li", element("span", f"{line.label} ", class_="dim"), line.text)
+            for line in chain_lines(finding, clock)
+        )
+        yield element("ol", *lines, class_="chain", aria_label="Before and after")
 
 
 def _place(finding: Finding, labels: dict[tuple[str, int], str]) -> Html | str:

@@ -109,8 +109,9 @@ def _story(finding: Finding, analysis: Analysis, clock: Clock) -> Iterator[Rende
     more = f" and {len(finding.evidence) - 8} more" if len(finding.evidence) > 8 else ""
     body = Table.grid(padding=(0, 1))
     body.add_row("", Text(printable(finding.text)))
-    for place, piece in enumerate(chain_lines(finding, clock)):
-        body.add_row(Text("" if place else "followed by", style="dim"), Text(printable(piece)))
+    for label, pieces in groupby(chain_lines(finding, clock), key=lambda piece: piece.label):
+        for place, piece in enumerate(pieces):
+            body.add_row(Text("" if place else label, style="dim"), Text(printable(piece.text)))
     body.add_row(Text("likely cause", style="dim"), Text(printable(finding.cause)))
     body.add_row(Text("check next", style="dim"), Text(printable(finding.check_next)))
     if finding.assumed:

@@ -89,28 +89,19 @@ def group_bit(code: int) -> int | None:
     return None if code >> 8 == 0x80 else _GROUP_BITS.get(code >> 12)
 
 
-def is_known(code: int) -> bool:
-    """Whether CiA 301 has a word for a code, be it that of its group.
-
-    >>> is_known(0x8130), is_known(0x1234)
-    (True, False)
-    """
-    return code_meaning(code) != UNKNOWN
-
-
 def short_message(data: bytes, meaning: str = "") -> str:
     """What is wrong with an EMCY of fewer than eight bytes (CiA 301 7.2.7.3), and what it may be.
 
     `meaning` are the words for its code, where it has one.
 
     >>> short_message(b"")
-    'EMCY with 0 instead of 8 bytes: a SYNC, or a remote frame that was stored as data'
+    'EMCY with 0 instead of 8 bytes: the boot-up of a device made after CiA DS-301 V3'
     >>> short_message(bytes.fromhex("3081"), "life guard or heartbeat error")
     'EMCY with 2 instead of 8 bytes: only the code 8130h (life guard or heartbeat error)'
     """
     text = f"EMCY with {len(data)} instead of 8 bytes"
     if not data:
-        return f"{text}: a SYNC, or a remote frame that was stored as data"
+        return f"{text}: the boot-up of a device made after CiA DS-301 V3"
     if len(data) == 1:
         return f"{text}: a SYNC with counter {data[0]}, or half a code"
     code = f"code {int.from_bytes(data[:2], 'little'):04X}h"

@@ -8,7 +8,7 @@ from tests.analyzer.analysis_builder import at
 from tests.analyzer.rule_facts import judge
 from tests.analyzer.test_timing_findings import analysis
 
-FAST = "20 ms apart, which takes 9000 rpm; the limit is 3000 rpm"
+FAST = "20 ms apart, which would take 9000 rpm; the device turns at most 3000 rpm"
 
 
 def trace_row(unit: str = "counts", **flags: int) -> TraceRow:

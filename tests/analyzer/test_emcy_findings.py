@@ -2,6 +2,7 @@
 
 import pytest
 
+from syncline_analyzer.findings.story import joined
 from syncline_analyzer.results import Finding
 from syncline_schemas.batch import Gap
 from syncline_schemas.description import BusDescription
@@ -76,8 +77,11 @@ def test_an_active_error_is_named_with_the_node_and_its_state() -> None:
     result = node_5(heartbeats(100, 2000), emcy(1010, VOLTAGE), description=described)
     finding = one(result, "emcy.active")
     assert finding.severity == "error"
-    assert finding.text.startswith("Node 5 (boom sensor) reports mains voltage (3100h);")
-    assert "the node was OPERATIONAL (observed)" in finding.cause
+    assert finding.text.startswith(
+        "Node 5 (boom sensor) reports mains voltage (3100h) at +0.910 s; it is still active"
+    )
+    assert finding.cause.startswith("A voltage of the node is too low or too high")
+    assert "When it came, the node was OPERATIONAL." in finding.cause
     assert finding.check_next.startswith("Measure the supply")
 
 
@@ -108,7 +112,7 @@ def test_a_node_that_fell_silent_did_not_clear_its_error() -> None:
 def test_a_clock_that_steps_back_gives_no_negative_duration() -> None:
     rows = [frame(5000, 0x085, VOLTAGE), frame(2000, 0x085, ALL_CLEAR)]
     finding = one(run(ALIVE, *rows), "emcy.active")
-    assert finding.text == "Node 5 reports mains voltage (3100h); cleared."
+    assert finding.text == "Node 5 reports mains voltage (3100h) at +5.000 s; cleared."
     assert finding.end_ns >= finding.start_ns
 
 
@@ -211,7 +215,10 @@ def test_a_register_that_reads_an_error_without_an_emcy() -> None:
 @pytest.mark.triggers("emcy.storm")
 def test_more_than_ten_in_a_second_are_a_storm() -> None:
     rows = [emcy(100 + 50 * n, (POSITION_ERROR, ALL_CLEAR)[n % 2]) for n in range(30)]
-    assert "sent 30 EMCYs within 1.45 s" in one(node_5(rows), "emcy.storm").text
+    assert (
+        "sent 30 EMCYs within 1.45 s at +0.100 s: 15 times position error (7320h)."
+        in one(node_5(rows, device="lir-da158a"), "emcy.storm").text
+    )
 
 
 @pytest.mark.near_miss("emcy.storm")
@@ -268,11 +275,36 @@ def test_a_write_long_before_and_a_repetition_accuse_no_write() -> None:
     assert found(other, "emcy.after_write") == []
 
 
+def test_an_error_that_a_write_raised_is_told_with_the_write() -> None:
+    """The write is the root where it raised the error first, not where a repetition met it."""
+    result = node_5(written(1000, 0x6003, 100), emcy(1003, VOLTAGE))
+    (root,) = [f for f in joined(result.findings()) if f.id.startswith("emcy.")]
+    assert (root.id, root.severity) == ("emcy.after_write", "error")
+    assert [link.id for link in root.chain] == ["emcy.active"]
+    first = [emcy(100, VOLTAGE), emcy(200, ALL_CLEAR)]
+    later = node_5(first, written(1000, 0x6003, 100), emcy(1003, VOLTAGE), emcy(1100, ALL_CLEAR))
+    assert {f.id for f in joined(later.findings())} == {"emcy.active", "emcy.after_write"}
+
+
+def test_an_empty_emcy_is_a_boot_up_of_the_old_kind() -> None:
+    """hilch_ixxat1: 089h without data, as devices after CiA DS-301 V3 start."""
+    described = BusDescription.loads('[node.5]\nname = "valve"')
+    finding = one(node_5(emcy(100, ""), emcy(900, ""), description=described), "emcy.malformed")
+    assert finding.text == (
+        "Node 5 (valve) sent 2 empty EMCYs at +0.100 s, +0.900 s (0 instead of 8 bytes): most"
+        " likely it started."
+    )
+    assert finding.severity == "info"
+    assert "DS-301 V3" in finding.cause
+    both = found(node_5(emcy(100, ""), emcy(900, "0031")), "emcy.malformed")
+    assert [(f.severity, len(f.evidence)) for f in both] == [("info", 1), ("warning", 1)]
+
+
 @pytest.mark.triggers("emcy.inhibit_time")
 def test_two_emcys_inside_the_inhibit_time() -> None:
     result = node_5(written(1, 0x1015, 500, 2), emcy(100, VOLTAGE), emcy(120, ALL_CLEAR))
     assert (
-        "(20000 us after the one before instead of 50000 us, sdo-write)"
+        "the first at +0.120 s came 20 ms after the one before instead of 50 ms (sdo-write)"
         in one(result, "emcy.inhibit_time").text
     )
 
@@ -292,7 +324,6 @@ def test_the_inhibit_time_holds_from_its_write_to_the_next() -> None:
 @pytest.mark.parametrize(
     ("data", "reason"),
     [
-        ("", "0 instead of 8 bytes: a SYNC"),
         ("07", "1 instead of 8 bytes: a SYNC with counter 7"),
         ("0031", "2 instead of 8 bytes: only the code 3100h (mains voltage)"),
         ("003105", "register 05h, 5 of the maker's 5 bytes missing"),
@@ -315,7 +346,10 @@ def test_an_error_code_with_an_empty_register() -> None:
     """hilch_ixxat1: 8120h with register 00h."""
     result = node_5(emcy(100, "2081000628000000"), emcy(200, "2081000628000000"))
     finding = one(result, "emcy.register_mismatch")
-    assert "sent 2 EMCYs with an error code and an error register of 0" in finding.text
+    assert "reports CAN in error passive mode (8120h) at +0.100 s with an error register of 00h" in (
+        finding.text
+    )
+    assert "in 2 EMCYs" in finding.text
 
 
 @pytest.mark.near_miss("emcy.register_mismatch")
@@ -330,7 +364,7 @@ def test_an_error_that_the_sheet_shows_in_the_warnings_only() -> None:
 def test_codes_that_nobody_knows() -> None:
     result = node_5(emcy(100, "3412010000000000"), emcy(200, "3512010000000000"))
     finding = one(result, "emcy.unknown_code")
-    assert "2 codes that CiA 301 does not know (1234h, 1235h)." in finding.text
+    assert "2 codes (1234h, 1235h) that CiA 301 does not explain" in finding.text
     lir = one(node_5(emcy(100, "3412010000000000"), device="lir-918"), "emcy.unknown_code")
     assert "1 code that neither CiA 301 nor the table of" in lir.text
 
@@ -389,7 +423,7 @@ def test_a_pdo_length_error_with_only_predefined_identifiers_says_what_it_assume
     assert "RPDO1 (205h) with 4 bytes 1 ms earlier" in finding.text
     assert finding.assumed == ["RPDO1 of node 5 is 205h (predefined)"]
     alone = one(node_5(emcy(100, "1082110000000000")), "emcy.pdo_length")
-    assert alone.text.endswith("none of the RPDOs that are known of it came just before.")
+    assert alone.text.endswith("; no PDO came just before.")
     foreign = one(
         node_5(
             [frame(t, 0x50C, "0102030405060708") for t in (99, 199)],
@@ -428,7 +462,24 @@ def test_a_list_that_grew_by_more_than_the_emcys() -> None:
     """LIR trap 15: 1015h hides EMCYs."""
     reads = [*read(500, 0x1003, 0, 1, 1), *read(1500, 0x1003, 0, 4, 1)]
     finding = one(node_5(reads, emcy(1000, VOLTAGE)), "emcy.history_unseen")
-    assert "grew by 3" in finding.text
+    assert "holds at +1.501 s 3 errors more than at the read before; EMCYs told 1 of them." in (
+        finding.text
+    )
+    assert "inhibit time 1015h held it back" in finding.cause
+
+
+def test_errors_that_the_inhibit_time_held_back() -> None:
+    """LIR trap 15: the list was empty inside the capture, and 0000h makes no entry."""
+    inhibit = written(1, 0x1015, 10_000, 2)
+    reads = [*read(5000, 0x1003, 0, 3, 1), *read(5010, 0x1003, 1, 0x3100, 4)]
+    more = [*read(5020, 0x1003, 2, 0x3100, 4), *read(5030, 0x1003, 3, 0x3100, 4)]
+    empty = read(500, 0x1003, 0, 0, 1)
+    result = node_5(inhibit, empty, emcy(1000, VOLTAGE), emcy(3000, ALL_CLEAR), reads, more)
+    told = found(result, "emcy.history_unseen")
+    assert [f.severity for f in told] == ["warning", "warning"]
+    assert "came during this capture without an EMCY" in told[0].text
+    assert "EMCYs told 1 of them" in told[1].text
+    assert all("held the EMCY back (1015h = 10000: one in 1 s, sdo-write)" in f.cause for f in told)
 
 
 @pytest.mark.near_miss("emcy.history_unseen")

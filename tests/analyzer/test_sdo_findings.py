@@ -67,6 +67,42 @@ def test_an_abort_names_the_device_and_exchanged_index_bytes() -> None:
     assert "1A00h" in finding.cause
 
 
+def test_reads_of_what_a_node_does_not_have_are_one_note() -> None:
+    """hilch_ixxat1: 1008h, 1009h and 100Ah of node 9, asked again after its restart."""
+    asked = [
+        row
+        for at, index in enumerate(("0810", "0910", "0A10", "0810"))
+        for row in sdo(
+            (">", f"40 {index} 00 00000000"),
+            ("<", f"80 {index} 00 00000206"),
+            start_ms=100 + 1000 * at,
+        )
+    ]
+    finding = one(run(*ordered(asked, ALIVE)), "sdo.abort")
+    assert finding.severity == "info"
+    assert "refused the reads of 3 objects between +0." in finding.text
+    assert "1008h:00 (manufacturer device name), 1009h:00" in finding.text
+    assert "100Ah:00" in finding.text
+    assert finding.text.endswith("(object does not exist (06020000h)), 4 reads in all.")
+
+
+def test_reads_and_writes_of_one_absent_object_are_told_together() -> None:
+    """bg_can0: 6042h is written and read by a program that takes the node for a drive."""
+    write = sdo((">", "2B 4260 00 F4010000"), ("<", "80 4260 00 00000206"), start_ms=5)
+    read = sdo((">", "40 4260 00 00000000"), ("<", "80 4260 00 00000206"), start_ms=500)
+    finding = one(run(*ordered(write, read, ALIVE)), "sdo.abort")
+    assert finding.severity == "warning"
+    assert "refused 1 write and 1 read of 6042h:00" in finding.text
+    assert "another device" in finding.cause
+
+
+def test_a_refused_write_tells_its_value_and_why() -> None:
+    refused = sdo((">", "2F 2910 01 05000000"), ("<", "80 2910 01 30000906"), start_ms=5)
+    finding = one(run(*ordered(refused, ALIVE)), "sdo.abort")
+    assert "refused the write of 5 to 1029h:01" in finding.text
+    assert finding.cause == "The device does not allow this value."
+
+
 def test_an_abort_that_is_cut_short_gives_no_code() -> None:
     refused = sdo((">", "2B 1710 00 FA000000"), ("<", "80 1710 00 02"), start_ms=5)
     result = run(*ordered(refused, ALIVE))

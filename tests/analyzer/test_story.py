@@ -94,3 +94,15 @@ def test_findings_of_the_bus_need_no_node(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr(story, "BONDS", (*BONDS, bond))
     told = joined([finding("a.cause", 1, 2, node=None), finding("a.effect", 1.5, node=7)])
     assert ids(told) == [("a.cause", ["a.effect"])]
+
+
+def test_a_length_error_is_told_from_its_pdo() -> None:
+    """roboteq: 8220h is the word of the node; the PDO that it complains of is the root."""
+    pdo = finding("emcy.pdo_length", 10, 40)
+    error = finding("emcy.active", 10, 40, severity="error")
+    (root,) = joined([error, pdo])
+    assert (root.id, root.severity) == ("emcy.pdo_length", "error")
+    assert ids(joined([error, finding("emcy.pdo_length", 11, 40)])) == [
+        ("emcy.active", []),
+        ("emcy.pdo_length", []),
+    ]

@@ -84,8 +84,9 @@ def _stepped(facts: Facts, trace: TraceRow, group: Sequence[TraceEventRow]) -> s
     first = group[0]
     more = f" ({len(group)} jumps)" if len(group) > 1 else ""
     return (
-        f"{trace.name} of {_whose(facts, trace)} jumped from {_value(first.before)} to"
-        f" {_value(first.after)} {trace.unit} without a command on the bus{more}: {first.text}."
+        f"{trace.name} of {_whose(facts, trace)} jumped{facts.at(first.t_ns)} from"
+        f" {_value(first.before)} to {_value(first.after)} {trace.unit} without a command on the"
+        f" bus{more}: {first.text}."
         f"{_rests_on(trace)}"
     )
 
@@ -107,9 +108,10 @@ def _out_of_range(facts: Facts) -> Iterator[Finding]:
             trace.node,
             first.t_ns,
             events[-1].t_ns + 1,
-            f"{trace.name} of {_whose(facts, trace)} shows impossible values,"
-            f" {trace.flags['out_of_range']}"
-            f" of {trace.samples}, the first is {_value(first.after)} {trace.unit} ({first.text}).",
+            f"{trace.name} of {_whose(facts, trace)} shows values that it cannot have in"
+            f" {trace.flags['out_of_range']} of {trace.samples} samples; the"
+            f" first{facts.at(first.t_ns)} is {_value(first.after)} {trace.unit}"
+            f" ({'the scale is assumed' if assumed else 'the scale is as it was read'}).",
             f"The scale that was assumed is wrong: {objects}; the sensor itself may be fine."
             if assumed
             else f"{objects} changed without a message in this capture, or the device is faulty.",
@@ -124,6 +126,7 @@ def _frozen(facts: Facts) -> Iterator[Finding]:
     for trace in facts.analysis.traces:
         for group in _together(_events(facts.analysis, trace, "frozen")):
             first = group[0]
+            since = f" from {facts.moment(first.t_ns)} on" if facts.context.timed else ""
             yield Finding(
                 "angle.frozen",
                 "error",
@@ -132,7 +135,7 @@ def _frozen(facts: Facts) -> Iterator[Finding]:
                 first.t_ns,
                 group[-1].t_ns + 1,
                 f"{trace.name} of {_whose(facts, trace)} is frozen at {_value(first.before)}"
-                f" ({first.text}) while the same quantity moves in another PDO of the node.",
+                f"{since} ({first.text}) while the same quantity moves in another PDO of the node.",
                 "The device goes on sending an old value: its firmware hangs in part, or a gateway"
                 " repeats what it got last.",
                 "Restart the device or the gateway; compare both values with the true position.",
@@ -203,9 +206,10 @@ def _scale_assumed(facts: Facts) -> Iterator[Finding]:
             capture.begin_ns,
             capture.end_ns,
             f"The degrees of {_whose(facts, trace)} rest on an assumed scale ({trace.shows}):"
-            f" {objects} was not seen in this capture.",
+            f" {objects} {'were' if len(guessed) > 1 else 'was'} not seen in this capture.",
             "The recorder started after the settings were read, or nobody reads them.",
-            f"Read {objects} from the device, or state it in the bus description.",
+            f"Read {objects} from the device, or state {'them' if len(guessed) > 1 else 'it'} in the bus"
+            " description.",
             [],
             assumed=_scale(trace),
         )
@@ -218,7 +222,7 @@ def _alarms(facts: Facts) -> Iterator[Finding]:
             first = group[0]
             bits = int(first.after or 0)
             words = f" ({first.text})" if first.text else ""
-            more = f", {len(group)} times" if len(group) > 1 else ""
+            more = f" and {len(group)} times in all" if len(group) > 1 else ""
             yield Finding(
                 "angle.sensor_alarm",
                 "info" if trace.object >> 8 == WARNINGS else "warning",
@@ -226,12 +230,14 @@ def _alarms(facts: Facts) -> Iterator[Finding]:
                 trace.node,
                 first.t_ns,
                 group[-1].t_ns + 1,
-                f"{_whose(facts, trace).capitalize()} says {trace.object >> 8:04X}h ="
-                f" {bits:04X}h{words}{more}.",
+                f"{facts.who(trace.bus, trace.node)} says {trace.object >> 8:04X}h ="
+                f" {bits:04X}h{words}{facts.at(first.t_ns)}{more}.",
                 "The sensor itself doubts its position."
                 if trace.object >> 8 != WARNINGS
                 else "The sensor reports a condition that is no failure yet.",
-                "Do not trust its position until the bit is gone; look at its EMCY messages.",
+                "Do not trust its position until the bit is gone; look at its EMCY messages."
+                if trace.object >> 8 != WARNINGS
+                else "What the bit means in the device's manual; look at its EMCY messages.",
                 [event.seq for event in group][:MAX_EVIDENCE],
             )
 

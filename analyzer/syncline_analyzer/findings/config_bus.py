@@ -261,7 +261,7 @@ def _short(
         key[1],
         watch.t_ns or facts.analysis.capture.begin_ns,
         facts.analysis.capture.end_ns,
-        f"{facts.who(bus, key[1])} waits {wait_ms} ms for the heartbeat of node {producer[1]} "
+        f"{facts.who(bus, key[1])} waits {wait_ms} ms for the heartbeat of {facts.inside(bus, producer[1])} "
         f"(1016h:{sub}), which is set to send one every {period_ms} ms (1017h): it will take a "
         "healthy node for lost.",
         "Consumer and producer heartbeat times were set without regard to one another.",

@@ -294,7 +294,7 @@ def _settling(facts: Facts) -> Iterator[Finding]:
         yield told(
             "device.settling",
             row,
-            f"{which} of node {row.node} stays away for about {seconds(round(settle * 1e9))} after"
+            f"{which} of {facts.inside(row.bus, row.node)} stay{'s' if pdo else ''} away for about {seconds(round(settle * 1e9))} after"
             f" {named(device, key)} was written at {facts.moment(row.start_ns)}: its filter settles.",
             "The device sends no value before its filter has settled.",
             "Nothing; wait.",

@@ -4,13 +4,14 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby
 
 from syncline_analyzer.findings.rule import Facts, Rule
-from syncline_analyzer.findings.stretch import error_name
+from syncline_analyzer.findings.stretch import error_name, seconds
 from syncline_analyzer.folds.emcy_history import ERROR_REGISTER
 from syncline_analyzer.results import EmcyRow, ErrorHistoryRow, Finding
 from syncline_schemas.devices import quirks
 
 IN_FLIGHT_NS = 10_000_000
 """A read this soon after an EMCY may have been answered before it [ns]."""
+INHIBIT_TIME = 0x1015
 _CAUSES = {
     "missed": "The error came and no EMCY of it is in the capture: the node was mute or the recorder"
     " blind at that moment, the inhibit time 1015h held it back, or the node found it while it"
@@ -47,13 +48,26 @@ def _unseen_finding(
         node,
         rows[0].t_ns,
         rows[-1].t_ns,
-        f"The error list 1003h of {_node(facts, bus, node)} holds {what}, which {when}.",
-        _CAUSES[seen],
+        f"The error list 1003h of {_node(facts, bus, node)}, read{facts.at(rows[0].t_ns)}, holds"
+        f" {what}, which {when}.",
+        _cause(facts, rows[0], seen),
         "Clear the list (0 to 1003h:0) when the machine is handed over, so that what it holds later"
         " is new."
         if seen != "missed"
         else "Look at the NMT states, gaps and bus errors before the read; read 1015h.",
         [row.seq for row in rows[:20]],
+    )
+
+
+def _cause(facts: Facts, row: ErrorHistoryRow, seen: str) -> str:
+    """Why no EMCY told an entry; the inhibit time where it is known to be set."""
+    known = facts.context.shadow.get(facts.number(row.bus), row.node, INHIBIT_TIME, 0, row.seq)
+    if seen != "missed" or known is None or not known.confirmed or not known.value:
+        return _CAUSES[seen]
+    held = seconds(int(known.value) * 100_000)
+    return (
+        f"Most likely the node's inhibit time held the EMCY back (1015h = {known.value}: one in"
+        f" {held}, {known.source}); else it was mute or the recorder blind at that moment."
     )
 
 
@@ -73,8 +87,9 @@ def _grown(facts: Facts) -> Iterator[Finding]:
                 row.node,
                 row.t_ns,
                 row.t_ns,
-                f"The error list 1003h of {_node(facts, row.bus, row.node)} grew by {row.note}.",
-                _CAUSES["missed"],
+                f"The error list 1003h of {_node(facts, row.bus, row.node)} holds at"
+                f" {facts.moment(row.t_ns)} {row.note} of them.",
+                _cause(facts, row, "missed"),
                 "Read all entries of 1003h; read 1015h.",
                 [row.seq],
             )

@@ -187,7 +187,7 @@ def _changed(facts: Facts, pairs: list[tuple[SdoRow, SdoRow]]) -> Finding:
         written.start_ns,
         pairs[-1][1].end_ns,
         f"{facts.who(written.bus, written.node)} confirmed {written.value} for "
-        f"{object_words(written)}, but reads back {read.value}{more}.",
+        f"{object_words(written)}{facts.at(written.start_ns)}, but reads back {read.value}{more}.",
         "The device limits or rounds the value, or something else writes it.",
         "The limits and steps of the object in the device's manual; other masters and tools.",
         [row.seq for pair in pairs for row in pair][:20],

@@ -23,12 +23,13 @@ def _defaults_pending(facts: Facts) -> Iterator[Finding]:
         if key[0] != LOAD or not device.quirks.load_writes_storage:
             continue
         restart = restart_after(facts, (facts.number(row.bus), row.node), row.seq)
-        since = f"they act since the reset at {facts.moment(restart[1])}" if restart else None
+        since = f"the defaults hold since the reset at {facts.moment(restart[1])}" if restart else None
         yield told(
             "device.defaults_pending",
             row,
-            f"The defaults were stored in node {row.node} ({key[0]:04X}h:{key[1]:02X}): the settings"
-            " saved before are gone, "
+            f"The maker's defaults were put into the memory of {facts.inside(row.bus, row.node)}"
+            f" ({key[0]:04X}h:{key[1]:02X} written{facts.at(row.start_ns)}): the settings saved"
+            " before are gone, "
             + (since or "the running ones stay until the next reset")
             + ".",
             "A client restored the defaults.",

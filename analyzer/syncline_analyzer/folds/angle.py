@@ -230,8 +230,8 @@ class AngleFold:
                 t_ns,
                 jump.before,
                 jump.after,
-                f"{jump.span_ns / 1e6:.4g} ms apart, which takes {jump.speed_rpm:.0f} rpm;"
-                f" the limit is {limit:.0f} rpm{text}",
+                f"{jump.span_ns / 1e6:.4g} ms apart, which would take {jump.speed_rpm:.0f} rpm;"
+                f" the device turns at most {limit:.0f} rpm{text}",
             )
 
     def _jump_text(self, key: Key, after: float, converter: Converter, seq: int) -> str:

@@ -11,6 +11,7 @@ from syncline_analyzer.folds.nmt import BootUp
 from syncline_analyzer.results import EmcyRow, ErrorHistoryRow, GapRow, NmtStateRow, SdoRow
 from syncline_schemas.canopen.nmt import NmtState
 from syncline_schemas.devices import Device, emcy_meaning, quirks, register_bits
+from syncline_schemas.wording import counted
 
 ERROR_REGISTER = 0x1001
 ERROR_FIELD = 0x1003
@@ -44,7 +45,7 @@ class _Node:
     """Whether 1014h was ever seen to switch its EMCYs off."""
     reads: list[SdoRow] = field(default_factory=list)
     clears: list[int] = field(default_factory=list)
-    """`seq` of writes of 0 to 1003h:0."""
+    """`seq` of writes of 0 to 1003h:0, and of reads that say it is empty."""
     emcy: list[EmcyRow] = field(default_factory=list)
     """EMCYs of eight bytes."""
     boot_ups: list[BootUp] = field(default_factory=list)
@@ -60,6 +61,11 @@ class _Node:
         return bisect_left(self.emcy, last, key=_seq_of) - bisect_left(
             self.emcy, first, key=_seq_of
         )
+
+    def raised_between(self, first: int, last: int) -> int:
+        """Number of EMCYs that make an entry between two frames: 00xxh makes none."""
+        start, stop = (bisect_left(self.emcy, seq, key=_seq_of) for seq in (first, last))
+        return sum(bool((row.code or 0) >> 8) for row in self.emcy[start:stop])
 
     def started_between(self, first: int, last: int) -> bool:
         return any(first < boot.seq <= last for boot in self.boot_ups)
@@ -93,6 +99,8 @@ def _nodes(control: ControlTables, context: Context) -> dict[tuple[str, int], _N
             nodes[key] = _Node(context.shadow.device(bus, row.node), _off(context, bus, row.node))
         if row.direction == "upload":
             nodes[key].reads.append(row)
+            if (row.index, row.sub or 0) == (ERROR_FIELD, 0) and not _raw(row) & 0xFF:
+                nodes[key].clears.append(row.seq)
         elif row.index == ERROR_FIELD and row.sub == 0:
             nodes[key].clears.append(row.seq)
     for emcy in control.emcy.rows if nodes else ():
@@ -228,9 +236,9 @@ def _counts(rows: Sequence[SdoRow], node: _Node) -> Iterable[ErrorHistoryRow]:
         note = ""
         if before is not None and not _emptied(node, before.seq, row.seq):
             grown = number - (_raw(before) & 0xFF)
-            told = node.emcy_between(before.seq, row.seq)
+            told = node.raised_between(before.seq, row.seq)
             if grown > told:
-                note = f"{grown} more than before, but only {told} EMCYs between"
+                note = f"{counted(grown, 'error')} more than at the read before; EMCYs told {told}"
         entries = "entry" if number == 1 else "entries"
         yield _row(row, None, None, f"{number} {entries}", "count", None, note)
         before = row

@@ -1,6 +1,6 @@
 """SDO transfers, and what they teach the object-dictionary shadow."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from syncline_analyzer.context import Context
 from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.folds.sdo_channel import SdoChannel
+from syncline_analyzer.folds.sdo_pairs import SdoFrames
 from syncline_analyzer.folds.sdo_rows import SdoRows, shadow_value
 from syncline_analyzer.folds.sdo_transfer import Oddity, Strays, Transfer
 from syncline_analyzer.results import SdoRow
@@ -24,8 +25,18 @@ MAX_ROWS = 500_000
 _EXTENDED_OR_OFF = 0xA0000000
 _SERVERS = range(0x1200, 0x1280)
 """SDO server parameters: 1200h is the default server, the others are additional ones."""
-_Handler = Callable[[int, int, bytes], None]
 _Rows = NDArray[np.intp]
+
+
+class _Side(NamedTuple):
+    """Whose frames an identifier carries: the client's or the server's of a channel."""
+
+    channel: SdoChannel
+    request: bool
+
+    def feed(self, seq: int, t_ns: int, data: bytes) -> None:
+        take = self.channel.request if self.request else self.channel.answer
+        take(seq, t_ns, data)
 
 
 class Reset(NamedTuple):
@@ -81,8 +92,8 @@ class SdoFold:
     def __init__(self, context: Context) -> None:
         self._context = context
         self._channels: dict[tuple[int, int, int], SdoChannel] = {}
-        self._usual: dict[int, _Handler] = {}
-        self._moved: dict[int, _Handler] = {}
+        self._usual: dict[int, _Side] = {}
+        self._moved: dict[int, _Side] = {}
         self._told: set[tuple[int, int, int]] = set()
         """(bus, node, index) of servers of which the bus told something."""
         self._buses: set[int] = set()
@@ -139,28 +150,68 @@ class SdoFold:
             begin = self._feed_rows(batch, rows[first:last]) + 1 or stop
 
     def _feed_rows(self, batch: IndexedBatch, rows: _Rows) -> int:
-        """Row at which a server was moved, -1 where none was; SDO frames allow for a loop."""
+        """Row at which a server was moved, -1 where none was; SDO frames allow for a loop.
+
+        A plain transfer is taken in at its answer, all others frame by frame.
+        """
         if not len(rows):
             return -1
-        frames = batch.frames
-        keys = frames.bus[rows].astype(np.uint32) << 11 | frames.can_id[rows]
-        handlers = self._handlers(np.unique(keys).tolist())
-        data = np.ascontiguousarray(frames.data[rows, :8]).tobytes()
-        lengths = np.minimum(frames.dlc[rows], 8)
-        columns = (keys, rows, frames.t_ns[rows], lengths, np.arange(len(rows)) * 8)
-        seq0 = batch.seq0
-        for key, row, t_ns, length, at in zip(*(c.tolist() for c in columns), strict=True):
-            handlers[key](seq0 + row, t_ns, data[at : at + length])
+        sides, frames = self._frames(batch, rows)
+        asks, answers = frames.pairs()
+        ended = dict(zip(answers.tolist(), frames.transfers(asks, answers), strict=True))
+        alone = np.ones(len(rows), np.bool_)
+        alone[asks] = False
+        data, length = frames.data.tobytes(), frames.length.tolist()
+        ask_of = np.zeros(len(rows), np.intp)
+        ask_of[answers] = asks
+
+        def feed(at: int) -> None:
+            payload = data[at * 8 : at * 8 + length[at]]
+            sides[at].feed(batch.seq0 + int(rows[at]), int(frames.t_ns[at]), payload)
+
+        for at in np.flatnonzero(alone).tolist():
+            transfer = ended.get(at)
+            if transfer is None:
+                feed(at)
+            else:
+                ask = int(ask_of[at])
+                if sides[at].channel.expects(data[ask * 8]):
+                    sides[at].channel.take(transfer, data[at * 8 : at * 8 + 8])
+                else:
+                    feed(ask)
+                    feed(at)
             if self._locate_again:
-                return int(row)
+                for ask in asks[(asks < at) & (answers > at)].tolist():
+                    feed(ask)
+                return int(rows[at])
         return -1
 
-    def _handlers(self, keys: list[int]) -> dict[int, _Handler]:
-        for key in keys:
-            if key not in self._usual and key not in self._moved:
-                channel = self._channel(key >> 11, key & 0x7F, 0x1200)
-                self._usual[key] = _side(channel, key & 0x780 == 0x600)
-        return self._usual | self._moved
+    def _frames(self, batch: IndexedBatch, rows: _Rows) -> tuple[list[_Side], SdoFrames]:
+        """SDO frames as columns, and the side of each."""
+        frames = batch.frames
+        keys = frames.bus[rows].astype(np.uint32) << 11 | frames.can_id[rows]
+        distinct, of = np.unique(keys, return_inverse=True)
+        sides = [self._side(key) for key in distinct.tolist()]
+        numbers: dict[int, int] = {}
+        channel = [numbers.setdefault(id(side.channel), len(numbers)) for side in sides]
+        columns = SdoFrames(
+            batch.seq0 + rows,
+            frames.t_ns[rows],
+            np.minimum(frames.dlc[rows], 8).astype(np.uint8),
+            np.ascontiguousarray(frames.data[rows, :8]),
+            np.array(channel, np.uint16)[of],
+            np.array([side.request for side in sides])[of],
+        )
+        return [sides[number] for number in of.tolist()], columns
+
+    def _side(self, key: int) -> _Side:
+        """Side of an identifier: where a moved server is, else by the identifier itself."""
+        if key in self._moved:
+            return self._moved[key]
+        if key not in self._usual:
+            channel = self._channel(key >> 11, key & 0x7F, 0x1200)
+            self._usual[key] = _Side(channel, key & 0x780 == 0x600)
+        return self._usual[key]
 
     def _channel(self, bus: int, node: int, server: int) -> SdoChannel:
         key = (bus, node, server)
@@ -168,8 +219,8 @@ class SdoFold:
             self._channels[key] = SdoChannel(bus, node, self._done)
         return self._channels[key]
 
-    def _servers(self) -> Iterator[tuple[int, _Handler]]:
-        """Handler by bus and identifier of servers that are not where CiA 301 puts them."""
+    def _servers(self) -> Iterator[tuple[int, _Side]]:
+        """Side by bus and identifier of servers that are not where CiA 301 puts them."""
         shadow = self._context.shadow
         usual = {(bus, node, 0x1200) for bus in self._buses for node in shadow.nodes_of(bus)}
         for bus, node, index in sorted(usual | self._told):
@@ -179,7 +230,7 @@ class SdoFold:
                     continue
                 if not self._taken(bus, node, can_id):
                     channel = self._channel(bus, node, index)
-                    yield bus << 11 | can_id, _side(channel, sub == 1)
+                    yield bus << 11 | can_id, _Side(channel, sub == 1)
 
     def _moved_to(self, bus: int, node: int, index: int, sub: int) -> int | None:
         """Identifier of a server as the bus or its description tells; an EDS is often wrong."""
@@ -263,10 +314,6 @@ class SdoFold:
         for key, numbers in counts.items():
             table.counts[key] = SdoNodeCounts(*numbers)
             table.oddities[key].sort(key=lambda odd: odd.seq)
-
-
-def _side(channel: SdoChannel, request: bool) -> _Handler:
-    return channel.request if request else channel.answer
 
 
 def _irregular(transfer: Transfer) -> bool:

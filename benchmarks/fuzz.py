@@ -65,6 +65,7 @@ _PLAIN: dict[str, Any] = {
     "sync_jitter_us": 0,
     "rpdo_node": 0,
     "bitrate": 500_000,
+    "remote_as_data": False,
 }
 """Settings of a scenario that seldom matter."""
 

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 import numpy as np
 
 from syncline_analyzer.capture import CaptureFacts, TimeBase
+from syncline_analyzer.collecting import rare_collections
 from syncline_analyzer.context import Context
 from syncline_analyzer.deafness import with_deafness, without_classes
 from syncline_analyzer.findings import find_all
@@ -26,6 +27,7 @@ Progress = Callable[[int], None]
 """Called after each batch with the number of frames taken in so far."""
 
 
+@rare_collections()
 def analyze(
     stream: Iterable[tuple[int, FrameBatch | Gap]],
     facts: Sequence[CaptureFacts],

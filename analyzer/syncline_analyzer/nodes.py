@@ -7,9 +7,7 @@ from syncline_analyzer.folds.control import ControlTables
 from syncline_analyzer.folds.nmt import NodeKey, NodeNmt
 from syncline_analyzer.folds.sdo import SdoNodeCounts
 from syncline_analyzer.results import NodeRow, PdoRow
-from syncline_analyzer.shadow import Shadow
 from syncline_schemas.canopen.nmt import NmtState
-from syncline_schemas.devices import quirks
 
 FRAGMENT = 4
 """Segments in order that prove a transfer whose beginning is not in the capture."""
@@ -47,12 +45,6 @@ def proofs(control: ControlTables) -> dict[NodeKey, list[str]]:
     return found
 
 
-def toggles_restarted(shadow: Shadow, key: NodeKey) -> int:
-    """How many toggle bits a device may have restarted because of a write, which is no error."""
-    places = quirks(shadow.device(*key)).guard_toggle_restarts_on
-    return sum(len(shadow.changes(*key, *place)) for place in places)
-
-
 def _fragment(sdo: SdoNodeCounts, control: ControlTables, key: NodeKey) -> bool:
     """A server heard in the middle of a block transfer, with its client: segments count up."""
     strays = control.sdo.strays.get(key)
@@ -77,7 +69,7 @@ def _row(
         heartbeat_period_ms=period_ns / 1e6 if period_ns is not None else None,
         guard_requests=nmt.counts.guard_requests,
         guard_answers=nmt.counts.guard_answers,
-        toggle_errors=max(0, nmt.counts.toggle_errors - toggles_restarted(context.shadow, key)),
+        toggle_errors=nmt.counts.toggle_errors,
         emcy=control.emcy.counts.get(key, 0),
         sdo_transfers=sdo.transfers,
         sdo_aborts=sdo.aborts,

@@ -8,9 +8,12 @@ from typing import Literal, NamedTuple
 Source = Literal["sdo-read", "sdo-write", "bus-description", "eds-default"]
 Cause = Literal["sdo-read", "sdo-write", "side effect", "reset", "factory reset"]
 """Why a value holds from a moment on."""
+_WRITTEN: tuple[Cause, ...] = ("sdo-write", "side effect")
 Value = int | bytes
 CONFIRMED: tuple[Source, ...] = ("sdo-read", "sdo-write")
 """Sources that an answer of the node itself confirms."""
+MAX_KEPT = 32
+"""What a reset falls back to is known for so many changes of it: one may be told late."""
 MAX_CHANGES = 20_000
 """Changes kept per object: a value polled for days must not fill the memory."""
 
@@ -47,6 +50,14 @@ class Span(NamedTuple):
     until_ns: int | None
 
 
+class _Kept(NamedTuple):
+    """From `seq` on a reset falls back to `saved` where the value is `unsaved`."""
+
+    seq: int
+    saved: Known | None
+    unsaved: bool
+
+
 @dataclass(slots=True)
 class ObjectHistory:
     """Changes in order of `seq`; a reset falls back to `saved` once the value is `unsaved`."""
@@ -55,6 +66,33 @@ class ObjectHistory:
     changes: list[Change] = field(default_factory=list)
     saved: Known | None = None
     unsaved: bool = False
+    _kept: list[_Kept] = field(default_factory=list)
+
+    def keep(self, seq: int, saved: Known | None, *, unsaved: bool) -> None:
+        """Note from `seq` on to what a reset falls back, and whether it does."""
+        if (saved, unsaved) == (self.saved, self.unsaved):
+            return
+        self.saved, self.unsaved = saved, unsaved
+        since = max(seq, self._kept[-1].seq) if self._kept else seq
+        self._kept.append(_Kept(since, saved, unsaved))
+        del self._kept[:-MAX_KEPT]
+
+    def reset(self, seq: int, t_ns: int) -> bool:
+        """Fall back to what was saved at `seq`, also where later changes are known already.
+
+        Returns: whether a value was thrown away.
+        """
+        at = bisect_right(self._kept, seq, key=lambda kept: kept.seq)
+        kept = self._kept[at - 1] if at else _Kept(seq, None, unsaved=False)
+        if not kept.unsaved:
+            return False
+        first = bisect_right(self.seqs, seq)
+        later = self.changes[first:]
+        self.seqs.insert(first, seq)
+        self.changes.insert(first, Change(seq, t_ns, kept.saved, "reset"))
+        if not any(change.cause in _WRITTEN for change in later):
+            self.keep(seq, later[-1].known if later else kept.saved, unsaved=False)
+        return True
 
     def add(self, change: Change) -> None:
         """Append a change; the older half goes where there are too many."""

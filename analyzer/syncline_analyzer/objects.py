@@ -151,18 +151,22 @@ def _history_of(
 ) -> Iterator[ObjectHistoryRow]:
     device = context.shadow.device(bus, node)
     name, unit = named(device, *key, _profile(context, bus, node))
+    bus_name = context.bus_name(bus)
+    words: dict[int, str] = {}
     for change, until_seq, until_ns in list(history.spans())[-MAX_ROWS:]:
         known = change.known or context.shadow.assumed(bus, node, *key)
         value = _shown(device, key, known) if known else None
+        if isinstance(value, int) and value not in words:
+            words[value] = meaning(device, *key, value)
         yield ObjectHistoryRow(
-            bus=context.bus_name(bus),
+            bus=bus_name,
             node=node,
             index=key[0],
             sub=key[1],
             name=name,
             unit=unit,
             value=value,
-            meaning=meaning(device, *key, value),
+            meaning=words[value] if isinstance(value, int) else "",
             source=known.source if known else "unknown",
             cause=change.cause,
             seq=known.seq if known else None,

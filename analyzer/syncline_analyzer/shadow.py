@@ -1,6 +1,6 @@
 """Object-dictionary shadow: what is known of each node's objects at each moment, and from where."""
 
-from bisect import bisect_right
+from bisect import bisect_right, insort
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
@@ -77,22 +77,20 @@ class Shadow:
         if index in _IDENTITY:
             self._identified.pop((bus, node), None)
 
-    def save(self, bus: int, node: int, sub: int = 1) -> None:
-        """Keep the present values as those that a reset falls back to (1010h `save`)."""
+    def save(self, bus: int, node: int, seq: int, sub: int = 1) -> None:
+        """Keep the values at `seq` as those that a reset falls back to (1010h `save`)."""
         for key, history in self._known.get((bus, node), {}).items():
             if history.changes and self._kept_by(bus, node, key, sub):
-                history.saved = history.last
-                history.unsaved = False
+                history.keep(seq, history.last, unsaved=False)
 
-    def restore(self, bus: int, node: int, sub: int = 1) -> None:
+    def restore(self, bus: int, node: int, seq: int, sub: int = 1) -> None:
         """Forget what was saved: the next reset falls back to what is assumed (1011h `load`)."""
         for key, history in self._known.get((bus, node), {}).items():
             if self._kept_by(bus, node, key, sub):
-                history.saved = None
-                history.unsaved = True
+                history.keep(seq, None, unsaved=True)
 
     def reset(self, bus: int, node: int, seq: int, t_ns: int = 0, specifier: int = 0) -> None:
-        """Throw written values back to the last saved ones.
+        """Throw written values back to the last saved ones; what came after `seq` stays.
 
         Args:
             bus, node: which node starts anew.
@@ -104,11 +102,9 @@ class Shadow:
         self.version += 1
         all_of_it = not self._only_communication(bus, node, t_ns, specifier)
         for key, history in self._known.get((bus, node), {}).items():
-            if history.unsaved and (all_of_it or key[0] in _COMMUNICATION):
-                history.add(Change(seq, t_ns, history.saved, "reset"))
-                if key[0] in _COMMUNICATION:
-                    self._note(bus, node, seq)
-                history.unsaved = False
+            concerned = all_of_it or key[0] in _COMMUNICATION
+            if concerned and history.reset(seq, t_ns) and key[0] in _COMMUNICATION:
+                self._note(bus, node, seq)
         if self._identity_lost(bus, node):
             self._identified.pop((bus, node), None)
 
@@ -221,7 +217,7 @@ class Shadow:
             for (index, _), history in self._known[bus, node].items():
                 if index in _MANUFACTURER:
                     history.add(Change(seq, t_ns, None, "factory reset"))
-                    history.saved, history.unsaved = None, False
+                    history.keep(seq, None, unsaved=False)
         if facts.reset_writes.get(key) == known.value:
             self.reset(bus, node, seq, t_ns)
 
@@ -250,19 +246,19 @@ class Shadow:
         history = self._known.setdefault((bus, node), {}).setdefault(key, ObjectHistory())
         if known.source == "sdo-write":
             known = self._as_taken_over(bus, node, key, known)
-            history.unsaved = not at_once
+            history.keep(seq, history.saved, unsaved=not at_once)
         if key[0] in _COMMUNICATION:
             self._note(bus, node, seq)
         reason: Cause = cause or ("sdo-write" if known.source == "sdo-write" else "sdo-read")
         history.add(Change(seq, known.t_ns or 0, known, reason))
         if not history.unsaved:
-            history.saved = known
+            history.keep(seq, known, unsaved=False)
 
     def _note(self, bus: int, node: int, seq: int) -> None:
         """Note that a node's communication profile changed."""
         self.version += 1
         seqs = self._configured.setdefault((bus, node), [])
-        seqs.append(seq)
+        insort(seqs, seq)
         if len(seqs) > MAX_CHANGES:
             del seqs[: MAX_CHANGES // 2]
 

@@ -8,7 +8,7 @@ report.
 from dataclasses import replace
 from random import Random
 
-from syncline_samples.faults import BlockCrcWrong, BlockSegmentsLost
+from syncline_samples.faults import BlockCrcWrong, BlockSegmentsLost, RecordingBegins
 from syncline_samples.fuzz_plan import Plan, is_lir, period_ms, readable, some
 from syncline_samples.fuzz_scripts import ENDINGS, SCRIPTS
 from syncline_samples.machine import LIR_MODELS, DeviceSpec, Scenario
@@ -27,6 +27,11 @@ OUTPUT_SYNCS_US = (0, 30_000, 70_000)
 """SYNC periods beside RPDOs every 200 ms, which else would look as if they answered every n-th."""
 _LIR_READY_S, _READY_S = 5.6, 1.9
 """By when the master has started every node; a LIR is silent for 4 s after a reset."""
+_LATE_SHARE = 0.1
+"""Scenarios in which somebody begins to record a machine that is already at work."""
+_LEARN_S = 3.0
+"""Until a recording shows the usual periods and patterns."""
+_AS_DATA_SHARE = 0.1
 _ENDING_SHARE = 0.15
 """Scenarios that end with something from which the machine does not recover."""
 
@@ -40,6 +45,8 @@ def random_scenario(random: Random, *, most_faults: int = 3) -> Scenario:
     sync_us = random.choice(OUTPUT_SYNCS_US if rpdo_node else SYNCS_US)
     plan = Plan(random, devices, sync_us, _LIR_READY_S if slow else _READY_S)
     plan.wait(2.5 * max(period_ms(spec) for spec in devices) / 1000)
+    if random.random() < _LATE_SHARE:
+        _begin_late(plan)
     for _ in range(random.randint(0, most_faults)):
         plan.wait(plan.between(0.3, 1.2))
         random.choice(SCRIPTS)(plan)
@@ -62,7 +69,15 @@ def random_scenario(random: Random, *, most_faults: int = 3) -> Scenario:
         seed=random.randint(1, 1_000_000),
         stamp_jitter_ns=random.choice((0, 0, 20_000)),
         stamp_resolution_ns=random.choice((1, 1, 1000, 10_000)),
+        remote_as_data=random.random() < _AS_DATA_SHARE,
     )
+
+
+def _begin_late(plan: Plan) -> None:
+    begin_s = plan.between(0.2, plan.now_s)
+    plan.faults.append(RecordingBegins(begin_s))
+    plan.late = True
+    plan.wait(max(0.0, begin_s + _LEARN_S - plan.now_s))
 
 
 def _device(random: Random, node_id: int) -> DeviceSpec:

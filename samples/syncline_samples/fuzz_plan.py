@@ -14,6 +14,7 @@ class Plan:
 
     Attributes:
         now_s: when the next fault may happen.
+        late: the recording begins on a machine at work: what was set up before is not in it.
     """
 
     random: Random
@@ -21,6 +22,7 @@ class Plan:
     sync_us: int
     now_s: float
     faults: list[Fault] = field(default_factory=list)
+    late: bool = False
 
     def node(self, fits: Callable[[DeviceSpec], object] = lambda spec: True) -> DeviceSpec | None:
         """One of the devices to which a fault can happen."""

@@ -18,6 +18,20 @@ from syncline_samples.fuzz_plan import (
     restart_s,
     some,
 )
+from syncline_samples.fuzz_settings import (
+    factory_reset,
+    lss,
+    lss_number,
+    move_emcy,
+    move_pdo,
+    move_sdo,
+    move_sync,
+    new_number,
+    pdo_inhibit_time,
+    remap,
+    reset_by_sdo,
+    store,
+)
 from syncline_samples.machine import LIR_MODELS, DeviceSpec
 from syncline_samples.master import PRE_OPERATIONAL, RESET_COMMUNICATION, RESET_NODE, START, STOP
 from syncline_samples.node import State
@@ -26,8 +40,6 @@ from syncline_samples.sdo_client import OnTimeout, read, write
 Script = Callable[[Plan], None]
 NMT_NOISE = (b"", b"\x01", b"\x55\x00", b"\x01\x80")
 """No commands: too short, an unknown specifier, a number that no node can have."""
-FREE_IDS = (0x1FF, 0x2FF, 0x3FF, 0x4FF, 0x57F)
-"""PDO identifiers of node 127, which sends none."""
 
 
 def _watchdog(plan: Plan) -> None:
@@ -102,7 +114,7 @@ def _unanswered(plan: Plan) -> None:
 
 def _heartbeat_period(plan: Plan) -> None:
     """Of a node whose 1017h the master has written: else nobody can know what it should be."""
-    spec = plan.node(lambda spec: beats(spec) and not spec.stored_heartbeat_ms)
+    spec = plan.node(lambda spec: beats(spec) and not spec.stored_heartbeat_ms and not plan.late)
     if spec is not None:
         percent = plan.random.choice((60, 90, 110, 130, 170, 220))
         plan.add(faults.HeartbeatPeriod(spec.node_id, plan.now_s, percent, 4.0), 5.0)
@@ -148,7 +160,8 @@ def _reset(plan: Plan) -> None:
 
 
 def _leaves(plan: Plan) -> None:
-    spec = plan.node()
+    """Not of an encoder that may boot with the same byte, as far as the recording tells."""
+    spec = plan.node(lambda spec: not (plan.late and spec.device in LIR_MODELS[1:]))
     if spec is not None:
         to = plan.random.choice((State.PRE_OPERATIONAL, State.STOPPED))
         for_s = plan.between(2.5, 4.0) * period_ms(spec) / 1000 + 0.2
@@ -405,45 +418,6 @@ def _search(plan: Plan) -> None:
     plan.add(faults.NodeSearch(plan.now_s, absent), 2.0)
 
 
-def _move_pdo(plan: Plan) -> None:
-    spec = plan.node(lambda spec: spec.device in ("haomiao-38", "io"))
-    if spec is not None:
-        can_id = plan.random.choice(FREE_IDS)
-        if not any(getattr(fault, "can_id", 0) == can_id for fault in plan.faults):
-            plan.add(faults.MovePdo(spec.node_id, plan.now_s, can_id), 1.0)
-
-
-def _move_emcy(plan: Plan) -> None:
-    """Then an error, which comes on the new identifier."""
-    spec = plan.node(lambda spec: spec.device in ("haomiao-38", "io"))
-    if spec is not None:
-        plan.add(faults.MoveEmcy(spec.node_id, plan.now_s, 0x0FF), 0.3)
-        plan.add(faults.Emcy(spec.node_id, plan.now_s, 0x4210, 0x09, for_s=0.5), 1.0)
-
-
-def _remap(plan: Plan) -> None:
-    spec = plan.node(lambda spec: spec.device == "haomiao-38")
-    if spec is not None:
-        entries = plan.random.choice(((0x60040020, 0x65010020), (0x60040020, 0x65020010)))
-        plan.add(faults.RemapPdo(spec.node_id, plan.now_s, entries, 2), 1.0)
-
-
-def _store(plan: Plan) -> None:
-    spec = plan.node(lambda spec: spec.device != "io" and beats(spec))
-    if spec is not None:
-        ms = plan.random.choice((200, 400))
-        what, specifier = plan.random.choice(("save", "")), RESET_NODE
-        jobs = (write(0x1017, 0, ms, 2),)
-        storage = faults.Storage(spec.node_id, plan.now_s, jobs, what, specifier=specifier)
-        plan.add(storage, 0.5 + restart_s(spec))
-
-
-def _reset_by_sdo(plan: Plan) -> None:
-    spec = plan.node(lambda spec: spec.device == "jn2100")
-    if spec is not None:
-        plan.add(faults.ResetBySdo(spec.node_id, plan.now_s), 1.5)
-
-
 def _time(plan: Plan) -> None:
     plan.add(faults.TimeService(plan.now_s), 1.0)
 
@@ -454,14 +428,6 @@ def _twin(plan: Plan) -> None:
     if spec is not None:
         twin = faults.DuplicateNode(spec.node_id, plan.now_s, heartbeat_ms=spec.heartbeat_ms + 130)
         plan.add(twin, max(14.0, spec.heartbeat_ms / 25))
-
-
-def _new_number(plan: Plan) -> None:
-    spec = plan.node(lambda spec: beats(spec) and spec.device in LIR_MODELS[1:])
-    if spec is not None:
-        to = spec.node_id % 120 + 5
-        if to not in {each.node_id for each in plan.devices}:
-            plan.add(faults.NodeIdChange(spec.node_id, plan.now_s, to), 1.0 + restart_s(spec))
 
 
 def _switched_off(plan: Plan) -> None:
@@ -482,8 +448,17 @@ SCRIPTS: tuple[Script, ...] = (
     *(_angle_jump, _preset),
     *(_access, _refused, _sdo_silent, _two_clients, _broken_off, _late, _reset_in_transfer),
     *(_block, _search, _time),
-    *(_move_pdo, _move_emcy, _remap, _store, _reset_by_sdo),
+    *(move_pdo, move_emcy, remap, store, reset_by_sdo),
+    *(pdo_inhibit_time, lss),
 )
 """From all these a machine recovers."""
-ENDINGS: tuple[Script, ...] = (_twin, _new_number, _switched_off)
+ENDINGS: tuple[Script, ...] = (
+    _twin,
+    new_number,
+    _switched_off,
+    move_sync,
+    move_sdo,
+    lss_number,
+    factory_reset,
+)
 """After these the machine is another one, or begins anew."""

@@ -8,21 +8,28 @@ import numpy as np
 from syncline_analyzer.results import (
     TRACE_FLAGS,
     Analysis,
+    BusErrorRow,
     BusLoadRow,
+    BusStateRow,
     CaptureRow,
+    EmcyContextRow,
     EmcyRow,
+    ErrorHistoryRow,
     ErrorRow,
     Finding,
     GapRow,
+    LssRow,
     NmtCommandRow,
     NmtStateRow,
     NodeRow,
+    ObjectRow,
     PdoRow,
     Quantiles,
     Responses,
     SdoRow,
     Series,
     SyncRow,
+    TimeStampRow,
     Trace,
     TraceRow,
 )
@@ -372,6 +379,42 @@ def _bad_day_findings() -> list[Finding]:
                 text="The recorder was blind for 1.5 s: adapter lost.",
                 cause="USB adapter reconnected.", check_next="USB cable of the recorder."),
     ]  # fmt: skip
+
+
+def services() -> Analysis:
+    """A capture with everything that is shown only where there is something to show."""
+    states = [
+        BusStateRow("can0", "active", at(0), at(10), "", None),
+        BusStateRow("can0", "passive", at(10), at(12), "error frame", 5, 128, 0),
+        BusStateRow("can1", "active", at(0), at(600), "", None),
+    ]
+    read = [
+        ErrorHistoryRow("can0", 10, 70, at(7), 0x1003, 1, 0x3100, 0x3100, 0, "mains voltage",
+                        "seen", 60),
+        ErrorHistoryRow("can0", 10, 71, at(7.1), 0x1003, 2, 0x4200, 0x4200, 0, "device temperature",
+                        "older", None, "from before the capture"),
+        ErrorHistoryRow("can0", 10, 72, at(7.2), 0x1001, 0, 0, None, None, "no error", "register",
+                        None),
+    ]  # fmt: skip
+    around = {"6010h:00": {"name": "Slope", "unit": "deg", "before": 5.25, "after": 5.5}}
+    return analysis(
+        nodes=[node_row(10, name="tilt")],
+        emcy=[emcy_row(10, second=6.0, seq=60, details={"alarms": 1, "alarms_bits": ["code"]})],
+        emcy_context=[
+            EmcyContextRow("can0", 10, 60, at(6), 0x3100, "OPERATIONAL", "observed", "passive",
+                           0x6003, 0, 55, 2.0, ["6003h:00 = 5 (Preset), 2 ms before"], around)
+        ],
+        error_history=read,
+        bus_states=states,
+        bus_errors=[BusErrorRow("can0", "stuff error", 20, at(9), at(11), [5])],
+        lss=[LssRow("can0", 80, at(8), "master", "switch", "switch mode: configuration")],
+        time_stamps=[
+            TimeStampRow("can0", 0x100, 90, at(9), at(9.5), SECOND // 2, "2026-03-02 06:00:09.500"),
+            TimeStampRow("can0", 0x100, 95, at(69), at(70), SECOND, "2026-03-02 06:01:10"),
+        ],
+        objects=[ObjectRow("can0", 10, 0x1017, 0, "Producer heartbeat time", "ms", 200, "sdo-write",
+                           3, at(1), since_seq=3)],
+    )  # fmt: skip
 
 
 def many_nodes(count: int = 40, buses: tuple[str, ...] = ("can0", "can1")) -> Analysis:

@@ -11,6 +11,8 @@ from syncline_samples.truth import ExpectedFinding
 from tests.analyzer.fuzz_case import Case, S
 from tests.analyzer.fuzz_rows import twins
 
+_LSS_IDS = (0x7E4, 0x7E5)
+
 
 def findings(case: Case) -> Iterator[str]:
     """All that must be found is, and nothing else above `info`."""
@@ -21,6 +23,8 @@ def findings(case: Case) -> Iterator[str]:
             continue
         if missing.id == "nmt.node_lost" and _alone(case, missing):
             continue
+        if missing.id == "config.rtr_on_heartbeat_node" and case.scenario.remote_as_data:
+            continue  # Without the RTR bit a remote frame is an empty heartbeat.
         unasked = "nmt.unexpected_reset" in (missing.id, *missing.or_as)
         if unasked and _reset_before(case, missing):
             continue
@@ -112,6 +116,6 @@ def _evidence_of(case: Case, piece: Finding | Link) -> Iterator[str]:
         yield f"{name} rests on frames far from it"
     if any(isinstance(f, MoveEmcy) and f.node == piece.node for f in case.scenario.faults):
         return
-    about = ((ids & 0x7F) == piece.node) | (ids == 0) | (ids == 0x80)
+    about = ((ids & 0x7F) == piece.node) | np.isin(ids, (0, 0x80, *_LSS_IDS))
     if piece.node is not None and piece.evidence and not about.any():
         yield f"{name} rests on frames of others"

@@ -39,9 +39,9 @@ def test_a_jump_is_the_encoders_fault() -> None:
     (finding,) = found(event())
     assert (finding.id, finding.severity, finding.node) == ("angle.jump", "error", 20)
     assert (finding.start_ns, finding.evidence) == (at(10), [7])
-    assert "from 5000 to 90000 counts without a command" in finding.text
+    assert "from 5000 to 90000 counts at +10.000 s without a command" in finding.text
     assert FAST in finding.text
-    assert "assumed" not in finding.text
+    assert "scale is assumed" not in finding.text
 
 
 def test_a_jump_onto_the_preset_value_is_the_wires_doing() -> None:

@@ -182,7 +182,7 @@ def test_an_overrun_is_the_recorders_loss() -> None:
     assert ids(told) == {"error.overrun"}
     (gap,) = told.capture.gaps
     assert gap.end_ns == T0 + 10_200 * MS
-    assert "overflowed 1 time" in found(told, "error.overrun")[0].text
+    assert "overflowed once at +" in found(told, "error.overrun")[0].text
 
 
 @pytest.mark.near_miss("error.overrun")

@@ -86,6 +86,17 @@ def test_a_restart_that_outlasts_the_heartbeat_is_an_unexpected_reset_and_no_los
     ]
 
 
+def test_an_empty_emcy_in_a_silence_tells_of_a_start() -> None:
+    """hilch_ixxat1: node 9 announces its boot-up as devices made after DS-301 V3 do."""
+    gone = [*heartbeats(0, 1000), *heartbeats(12_000, 16_000)]
+    other = heartbeats(0, 16_000, node=9)
+    started = one(run(*ordered(gone, [frame(9000, 0x085, "")], other)), "nmt.node_lost")
+    assert "It sent an empty EMCY at +9.000 s" in started.text
+    assert started.cause.startswith("The node lost its supply or restarted")
+    unheard = one(run(*ordered(gone, [frame(9000, 0x086, "")], other)), "nmt.node_lost")
+    assert "empty EMCY" not in unheard.text
+
+
 def test_a_start_command_to_a_node_that_restarts_changes_nothing() -> None:
     result = run(*ordered(restarted(494, frame(1200, 0x000, "0105")), OTHER))
     assert result.states(5)[1] == ("INITIALISING", 0.9, 1.394)

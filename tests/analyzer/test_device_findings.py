@@ -119,6 +119,15 @@ def test_two_pdos_that_move_together_are_not_frozen() -> None:
 
 
 @pytest.mark.near_miss("angle.frozen")
+def test_pdos_too_short_for_the_value_show_no_standstill() -> None:
+    script = encoder().heartbeat(0, 10_000).sync(1, 10_000).read(-40, 0x1801, 2, 1, size=1)
+    script.pdo(5, 10_000, 20, lambda k: 1000 + 40 * k)
+    script.pdo(2, 5000, 20, lambda k: 1000 + 40 * k, base=0x280)
+    script.pdo(5002, 10_000, 20, lambda k: 11_000 + 40 * k, base=0x280, bits=16)
+    assert "angle.frozen" not in script.told().ids
+
+
+@pytest.mark.near_miss("angle.frozen")
 def test_standstill_is_not_frozen() -> None:
     script = encoder().heartbeat(0, 10_000).pdo(5, 10_000, 20, lambda _: 1000)
     told = script.pdo(9, 10_000, 20, lambda _: 1000, base=0x280).told()

@@ -78,7 +78,7 @@ def test_an_active_error_is_named_with_the_node_and_its_state() -> None:
     finding = one(result, "emcy.active")
     assert finding.severity == "error"
     assert finding.text.startswith(
-        "Node 5 (boom sensor) reports mains voltage (3100h) at +0.910 s; it is still active"
+        "Node 5 (boom sensor) reports mains voltage (3100h) at +1.010 s; it is still active"
     )
     assert finding.cause.startswith("A voltage of the node is too low or too high")
     assert "When it came, the node was OPERATIONAL." in finding.cause
@@ -107,6 +107,13 @@ def test_a_node_that_fell_silent_did_not_clear_its_error() -> None:
     other = heartbeats(50, 9000, node=9)
     result = node_5(heartbeats(100, 2000), emcy(1950, VOLTAGE), other)
     assert "was not cleared before the node fell silent" in one(result, "emcy.active").text
+
+
+def test_an_error_that_a_restart_ends_lasts_until_its_boot_up() -> None:
+    boot_up = frame(30_000, 0x705, BOOT_UP)
+    finding = one(node_5(heartbeats(100, 29_000), emcy(1010, VOLTAGE), boot_up), "emcy.active")
+    assert finding.text.endswith("ended by a restart of the node, not cleared.")
+    assert (finding.start_ns, finding.end_ns) == (1010 * MS, 30_000 * MS)
 
 
 def test_a_clock_that_steps_back_gives_no_negative_duration() -> None:
@@ -181,6 +188,16 @@ def test_bits_of_an_error_that_no_emcy_raised(data: str, device: str | None, tex
 def test_bits_that_a_lir_may_set_with_an_error_tell_of_no_other(data: str) -> None:
     """The sheet does not say which register bits go together: 0 and 4 prove nothing."""
     assert found(node_5(emcy(100, data), device="lir-da158a"), "emcy.active_before") == []
+
+
+def test_bits_left_after_a_gap_may_be_of_an_error_that_the_gap_swallowed() -> None:
+    gap = Gap(1000 * MS, 1500 * MS, "adapter lost", None, None)
+    rows = [heartbeats(100, 1000), gap, heartbeats(1500, 5000), emcy(4050, "0000040000000000")]
+    result = node_5(*rows)
+    finding = one(result, "emcy.active_before")
+    assert finding.severity == "info"
+    assert "while the recorder was blind" in finding.cause
+    assert one(result, "emcy.partly_cleared").severity == "warning"
 
 
 @pytest.mark.triggers("emcy.active_before")
@@ -346,8 +363,9 @@ def test_an_error_code_with_an_empty_register() -> None:
     """hilch_ixxat1: 8120h with register 00h."""
     result = node_5(emcy(100, "2081000628000000"), emcy(200, "2081000628000000"))
     finding = one(result, "emcy.register_mismatch")
-    assert "reports CAN in error passive mode (8120h) at +0.100 s with an error register of 00h" in (
-        finding.text
+    assert (
+        "reports CAN in error passive mode (8120h) at +0.100 s with an error register of 00h"
+        in (finding.text)
     )
     assert "in 2 EMCYs" in finding.text
 
@@ -366,7 +384,7 @@ def test_codes_that_nobody_knows() -> None:
     finding = one(result, "emcy.unknown_code")
     assert "2 codes (1234h, 1235h) that CiA 301 does not explain" in finding.text
     lir = one(node_5(emcy(100, "3412010000000000"), device="lir-918"), "emcy.unknown_code")
-    assert "1 code that neither CiA 301 nor the table of" in lir.text
+    assert "1 code (1234h) that neither CiA 301 nor the table of" in lir.text
 
 
 @pytest.mark.near_miss("emcy.unknown_code")
@@ -431,7 +449,7 @@ def test_a_pdo_length_error_with_only_predefined_identifiers_says_what_it_assume
         ),
         "emcy.pdo_length",
     )
-    assert "came just before, the last PDO was 50Ch with 8 bytes (2 times)." in foreign.text
+    assert "the last PDO before it was 50Ch with 8 bytes (2 times)." in foreign.text
 
 
 @pytest.mark.near_miss("emcy.pdo_length")
@@ -445,7 +463,10 @@ def test_old_errors_in_the_list_are_information() -> None:
     reads = [*read(500, 0x1003, 0, 1, 1), *read(510, 0x1003, 1, 0x5530, 4)]
     finding = one(node_5(reads, device="lir-da158a"), "emcy.history_unseen")
     assert finding.severity == "info"
-    assert "1003h of node 5 holds EEPROM error (5530h), which came before this" in finding.text
+    assert (
+        "1003h of node 5, read at +0.511 s, holds EEPROM error (5530h), which came before this"
+        in finding.text
+    )
 
 
 @pytest.mark.triggers("emcy.history_unseen")

@@ -102,7 +102,7 @@ def test_missing_syncs() -> None:
     assert (finding.id, finding.severity, finding.node) == ("sync.missing", "warning", None)
     assert (finding.start_ns, finding.end_ns) == (at(10), at(10.08))
     assert finding.text == (
-        "3 SYNCs of 080h missing: it stayed away once, at most 80 ms long; the period is 20 ms."
+        "3 SYNCs of 080h are missing: it stayed away for 80 ms at +10.000 s; the period is 20 ms."
     )
     assert finding.evidence == [100, 110]
 
@@ -181,7 +181,7 @@ def test_a_missed_pdo_of_an_inferred_type_says_so() -> None:
     row = pdo_row(type_source="inferred: synchronous, every 2nd SYNC", pdo=None, node=None)
     gone = hole(38, 38.2, 1, cob_id=0x284, service="pdo")
     text = only(judge(RULES, analysis(pdos=[row], holes=[gone]))).text
-    assert text.startswith("A PDO (284h) did not come 1 time, each")
+    assert text.startswith("A PDO (284h) did not come at +38.000 s after a ")
     assert "inferred: synchronous, every 2nd SYNC" in text
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from syncline_analyzer.results import Analysis
+from syncline_analyzer.results import Analysis, Link
 from syncline_analyzer.views.report_html import report, write_report
 from tests.analyzer.analysis_builder import (
     SECOND,
@@ -24,6 +24,7 @@ from tests.analyzer.analysis_builder import (
     node_row,
     pdo_row,
     sdo_row,
+    services,
     state_rows,
     tilt,
     trace_row,
@@ -117,6 +118,38 @@ def test_node_section_tells_its_history() -> None:
     for word in ("3100h", "lost at reset", "all cleared", "18Ah", "402/655/1480", "abort 06020000h",
                  "silent longer than 150 ms", "6010h:00", "500 kbit/s", "adapter lost"):  # fmt: skip
         assert word in text, word
+
+
+def test_services_and_what_was_around_an_emcy_are_shown() -> None:
+    text = " ".join(Dom(report(services())).text)
+    assert "OPERATIONAL; recorder's controller passive; written: 6003h:00 = 5 (Preset)" in text
+    assert "Slope 5.25, then 5.5 deg" in text
+    assert "alarms 1 (code)" in text
+    assert "Error list 1003h and register 1001h" in text
+    assert "EMCY, frame 60" in text
+    assert "What is known of its settings, and from where" in text
+    assert "Producer heartbeat time = 200 ms (sdo-write, seq 3)" in text
+    for shown in (
+        "State of the recorder's controller",
+        "stuff error",
+        "LSS (1 frame)",
+        "500 ms to 1 s",
+    ):
+        assert shown in text
+    plain = " ".join(Dom(report(analysis(nodes=[node_row(10)]))).text)
+    assert not [word for word in ("LSS", "TIME", "Error list 1003h", "Settings") if word in plain]
+
+
+def test_a_chain_says_what_came_before() -> None:
+    links = [
+        Link(
+            "error.frames", "can0", None, T0 + 9 * SECOND, T0 + 9 * SECOND, "32 error frames.", [1]
+        ),
+        Link("pdo.missed", "can0", 10, T0 + 251 * SECOND, T0 + 252 * SECOND, "No TPDO1.", [2]),
+    ]
+    text = " ".join(Dom(report(analysis(findings=[finding(second=250.0, chain=links)]))).text)
+    assert re.search(r"before it\s+0:09.000: 32 error frames", text)
+    assert re.search(r"followed by\s+4:11.000: No TPDO1", text)
 
 
 def test_loss_of_two_milliseconds_is_drawn_last_and_at_least_a_pixel_wide() -> None:

@@ -16,6 +16,7 @@ from tests.analyzer.analysis_builder import (
     node_row,
     pdo_row,
     sdo_row,
+    services,
     untimed,
 )
 
@@ -144,3 +145,14 @@ def test_findings_file_holds_capture_and_findings_only() -> None:
     told = json.loads(findings_json(analysis(findings=[finding()])))
     assert set(told) == {"schema", "capture", "findings"}
     assert told["findings"][0]["id"] == "nmt.node_lost"
+
+
+def test_services_and_context_are_rows_of_their_own() -> None:
+    told = json.loads(to_json(services()))
+    assert [row["state"] for row in told["bus_states"]] == ["active", "passive", "active"]
+    assert told["bus_errors"][0]["kind"] == "stuff error"
+    assert told["lss"][0]["command"] == "switch"
+    assert [row["offset_ns"] for row in told["time_stamps"]] == [500_000_000, 1_000_000_000]
+    assert told["emcy_context"][0]["values"]["6010h:00"]["before"] == 5.25
+    assert [row["seen"] for row in told["error_history"]] == ["seen", "older", "register"]
+    assert told["trace_events"] == []

@@ -5,8 +5,9 @@ import io
 import pytest
 from rich.console import Console
 
-from syncline_analyzer.results import NmtStateRow
+from syncline_analyzer.results import Link, NmtStateRow
 from syncline_analyzer.views.lanes import cells
+from syncline_analyzer.views.markdown import findings_markdown
 from syncline_analyzer.views.text import console_for, print_summary, summary
 from tests.analyzer.analysis_builder import (
     SECOND,
@@ -19,6 +20,7 @@ from tests.analyzer.analysis_builder import (
     finding,
     many_nodes,
     node_row,
+    services,
     state_rows,
     untimed,
     usual_states,
@@ -161,3 +163,35 @@ def test_a_part_of_a_capture_keeps_its_capture_time_and_fills_the_lanes() -> Non
     assert "4:10.000" in whole
     assert "5:10.000" in part
     assert whole.splitlines()[1] == part.splitlines()[1]
+
+
+def test_a_story_says_what_came_before_and_what_followed() -> None:
+    links = [
+        Link("error.frames", "can0", None, at(249.0), at(249.5), "32 error frames.", [1]),
+        Link("pdo.missed", "can0", 10, at(251.0), at(252.0), "TPDO1 did not come.", [2]),
+        Link("nmt.no_boot_up", "can0", 10, at(260.0), at(260.0), "No boot-up came.", [3]),
+    ]
+    shown = analysis(findings=[finding(second=250.0, chain=links)])
+    text = summary(shown)
+    assert line_with(text, "before it", "4:09.000: 32 error frames.")
+    assert line_with(text, "followed by", "4:11.000: TPDO1 did not come.")
+    assert text.count("followed by") == 1
+    markdown = findings_markdown(shown)
+    assert "- before it 4:09.000: 32 error frames." in markdown
+    assert "- followed by 4:20.000: No boot-up came." in markdown
+
+
+def test_services_are_told_where_there_is_something_to_tell() -> None:
+    text = summary(services())
+    assert line_with(text, "can0", "passive", "0:10.000", "128")
+    assert "can1  active" not in text
+    assert line_with(text, "20", "0:09.000", "stuff error")
+    assert line_with(text, "LSS (1 frame)")
+    assert line_with(text, "0:08.000", "master", "switch mode: configuration")
+    assert line_with(text, "100h", "2026-03-02 06:00:09.500", "500 ms to 1 s")
+    assert line_with(text, "1003h:01", "mains voltage (3100h)", "EMCY, frame 60")
+    assert line_with(text, "1003h:02", "older", "from before the capture")
+    assert "1001h:00" not in text
+    empty = summary(bad_day())
+    titles = ("LSS", "TIME", "Error list 1003h", "Error frames", "recorder's controller")
+    assert not [title for title in titles if title in empty]

@@ -84,8 +84,8 @@ def _stepped(facts: Facts, trace: TraceRow, group: Sequence[TraceEventRow]) -> s
     first = group[0]
     more = f" ({len(group)} jumps)" if len(group) > 1 else ""
     return (
-        f"{trace.name} of {_whose(facts, trace)} jumped{facts.at(first.t_ns)} from"
-        f" {_value(first.before)} to {_value(first.after)} {trace.unit} without a command on the"
+        f"{trace.name} of {_whose(facts, trace)} jumped from {_value(first.before)} to"
+        f" {_value(first.after)} {trace.unit}{facts.at(first.t_ns)} without a command on the"
         f" bus{more}: {first.text}."
         f"{_rests_on(trace)}"
     )

@@ -169,6 +169,7 @@ BONDS: tuple[Bond, ...] = (
         "sdo.interrupted",
         shared=True,
     ),
+    *_bonds("nmt.node_lost", "emcy.malformed"),
     *_bonds("nmt.node_lost", *_TRAFFIC, "nmt.unexpected_reset", "nmt.no_boot_up", "nmt.slow_boot"),
     *_bonds("nmt.no_boot_up", *_TRAFFIC),
     *_bonds("nmt.unexpected_reset", "emcy.active", "pdo.stopped", after_ns=5 * _S, lasting=True),

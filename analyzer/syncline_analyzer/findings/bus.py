@@ -6,7 +6,6 @@ from itertools import groupby
 from syncline_analyzer.context import Context
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import Stretch, seconds
-from syncline_analyzer.folds.control import ControlTables
 from syncline_analyzer.folds.load import OVERLOAD_PERCENT
 from syncline_analyzer.folds.nmt_events import Interval, Lost
 from syncline_analyzer.folds.nmt_timeline import Timeline
@@ -30,13 +29,13 @@ def tells_bus_off(code: int, meaning: str) -> bool:
 
 def _bus_off(facts: Facts) -> Iterator[Finding]:
     """The recorder's own controller, and nodes that tell of it when they are back."""
-    yield from _recorder_off(facts.control)
+    yield from _recorder_off(facts)
     if facts.context.timed:
         yield from _node_off(facts)
 
 
-def _recorder_off(control: ControlTables) -> Iterator[Finding]:
-    events = control.bus_errors.events
+def _recorder_off(facts: Facts) -> Iterator[Finding]:
+    events = facts.control.bus_errors.events
     for bus in sorted({event.bus for event in events}):
         times = [e.t_ns for e in events if e.bus == bus and not e.restarted]
         for start, end in Stretch.of(times, TOGETHER_NS):
@@ -50,7 +49,7 @@ def _recorder_off(control: ControlTables) -> Iterator[Finding]:
                 None,
                 start,
                 back.t_ns if back else end,
-                f"The recorder's own controller on {bus} went bus-off{until}.",
+                f"The recorder's own controller on {bus} went bus-off{facts.at(start)}{until}.",
                 "Wrong bit rate, a short circuit, or a missing terminating resistor: the"
                 " controller could not send without errors. It hears nothing while it is off.",
                 "Measure 60 ohm between CAN_H and CAN_L; compare the bit rates.",
@@ -168,7 +167,7 @@ def _silence(facts: Facts, rows: list[BusSilenceRow]) -> Finding:
     first, last = rows[0], rows[-1]
     longest = max(row.end_ns - row.start_ns for row in rows)
     heard = {row.node for row in facts.analysis.nodes if row.bus == first.bus and row.heartbeats}
-    often = f" {len(rows)} times, at most" if len(rows) > 1 else ""
+    often = f" {len(rows)} times, at most" if len(rows) > 1 else facts.at(first.start_ns)
     return Finding(
         "bus.silent",
         "warning",

@@ -71,9 +71,10 @@ def _refused(facts: Facts) -> Iterator[Finding]:
     """A write to a PDO's parameters that was refused and left the PDO without effect."""
     told: set[tuple[NodeKey, Place]] = set()
     for row in facts.analysis.sdo:
+        if row.direction != "download" or row.result != "abort" or row.abort_by == "client":
+            continue
         place = place_of(row.index) if row.index is not None else None
-        refused = row.direction == "download" and row.result == "abort"
-        if place is None or not refused or row.abort_by == "client":
+        if place is None:
             continue
         key = (facts.number(row.bus), row.node)
         if (key, place) in told or quirks(facts.context.shadow.device(*key)).fixed_mapping:

@@ -71,7 +71,7 @@ def _fell_silent(facts: Facts, row: ErrorRow) -> bool:
 
 def _over(facts: Facts, rows: Sequence[ErrorRow], text: str) -> _Told:
     timed = facts.context.timed
-    ends = [row.cleared_ns if row.cleared_ns is not None else row.raised_ns for row in rows]
+    ends = [_end_ns(facts, row) for row in rows]
     passed = [(row.cleared_ns or row.raised_ns) - row.raised_ns for row in rows]
     timed = timed and min(passed) >= 0
     lasted = sum(passed)
@@ -86,6 +86,14 @@ def _over(facts: Facts, rows: Sequence[ErrorRow], text: str) -> _Told:
         text += " altogether" if timed and often else ""
         text += f" ({lost} of them ended by a restart of the node)." if lost else "."
     return _Told("warning", max(*ends, rows[0].raised_ns), text)
+
+
+def _end_ns(facts: Facts, row: ErrorRow) -> int:
+    """When an error was cleared, or when the boot-up came that ended it."""
+    if row.cleared_ns is not None:
+        return row.cleared_ns
+    resets = (m for m in facts.analysis.emcy if m.seq == row.evidence[-1])
+    return next((reset.t_ns for reset in resets), row.raised_ns)
 
 
 def _reports(facts: Facts, rows: Sequence[ErrorRow], maker: str) -> str:
@@ -145,7 +153,7 @@ def _blind_after(facts: Facts, row: ErrorRow) -> int:
 
 def _partly_cleared(facts: Facts) -> Iterator[Finding]:
     """Nodes whose last word was "no error" while errors were left."""
-    told_before = {entry.seq for entry in facts.control.emcy.before}
+    told_before = {row.seq for row in _shown_before(facts) if not _blind_before(facts, row)}
     started = {(boot.bus, boot.node): boot.seq for boot in facts.control.nmt.boot_ups}
     last: dict[tuple[str, int], EmcyRow] = {}
     for row in facts.analysis.emcy:
@@ -225,12 +233,18 @@ def _codes_of(facts: Facts, storm: Storm) -> str:
 def _before(facts: Facts) -> Iterator[Finding]:
     """Errors that no EMCY of the capture raised: by bits left, by 1001h, by a first clear."""
     told = {entry.seq: entry.codes for entry in facts.control.emcy.before}
-    by_bits = [row for row in facts.analysis.emcy if row.seq in told]
+    by_bits = _shown_before(facts)
     yield from (_before_by_bits(facts, row, told[row.seq]) for row in by_bits)
     known = {(row.bus, row.node) for row in by_bits}
     if facts.context.timed:
         yield from _cleared_first(facts, known)
         yield from emcy_history.register_before(facts)
+
+
+def _shown_before(facts: Facts) -> list[EmcyRow]:
+    """EMCYs whose bits tell of errors that no EMCY of the capture raised."""
+    seqs = {entry.seq for entry in facts.control.emcy.before}
+    return [row for row in facts.analysis.emcy if row.seq in seqs]
 
 
 def _before_by_bits(facts: Facts, row: EmcyRow, codes: Sequence[int]) -> Finding:
@@ -248,7 +262,7 @@ def _before_by_bits(facts: Facts, row: EmcyRow, codes: Sequence[int]) -> Finding
     blind = _blind_before(facts, row)
     return Finding(
         "emcy.active_before",
-        "warning",
+        "info" if blind else "warning",
         row.bus,
         row.node,
         row.t_ns,
@@ -353,7 +367,7 @@ RULES: tuple[Rule, ...] = (
         (
             "The bits generic and communication alone tell of no other error.",
             "A first EMCY 0000h of a node that just started is how some devices begin.",
-            "Never after a capture gap, unless bits are left.",
+            "After a capture gap only where bits are left, and as a note: the gap may hold its raise.",
         ),
         _before,
         untimed=True,

@@ -62,11 +62,12 @@ def _unseen_finding(
 def _cause(facts: Facts, row: ErrorHistoryRow, seen: str) -> str:
     """Why no EMCY told an entry; the inhibit time where it is known to be set."""
     known = facts.context.shadow.get(facts.number(row.bus), row.node, INHIBIT_TIME, 0, row.seq)
-    if seen != "missed" or known is None or not known.confirmed or not known.value:
+    value = known.value if known is not None and known.confirmed else 0
+    if seen != "missed" or known is None or not value or not isinstance(value, int):
         return _CAUSES[seen]
-    held = seconds(int(known.value) * 100_000)
+    held = seconds(value * 100_000)
     return (
-        f"Most likely the node's inhibit time held the EMCY back (1015h = {known.value}: one in"
+        f"Most likely the node's inhibit time held the EMCY back (1015h = {value}: one in"
         f" {held}, {known.source}); else it was mute or the recorder blind at that moment."
     )
 

@@ -6,6 +6,7 @@ from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import seconds
 from syncline_analyzer.folds.bus_errors import ErrorStretch
 from syncline_analyzer.results import BusStateRow, Finding
+from syncline_schemas.can_errors import NOT_RECORDED
 from syncline_schemas.canopen.services import SERVICE_OF_ID, Service
 from syncline_schemas.wording import counted
 
@@ -34,9 +35,13 @@ def _warning_level(facts: Facts) -> Iterator[Finding]:
     """The warning level alone; where it went on to error-passive or bus-off, that says more."""
     for bus in facts.context.buses:
         rows = [r for r in facts.analysis.bus_states if r.bus == bus]
-        worse = any(row.state in ("passive", "bus-off") for row in rows)
-        warned = [row for row in rows if row.state == "warning"]
-        if warned and not worse:
+        states = [None, *(row.state for row in rows), None]
+        warned = [
+            row
+            for row, before, after in zip(rows, states, states[2:], strict=False)
+            if row.state == "warning" and not {before, after} & {"passive", "bus-off"}
+        ]
+        if warned:
             yield _state_finding(facts, "error.warning_level", "info", warned)
 
 
@@ -97,7 +102,9 @@ def _burst(facts: Facts, group: list[ErrorStretch]) -> Finding:
     count = sum(each.count for each in group)
     kinds = sum((each.kinds for each in group[1:]), group[0].kinds)
     kind, number = kinds.most_common(1)[0]
-    kind_text = f"all of them: {kind}" if number == count else f"{number} of them: {kind}"
+    kind_text = f"{'all' if number == count else number} of them: {kind}"
+    if kind == NOT_RECORDED and number == count:
+        kind_text = "kind not recorded"
     spread = f" in {len(group)} bursts" if len(group) > 1 else ""
     hit = _hit(facts, group)
     lasted = f" within {seconds(last.end_ns - first.start_ns)}" if facts.context.timed else ""
@@ -188,7 +195,8 @@ def _overrun(facts: Facts) -> Iterator[Finding]:
             rows[0].start_ns,
             rows[-1].end_ns,
             f"The receive buffer of the recorder's controller on {bus} overflowed"
-            f" {counted(count, 'time')}: frames are missing in the capture that were on the bus.",
+            f" {'once' if count == 1 else f'{count} times, first'}{facts.at(rows[0].start_ns)}:"
+            f" frames are missing in the capture that were on the bus.",
             "The recording computer did not fetch the frames in time; the machine is not at fault.",
             "Give the recorder a faster computer or adapter, or fewer other tasks; a frame that is"
             " missing at these times proves nothing.",
@@ -209,7 +217,7 @@ RULES = (
         "error.warning_level",
         "The recorder's controller reached its warning level and no worse state.",
         "The error frames in which the controller says so.",
-        ("Only the controller's own word; not where it became error-passive or bus-off.",),
+        ("Only the controller's own word; not where it came from or went to a worse state.",),
         _warning_level,
         untimed=True,
     ),

@@ -15,7 +15,6 @@ from syncline_analyzer.folds.nmt_timeout import (
     PRODUCER_TIME,
     life_time_ns,
 )
-from syncline_analyzer.nodes import toggles_restarted
 from syncline_analyzer.results import Finding
 from syncline_schemas.canopen.nmt import NmtState
 from syncline_schemas.wording import counted
@@ -70,8 +69,7 @@ def _away(timeline: Timeline, starts: list[int], run: Unanswered) -> bool:
 def _toggles(facts: Facts) -> Iterator[Finding]:
     """Toggle bits that do not alternate, but for those that a write has restarted."""
     for (bus, node), nmt in facts.control.nmt.nodes.items():
-        repeated = nmt.counts.toggle_errors - toggles_restarted(facts.context.shadow, (bus, node))
-        if repeated < REPEATED:
+        if nmt.counts.toggle_errors < REPEATED:
             continue
         name = facts.context.bus_name(bus)
         stuck = nmt.counts.toggle_errors >= nmt.counts.guard_answers - 2
@@ -85,15 +83,15 @@ def _toggles(facts: Facts) -> Iterator[Finding]:
             "warning",
             name,
             node,
-            facts.control.nmt.first_ns,
-            facts.control.nmt.end_ns,
+            nmt.toggles[0].t_ns,
+            nmt.toggles[-1].t_ns,
             f"The guard answers of {facts.inside(name, node)} {how}.",
             "The node does not keep to CiA 301: its answers may be made by its CAN controller while"
             " its program hangs."
             if stuck
             else "The node does not keep to CiA 301, two devices answer, or frames were not recorded.",
             "Compare with another recorder; look for a second device under this number.",
-            nmt.toggle_seqs[:20],
+            [entry.seq for entry in nmt.toggles[:20]],
         )
 
 
@@ -103,6 +101,7 @@ def _both(facts: Facts) -> Iterator[Finding]:
         if nmt.guarding.both_at is None:
             continue
         seq, t_ns = nmt.guarding.both_at
+        last_seq, last_ns = nmt.guarding.both_last
         empty = nmt.counts.empty
         effect = f" Since then {counted(empty, 'heartbeat')} carried no state." if empty else ""
         name = facts.context.bus_name(bus)
@@ -112,13 +111,13 @@ def _both(facts: Facts) -> Iterator[Finding]:
             name,
             node,
             t_ns,
-            t_ns,
+            max(t_ns, last_ns),
             f"{facts.who(name, node)} sends heartbeats and is asked by remote frames as well.{effect}",
             "The master guards a node whose heartbeat (1017h) is on; only one of both is allowed"
             " (CiA 301 7.2.8.3.2.2).",
             "Switch node guarding off in the master for this node, or 1017h to 0; after that reset"
             " the node.",
-            [seq],
+            sorted({seq, last_seq}),
         )
 
 

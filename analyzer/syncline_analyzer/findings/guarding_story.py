@@ -95,12 +95,12 @@ def _story(facts: Facts, bus: str, node: int, told: list[EmcyRow]) -> _Story:
     evidence = [*([silent.last_seq] if silent else []), *(row.seq for row in told)]
     pieces = [f"EMCY 8130h at {facts.moment(first.t_ns)}"]
     if silent is None:
-        pieces.insert(0, f"Node {node} misses its master")
+        pieces.insert(0, f"{facts.who(bus, node)} misses its master")
     else:
         life = life_time_ns(facts.context, *key, first.seq)
         limit = f" ({life[1]})" if life is not None else ""
         passed = seconds(first.t_ns - silent.last_ns)
-        pieces.insert(0, f"node {node} misses it after {passed}{limit}")
+        pieces.insert(0, f"{facts.inside(bus, node)} misses it after {passed}{limit}")
         pieces.insert(0, f"{silent.name} silent from {facts.moment(silent.last_ns)} on")
     if fall is not None:
         pieces.append(f"node {node} goes {fall[1]} and its PDOs stop")

@@ -150,7 +150,7 @@ def _consumers(facts: Facts) -> Iterator[Finding]:
                 watcher,
                 begin,
                 end,
-                f"{facts.who(name, watcher)} allows node {watched} {value}, but its heartbeat"
+                f"{facts.who(name, watcher)} allows {facts.inside(name, watched)} {value}, but its heartbeat"
                 f" {often} {seconds(longest)}.",
                 "1016h of the watching node is shorter than 1017h of the watched one, or its"
                 f" heartbeat is late: node {watcher} must report EMCY 8130h though node {watched}"

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.findings.bus import tells_bus_off
+from syncline_analyzer.findings.emcy_messages import EMPTY
 from syncline_analyzer.findings.guarding_story import STORY_NS, told_by_guarding
 from syncline_analyzer.findings.identity import absences
 from syncline_analyzer.findings.rule import Facts, Rule
@@ -209,6 +210,12 @@ def _alone(facts: Facts, losses: list[_Loss], together: tuple[int, ...]) -> tupl
         how = "with a boot-up" if first.booted else "without a boot-up"
         often, each = _often(facts, losses), " each time" if len(losses) > 1 else ""
         text = f"{who} was lost {often}for {lasted} and came back {how}{each}."
+        started = _old_boot_ups(facts, losses)
+        if started:
+            text += (
+                f" It sent an empty EMCY at {facts.moment(started[0])}, the boot-up of a device made"
+                " after CiA DS-301 V3: it started then."
+            )
     if together:
         names = _names(together)
         text += f" {names[:1].upper()}{names[1:]} fell silent at the same moment."
@@ -223,11 +230,22 @@ def _alone(facts: Facts, losses: list[_Loss], together: tuple[int, ...]) -> tupl
     return (
         text + first.limit,
         "The node lost its supply or restarted: it came back with a boot-up."
-        if first.booted
+        if first.booted or _old_boot_ups(facts, losses)
         else "Supply or cable of this node, its CAN interface bus-off, or the node stopped working;"
         " the other nodes were heard all the time, so the bus itself worked.",
         "Check plug, cable and supply voltage of the node; look at its error memory (1003h).",
     )
+
+
+def _old_boot_ups(facts: Facts, losses: list[_Loss]) -> list[int]:
+    """When empty EMCYs, boot-ups of before CiA 301 V4, came in the silences of a node [ns]."""
+    bus, node = facts.context.bus_name(losses[0].bus), losses[0].nodes[0]
+    return [
+        row.t_ns
+        for row in facts.analysis.emcy
+        if (row.bus, row.node, row.meaning) == (bus, node, EMPTY)
+        and any(loss.start_ns < row.t_ns <= loss.end_ns for loss in losses)
+    ]
 
 
 def _whole_bus(facts: Facts, losses: list[_Loss]) -> tuple[str, str, str]:
@@ -240,7 +258,7 @@ def _whole_bus(facts: Facts, losses: list[_Loss]) -> tuple[str, str, str]:
         text += f" {names} came back with a boot-up{each}."
         cause = "The machine was switched off and on (all nodes started anew)."
     else:
-        text = f"The whole bus was silent for {lasted};"
+        text = f"The whole bus was silent {_often(facts, losses)}for {lasted};"
         text += f" {names} {'was' if len(first.nodes) == 1 else 'were'} not heard again."
         cause = "The machine was switched off, the recorder was unplugged, or the bus was broken"
         cause += " near it."
@@ -250,7 +268,8 @@ def _whole_bus(facts: Facts, losses: list[_Loss]) -> tuple[str, str, str]:
 
 def _often(facts: Facts, losses: list[_Loss]) -> str:
     """How often and when, for more than one."""
-    return several([facts.moment(loss.start_ns) for loss in losses])
+    moments = [facts.moment(loss.start_ns) for loss in losses]
+    return several(moments) or f"at {moments[0]} "
 
 
 def _lasted(losses: list[_Loss]) -> str:

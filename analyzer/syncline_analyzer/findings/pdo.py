@@ -12,6 +12,9 @@ _FEW = 3
 _MANY_PERIODS = 20
 _LONGER = 1.1
 _SAME_MOMENT_NS = 1_000_000_000
+_PDO_SETTINGS = 0x1400
+_OTHER_SETTINGS = (0x1005, 0x1006, 0x1007, 0x1010, 0x1011, 0x1019)
+"""Settings below the PDO parameters that may change which PDOs are sent: SYNC, and storage."""
 _SETTING_NS = 2_000_000_000
 """A setting written this close to the last PDO may have stopped it [ns]."""
 
@@ -39,6 +42,11 @@ def _missed(facts: Facts, row: PdoRow, group: Sequence[HoleRow]) -> Finding:
     synchronous = row.response_us is not None or (row.transmission_type or 0xFF) <= 0xF0
     due = "SYNC that it had to answer" if synchronous else "period of its event timer"
     in_a_row = f", up to {longest.missing} in a row" if longest.missing > 1 else ""
+    often = (
+        f" {missed} times{in_a_row}, each time after a {due}"
+        if missed > 1
+        else f"{facts.at(group[0].start_ns)} after a {due}"
+    )
     return Finding(
         "pdo.missed",
         "warning",
@@ -46,8 +54,7 @@ def _missed(facts: Facts, row: PdoRow, group: Sequence[HoleRow]) -> Finding:
         row.node,
         group[0].start_ns,
         group[-1].end_ns,
-        f"{_name(facts, row)} did not come {counted(missed, 'time')}{in_a_row}, each time after a"
-        f" {due}; {_type(row)}.",
+        f"{_name(facts, row)} did not come{often}; {_type(row)}.",
         "The device was too busy or had no new value, it was about to leave OPERATIONAL, or the"
         " frame lost arbitration until the next one was due.",
         "Compare with EMCY messages and bus load at these times; read 180xh:2/5 and, on devices"
@@ -144,11 +151,15 @@ def _stop(facts: Facts, group: list[PdoPauseRow]) -> Finding:
 
 
 def _was_set(facts: Facts, pdo: PdoRow | PdoPauseRow, t_ns: int) -> bool:
-    """Whether somebody wrote a setting to the node at about the time when a PDO stopped."""
+    """Whether somebody wrote a setting to the node at about the time when a PDO stopped.
+
+    Those of error control, EMCY and identity stop no PDO.
+    """
     return any(
         (row.bus, row.node) == (pdo.bus, pdo.node)
         and row.direction == "download"
         and row.result == "ok"
+        and (row.index is None or row.index >= _PDO_SETTINGS or row.index in _OTHER_SETTINGS)
         and abs(row.end_ns - t_ns) <= _SETTING_NS
         for row in facts.analysis.sdo
     )

@@ -3,7 +3,7 @@
 from bisect import bisect_left
 from collections.abc import Iterator, Sequence
 from collections.abc import Set as AbstractSet
-from itertools import groupby
+from itertools import groupby, takewhile
 from statistics import median
 
 from syncline_analyzer.findings.guarding_story import told_by_guarding
@@ -74,8 +74,8 @@ def _explained(facts: Facts, key: NodeKey, boot: BootUp) -> bool:
 
 def _first_sign(timeline: Timeline, boot: BootUp) -> bool:
     """Whether nothing was heard of the node before: switched on, not restarted."""
-    known = (i.start_ns for i in timeline.intervals if i.state is not NmtState.UNKNOWN)
-    return next(known, boot.t_ns) >= boot.t_ns
+    before = takewhile(lambda interval: interval.evidence != boot.seq, timeline.intervals)
+    return all(interval.state is NmtState.UNKNOWN for interval in before)
 
 
 def _recent_command(facts: Facts, boot: BootUp) -> bool:

@@ -40,8 +40,7 @@ def _bad_crc(facts: Facts) -> Iterator[Finding]:
             group[-1].end_ns,
             f"{facts.who(first.bus, first.node)}: the CRC of the block transfer of "
             f"{object_words(first)}{facts.at(first.start_ns)} does not match its data"
-            f"{times(len(group))}"
-            + (", and the receiver accepted it." if accepted else "."),
+            f"{times(len(group))}" + (", and the receiver accepted it." if accepted else "."),
             "A segment was damaged or not recorded, or the sender computes its CRC wrongly.",
             "Repeat the transfer and compare.",
             [seq for row in group for seq in (row.seq, row.end_seq or row.seq)][:MAX_EVIDENCE],

@@ -51,7 +51,7 @@ def _one_ignored(facts: Facts, key: NodeKey, timeline: Timeline, ignored: Ignore
         node,
         ignored.command.t_ns,
         ignored.t_ns,
-        f'{facts.who(bus, node)} did not follow the command "{name}":'
+        f'{facts.who(bus, node)} did not follow the command "{name}"{facts.at(ignored.command.t_ns)}:'
         f" {seconds(ignored.t_ns - ignored.command.t_ns)} later it still says {ignored.state}"
         + (f" and goes on sending PDOs ({_identifiers(pdos)})." if pdos else "."),
         "The node did not get the command, refuses it in its present condition, or another node"

@@ -23,15 +23,15 @@ def _defaults_pending(facts: Facts) -> Iterator[Finding]:
         if key[0] != LOAD or not device.quirks.load_writes_storage:
             continue
         restart = restart_after(facts, (facts.number(row.bus), row.node), row.seq)
-        since = f"the defaults hold since the reset at {facts.moment(restart[1])}" if restart else None
+        since = (
+            f"the defaults hold since the reset at {facts.moment(restart[1])}" if restart else None
+        )
         yield told(
             "device.defaults_pending",
             row,
             f"The maker's defaults were put into the memory of {facts.inside(row.bus, row.node)}"
             f" ({key[0]:04X}h:{key[1]:02X} written{facts.at(row.start_ns)}): the settings saved"
-            " before are gone, "
-            + (since or "the running ones stay until the next reset")
-            + ".",
+            " before are gone, " + (since or "the running ones stay until the next reset") + ".",
             "A client restored the defaults.",
             "Was it meant? After the reset the master must write its settings again.",
         )
@@ -51,8 +51,11 @@ class _Fall:
 
 def _lost_at_reset(facts: Facts) -> Iterator[Finding]:
     """Values that were written, not saved, and fell back with a reset."""
+    saves = _saves(facts)
     for bus, node in sorted(facts.context.shadow.nodes()):
-        lost = sorted(_fallen_back(facts, bus, node), key=lambda fall: (fall.reset.seq, fall.key))
+        kept_ns = saves.get((facts.context.bus_name(bus), node), [])
+        fallen = _fallen_back(facts, bus, node, kept_ns)
+        lost = sorted(fallen, key=lambda fall: (fall.reset.seq, fall.key))
         if not lost:
             continue
         device = facts.context.shadow.device(bus, node)
@@ -80,11 +83,10 @@ def _lost_at_reset(facts: Facts) -> Iterator[Finding]:
         )
 
 
-def _fallen_back(facts: Facts, bus: int, node: int) -> Iterator[_Fall]:
-    """Every written value that a reset took back."""
+def _fallen_back(facts: Facts, bus: int, node: int, saves: list[int]) -> Iterator[_Fall]:
+    """Every written value that a reset took back; `saves` are the times of the node's saves."""
     shadow = facts.context.shadow
     device = shadow.device(bus, node)
-    saves = _saves(facts, bus, node)
     for key, history in shadow.history(bus, node):
         if key[0] in (0x1010, LOAD) or _is_command(device, key):
             continue
@@ -157,14 +159,13 @@ def _shown(value: int | bytes) -> str:
     return str(value) if abs(value) < 1 << 16 else f"{value:X}h"
 
 
-def _saves(facts: Facts, bus: int, node: int) -> list[int]:
-    name = facts.context.bus_name(bus)
-    return [
-        row.end_ns
-        for row in facts.analysis.sdo
-        if (row.bus, row.node, row.index, row.direction, row.result)
-        == (name, node, 0x1010, "download", "ok")
-    ]
+def _saves(facts: Facts) -> dict[tuple[str, int], list[int]]:
+    """Times [ns] at which the saves (1010h) of each node were confirmed."""
+    found: dict[tuple[str, int], list[int]] = {}
+    for row in facts.analysis.sdo:
+        if row.index == 0x1010 and (row.direction, row.result) == ("download", "ok"):
+            found.setdefault((row.bus, row.node), []).append(row.end_ns)
+    return found
 
 
 RULES: tuple[Rule, ...] = (

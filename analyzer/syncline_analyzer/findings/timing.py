@@ -26,13 +26,20 @@ def _sync_missing(facts: Facts) -> Iterator[Finding]:
     analysis = facts.analysis
     for row in analysis.sync:
         for group in together(holes_of(analysis, "sync", row)):
-            yield _missing_syncs(row, group)
+            yield _missing_syncs(facts, row, group)
 
 
-def _missing_syncs(row: SyncRow, group: Sequence[HoleRow]) -> Finding:
+def _missing_syncs(facts: Facts, row: SyncRow, group: Sequence[HoleRow]) -> Finding:
     missing = sum(hole.missing for hole in group)
     longest = max(group, key=lambda hole: hole.end_ns - hole.start_ns)
-    times = f"{len(group)} times" if len(group) > 1 else "once"
+    longest_text = seconds(longest.end_ns - longest.start_ns)
+    stayed = (
+        f"it stayed away {len(group)} times, first{facts.at(group[0].start_ns)}, at most"
+        f" {longest_text} long"
+        if len(group) > 1
+        else f"it stayed away for {longest_text}{facts.at(longest.start_ns)}"
+    )
+    verb = "is" if missing == 1 else "are"
     period = f"; the period is {row.period_us.median / 1000:.4g} ms" if row.period_us else ""
     silent = longest.evidence[1] - longest.evidence[0] <= 1
     if silent and longest.end_ns - longest.start_ns >= _LONG_SILENCE_NS:
@@ -51,8 +58,7 @@ def _missing_syncs(row: SyncRow, group: Sequence[HoleRow]) -> Finding:
         None,
         group[0].start_ns,
         group[-1].end_ns,
-        f"{counted(missing, 'SYNC')} of {row.cob_id:03X}h missing: it stayed away {times}, at most"
-        f" {seconds(longest.end_ns - longest.start_ns)} long{period}.",
+        f"{counted(missing, 'SYNC')} of {row.cob_id:03X}h {verb} missing: {stayed}{period}.",
         cause,
         "Look at the SYNC producer (1006h, its cycle and CPU load, its error state) and for error"
         " frames at the same time.",

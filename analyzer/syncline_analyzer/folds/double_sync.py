@@ -34,8 +34,8 @@ class DoubleSync:
     """
 
     _found: list[SyncDoubleRow] = field(default_factory=list)
-    _single: dict[int, int] = field(default_factory=dict)
-    """How many single periods in a row there were, by their length in steps of 5 %."""
+    _single: list[float] = field(default_factory=list)
+    """Periods [ns] that single SYNCs kept for a while."""
 
     def add(self, t_ns: Ints, seq: Ints, periods: Ints) -> None:
         """Take in periods in order, each with the stamp and `seq` of its end."""
@@ -127,16 +127,13 @@ class DoubleSync:
 
     def _learn(self, periods: Ints) -> None:
         """Note runs of equal periods."""
-        step = np.rint(np.log(np.maximum(periods, 1)) / _SAME).astype(np.int64)
-        edges = np.concatenate(([0], np.flatnonzero(np.diff(step)) + 1, [len(step)]))
-        lengths = np.diff(edges)
-        for at in np.flatnonzero(lengths >= MIN_PAIRS).tolist():
-            key = int(step[edges[at]])
-            self._single[key] = max(self._single.get(key, 0), int(lengths[at]))
+        for first, stop in self._runs(periods):
+            period_ns = float(np.median(periods[first:stop]))
+            if not self._seen_alone(period_ns) and len(self._single) < MAX_ROWS:
+                self._single.append(period_ns)
 
     def _seen_alone(self, period_ns: float) -> bool:
-        key = round(float(np.log(period_ns)) / _SAME)
-        return any(self._single.get(key + off, 0) >= MIN_PAIRS for off in (-1, 0, 1))
+        return any(abs(known - period_ns) <= _SAME * period_ns for known in self._single)
 
 
 def _comb_end(t_ns: Ints, at: int, period_ns: float) -> int:

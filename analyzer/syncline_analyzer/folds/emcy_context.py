@@ -159,8 +159,9 @@ def write_text(row: SdoRow, t_ns: int) -> str:
     name = f" {row.name}" if row.name else ""
     value = "" if row.value is None else f" = {row.value}"
     result = "" if row.result == "ok" else f" ({row.result})"
-    passed = (t_ns - row.end_ns) / 1e6
-    return f"{row.index or 0:04X}h:{row.sub or 0:02X}{name}{value}{result}, {passed:.3g} ms before"
+    passed_ms = (t_ns - row.end_ns) / 1e6
+    passed = f"{passed_ms / 1e3:.3g} s" if passed_ms >= 1000 else f"{passed_ms:.3g} ms"
+    return f"{row.index or 0:04X}h:{row.sub or 0:02X}{name}{value}{result}, {passed} before"
 
 
 def _around(trace: Trace, emcy: EmcyRow) -> dict[str, Any]:

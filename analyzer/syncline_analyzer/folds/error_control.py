@@ -17,7 +17,14 @@ from syncline_analyzer.folds.cadence import (
     longer_than_before,
 )
 from syncline_analyzer.folds.guarding import GUARD_ANSWER_NS, Guarding, Talk
-from syncline_analyzer.folds.nmt_events import Beat, BeatKind, Counts, OddMessage, Silence
+from syncline_analyzer.folds.nmt_events import (
+    Beat,
+    BeatKind,
+    Counts,
+    OddMessage,
+    Repeated,
+    Silence,
+)
 from syncline_analyzer.folds.pace import HeartbeatPeriods
 
 WINDOW = 15
@@ -26,6 +33,8 @@ MAX_EVENTS = 100_000
 """State changes kept per node; more than that is counted only."""
 KEPT_AFTER_MARK = 3
 """State messages kept after an NMT command or a gap, also when they change nothing."""
+MAX_TOGGLES = 10_000
+"""Repeated toggle bits kept one by one per node."""
 MAX_ODD = 100
 """Messages that are no state, kept one by one per node."""
 ON_TIME = 0.15
@@ -108,7 +117,8 @@ class ErrorControl:
     """Heartbeats of one period in two interleaved cadences."""
     twins: Twins = field(default_factory=Twins)
     """The same with two periods."""
-    toggle_seqs: list[int] = field(default_factory=list)
+    toggles: list[Repeated] = field(default_factory=list)
+    """Guard answers with the toggle bit of the one before, the first of them."""
     last_beat_ns: int | None = None
     heard_last_ns: int | None = None
     """Time of the node's last frame of any kind."""
@@ -118,6 +128,7 @@ class ErrorControl:
     """(seq, t_ns, kind) of the last beat."""
     _state: int = -1
     _toggle: int = -1
+    _toggle_seq: int = -1
     _keep: int = KEPT_AFTER_MARK
     _waiting: int = 0
     _remote_seq: int = -1
@@ -330,10 +341,13 @@ class ErrorControl:
             np.int8
         )
         before = np.concatenate(([self._toggle], toggles[:-1]))
-        wrong = (toggles == before) & (toggles >= 0)
-        counts.toggle_errors += int(np.count_nonzero(wrong))
-        self.toggle_seqs.extend(beats.seq[telling[wrong]][: 100 - len(self.toggle_seqs)].tolist())
-        self._toggle = int(toggles[-1])
+        wrong = np.flatnonzero((toggles == before) & (toggles >= 0))
+        counts.toggle_errors += len(wrong)
+        seqs = np.concatenate(([self._toggle_seq], beats.seq[telling])).tolist()
+        for row in wrong[: MAX_TOGGLES - len(self.toggles)].tolist():
+            t_ns = int(beats.t_ns[telling[row]])
+            self.toggles.append(Repeated(seqs[row], seqs[row + 1], t_ns))
+        self._toggle, self._toggle_seq = int(toggles[-1]), seqs[-1]
 
     def _follow_periods(
         self,

@@ -19,7 +19,7 @@ VALUES = 10
 
 @dataclass(frozen=True, slots=True)
 class _Way:
-    """One way in which a quantity is sent: an object in one PDO."""
+    """One way in which a quantity is sent: an object in one PDO, where it holds the value whole."""
 
     key: Key
     source: int
@@ -39,7 +39,7 @@ def with_frozen(
         # Sources are COB-IDs or -1, so counting them beats sorting them.
         for source in (np.flatnonzero(np.bincount(samples.source + 1)) - 1).tolist():
             if source != SDO_SOURCE:
-                rows = np.flatnonzero(samples.source == source)
+                rows = np.flatnonzero((samples.source == source) & samples.valid)
                 ways.setdefault(quantity(key), []).append(_Way(key, source, rows))
     frozen = {key: np.zeros(len(samples.seq), np.bool_) for key, samples in found.items()}
     for siblings in ways.values():

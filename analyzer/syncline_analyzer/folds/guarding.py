@@ -76,7 +76,9 @@ class Guarding:
     doubled_at: list[int] = field(default_factory=list)
     doubled_span: tuple[int, int] = (0, 0)
     both_at: tuple[int, int] | None = None
-    """(seq, t_ns) of the first remote frame to a node that sends heartbeats."""
+    """(seq, t_ns) of the first remote frame to a node that sends heartbeats ..."""
+    both_last: tuple[int, int] = (0, 0)
+    """... and of the last one."""
     answers_seen: bool = False
     periods: Periods = field(default_factory=Periods)
     """Between requests."""
@@ -148,10 +150,11 @@ class Guarding:
         alone = np.cumsum(fresh & ~talk.request & ~accepted) + self.in_row
         at_answer = np.maximum.accumulate(np.where(accepted & fresh, alone, 0))
         in_row = alone - at_answer
-        if self.both_at is None:
-            both = np.flatnonzero(talk.remote & fresh & (in_row >= MIN_PERIODS))
-            if len(both):
-                self.both_at = (int(talk.seq[both[0]]), int(talk.t_ns[both[0]]))
+        both = np.flatnonzero(talk.remote & fresh & (in_row >= MIN_PERIODS))
+        if len(both):
+            first, last = both[[0, -1]].tolist()
+            self.both_at = self.both_at or (int(talk.seq[first]), int(talk.t_ns[first]))
+            self.both_last = (int(talk.seq[last]), int(talk.t_ns[last]))
         if len(in_row):
             self.in_row = int(in_row[-1])
 

@@ -1,6 +1,6 @@
 """NMT: commands, and the state timeline of every node (analysis.md section 4)."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
@@ -26,6 +26,7 @@ from syncline_analyzer.folds.nmt_events import (
     OddMessage,
     OffPace,
     PdoSpan,
+    Repeated,
     Violation,
 )
 from syncline_analyzer.folds.nmt_measures import Measures
@@ -92,7 +93,8 @@ class NodeNmt:
     odd: list[OddMessage] = field(default_factory=list)
     doubles: Doubles = field(default_factory=Doubles)
     twins: Twins = field(default_factory=Twins)
-    toggle_seqs: list[int] = field(default_factory=list)
+    toggles: list[Repeated] = field(default_factory=list)
+    """Repeated toggle bits, the first of them, without those that a write has restarted."""
     violations: list[Violation] = field(default_factory=list)
     heard_ns: int | None = None
     """Time of its last frame."""
@@ -244,7 +246,7 @@ class NmtFold:
                 specifier, node = batch.frames.data[row, :2].tolist()
                 kept.append(Command(batch.seq(row), int(batch.frames.t_ns[row]), specifier, node))
                 if specifier in RESETS:
-                    resets.append(Reset(row, bus, node, specifier))
+                    resets.append(Reset(row, int(batch.frames.t_ns[row]), bus, node, specifier))
         return resets
 
     def _take_odd(self, batch: IndexedBatch, bus: int, rows: NDArray[np.intp]) -> None:
@@ -300,7 +302,7 @@ class NmtFold:
         fresh = control.beats[seen:]
         before = [control.beats[seen - 1] if seen else None, *fresh]
         return [
-            Reset(max(0, beat.seq - batch.seq0), *key)
+            Reset(beat.seq - batch.seq0, beat.t_ns, *key)
             for last, beat in zip(before, fresh, strict=False)
             if beat.kind == "boot-up" or (last is not None and self._restarts(key, last, beat))
         ]
@@ -378,6 +380,7 @@ class NmtFold:
     ) -> None:
         control = self._control.get(key) or ErrorControl(timed=self._context.timed)
         commands = [c for c in self._commands.get(key[0], []) if c.node in (0, key[1])]
+        commands = sorted([*commands, *self._sdo_resets(key)], key=lambda c: c.seq)
         history = NodeHistory(
             bus=key[0],
             node=key[1],
@@ -393,7 +396,6 @@ class NmtFold:
             period_ns=control.slowest_ns(),
             guard_period_ns=control.guarding.periods.median_ns(),
             paces=control.paces.paces,
-            guarded=control.guarding.answers_seen,
             alone=alone,
             others_anew=self._others_anew(key),
             communication_errors=self._errors.get(key, ()),
@@ -414,6 +416,8 @@ class NmtFold:
         control.counts.boot_ups += extra
         control.counts.heartbeats -= extra
         late = [entry for entry in control.paces.late if not measures.explains(entry)]
+        toggles = [entry for entry in control.toggles if not self._restarted(key, entry)]
+        control.counts.toggle_errors -= len(control.toggles) - len(toggles)
         table.nodes[key] = NodeNmt(
             counts=control.counts,
             heartbeat_period_ns=control.median_ns() if self._context.timed else None,
@@ -429,12 +433,32 @@ class NmtFold:
             odd=control.odd,
             doubles=control.doubles,
             twins=control.twins,
-            toggle_seqs=control.toggle_seqs,
+            toggles=toggles,
             violations=timeline.violations,
             heard_ns=control.heard_last_ns,
             off_pace=timeline.off_pace,
             pdos="no" if not spans else "guess" if all(s.guess for s in spans) else "bound",
         )
+
+    def _restarted(self, key: NodeKey, toggle: Repeated) -> bool:
+        """Whether a write began the toggle bit anew between two answers (a device's habit)."""
+        shadow = self._context.shadow
+        return any(
+            toggle.before_seq < seq < toggle.seq
+            for place in quirks(shadow.device(*key)).guard_toggle_restarts_on
+            for seq in shadow.changes(*key, *place)
+        )
+
+    def _sdo_resets(self, key: NodeKey) -> Iterator[Command]:
+        """Writes by which a device resets, as its maker says (2002h of the JN2100)."""
+        shadow = self._context.shadow
+        writes = quirks(shadow.device(*key)).reset_writes
+        for place, history in shadow.history(*key) if writes else ():
+            for change in history.changes if place in writes else ():
+                known = change.known
+                if known and change.cause == "sdo-write" and known.value == writes[place]:
+                    how = f"reset by SDO ({place[0]:04X}h)"
+                    yield Command(change.seq, change.t_ns, RESETS[0], key[1], how)
 
     def _others_anew(self, key: NodeKey) -> list[int]:
         """When other nodes of the bus may have started: a boot-up may look like a heartbeat."""

@@ -68,6 +68,14 @@ class Unanswered(NamedTuple):
     number: int
 
 
+class Repeated(NamedTuple):
+    """A guard answer, at `seq`, with the toggle bit of the one before it."""
+
+    before_seq: int
+    seq: int
+    t_ns: int
+
+
 class OddMessage(NamedTuple):
     """A data frame on a node's error-control identifier that is none, and what is wrong with it."""
 
@@ -90,12 +98,13 @@ class Counts:
 
 
 class Command(NamedTuple):
-    """An NMT command; node 0 means all."""
+    """An NMT command, or a write that the node takes as one (`by` says which); node 0 means all."""
 
     seq: int
     t_ns: int
     specifier: int
     node: int
+    by: str = ""
 
 
 class OddCommand(NamedTuple):
@@ -159,8 +168,6 @@ class NodeHistory:
     period_ns: int | None
     guard_period_ns: int | None = None
     paces: Sequence[Pace] = ()
-    guarded: bool = False
-    """Whether it answers guard requests: then nobody times its silence while the master is off."""
     alone: bool = False
     """Whether no other node is known on its bus."""
     others_anew: Sequence[int] = ()

@@ -198,7 +198,7 @@ class Timeline:
             return
         now.command, now.first = command, first
         whom = "all nodes" if command.node == 0 else "the node"
-        cause = f'command "{command_name(command.specifier)}" to {whom}'
+        cause = command.by or f'command "{command_name(command.specifier)}" to {whom}'
         self._begin(state, command.t_ns, cause, "commanded", command.seq)
 
     def _beat(self, beat: Beat) -> None:
@@ -235,7 +235,7 @@ class Timeline:
                 state, beat.t_ns, f'{beat.kind} follows "{name}" late', "observed", beat.seq
             )
             return
-        elif now.state not in (NmtState.UNKNOWN, NmtState.LOST):
+        elif now.state not in (NmtState.UNKNOWN, NmtState.LOST) and last.certainty != "implied":
             self.changes.append((beat.seq, beat.t_ns, now.state.value, state.value))
         self._begin(state, beat.t_ns, self._cause_of(beat, now.state), "observed", beat.seq)
 
@@ -267,7 +267,7 @@ class Timeline:
     def _note_ignored(self, command: Command, beat: Beat, state: NmtState) -> None:
         """A contradiction counts once a period of the error control has passed."""
         patience = self.history.period_ns
-        if patience is None or not self._context.timed:
+        if patience is None or not self._context.timed or command.by:
             return
         if command.specifier in _RESETS:
             patience = max(patience, self.reset_quiet_ns)
@@ -338,7 +338,7 @@ class Timeline:
             and now.reset is None
         )
         seq, t_ns = (reset.seq, reset.t_ns) if reset and commanded else (None, None)
-        blind = blind or (self.history.guarded and self._switched_on(beat))
+        blind = blind or self._switched_on(beat)
         event = BootUpEvent(beat.seq, beat.t_ns, beat.state, seq, t_ns, repeated, blind)
         self.boot_ups.append(event)
         if not repeated:
@@ -392,9 +392,9 @@ class Timeline:
             if passed - self.quiet.within(since, silence.end_ns) <= quiet:
                 return
             start = max(start, since + quiet)
-        whole = self._of_the_bus(silence, timeout_ns)
-        if whole and self._starts_anew(silence) and self._went_on(silence.start_ns, silence.end_ns):
-            whole = silence.end_ns - silence.start_ns > ALONE_RESTART_NS
+        anew = self._starts_anew(silence)
+        whole = self._whole_bus(silence, timeout_ns, anew)
+        went_on = not anew or self._went_on(silence.start_ns, silence.end_ns)
         before = now.state.value
         now.command = None
         if self._is_restart(silence, whole):
@@ -404,7 +404,7 @@ class Timeline:
                 _loss(silence, silence.start_ns, timeout_ns, reason, before, whole)
             )
             return
-        if whole and not self._starts_anew(silence) and silence.end_seq is not None:
+        if whole and went_on and silence.end_seq is not None:
             cause = (
                 "no frame of anybody on the bus: switched off, not recorded, or the clock stepped"
             )
@@ -426,6 +426,17 @@ class Timeline:
         at = bisect_left(self._seqs, seq)
         return at < len(self._seqs) and self._seqs[at] == seq
 
+    def _whole_bus(self, silence: Silence, timeout_ns: int, anew: bool) -> bool:
+        """Whether a silence is that of everybody, and no restart of this node alone.
+
+        The machine was off if nobody was heard for long enough, from about the moment on at which
+        the node was heard last: some nodes, the master above all, take longer to start.
+        """
+        if not anew or self.history.alone:
+            return self._of_the_bus(silence, timeout_ns)
+        off_ns = self.quiet.off(silence.start_ns, silence.end_ns)
+        return off_ns is not None and off_ns - silence.start_ns <= timeout_ns
+
     def _of_the_bus(self, silence: Silence, timeout_ns: int) -> bool:
         """Whether nobody was heard for most of a silence, or for what makes it too long."""
         passed = silence.end_ns - silence.start_ns
@@ -442,10 +453,8 @@ class Timeline:
         return not self.history.alone and (at == len(anew) or anew[at] > end_ns + RESTART_NS)
 
     def _switched_on(self, beat: Beat) -> bool:
-        """Whether a boot-up ends a silence of the whole bus, after which others started as well."""
-        start_ns, end_ns = beat.previous_ns, beat.t_ns
-        nobody = self.quiet.within(start_ns, end_ns)
-        return nobody > (end_ns - start_ns) / 2 and not self._went_on(start_ns, end_ns)
+        """Whether the machine may have been off since the node was heard last."""
+        return not self.history.alone and self.quiet.off(beat.previous_ns, beat.t_ns) is not None
 
     def _is_restart(self, silence: Silence, whole: bool) -> bool:
         """Whether an unasked boot-up ends a silence no longer than a restart may take."""

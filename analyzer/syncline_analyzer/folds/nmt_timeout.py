@@ -12,6 +12,8 @@ LOST_FACTOR = 1.5
 """Producer heartbeat times without a message after which a node is LOST (analysis.md 4)."""
 FAST_FACTOR = 0.7
 """A heartbeat whose period is a smaller part of 1017h is too fast."""
+MISSED_GUARDS = 2
+"""Guard requests in a row without an answer that make a node lost; a single one may go astray."""
 ENOUGH = 6
 """Periods of one pace that are held against 1017h."""
 PRODUCER_TIME = 0x1017
@@ -48,7 +50,7 @@ def silence_limit(
 def _guarded(context: Context, history: NodeHistory, silence: Silence) -> tuple[int, str] | None:
     """A guarded node is judged only while it is asked; its life time is 100Ch x 100Dh."""
     median = silence.period_ns
-    if not silence.requests or median is None:
+    if silence.requests < MISSED_GUARDS or median is None:
         return None
     limit = round(LOST_FACTOR * max(median, history.guard_period_ns or 0))
     life = life_time_ns(context, history.bus, history.node, silence.start_seq)

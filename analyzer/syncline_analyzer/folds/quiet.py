@@ -9,6 +9,8 @@ from syncline_analyzer.folds.clock import BusSilence
 
 LONGER = 1.3
 """A silence of the bus so many times as long as its usual longest ones is none of these."""
+OFF_NS = 1_000_000_000
+"""Nobody switches a machine off and on in less [ns]."""
 
 
 class Quiet:
@@ -29,3 +31,9 @@ class Quiet:
             return 0
         overlap = np.minimum(self._ends, end_ns) - np.maximum(self._starts, start_ns)
         return max(0, int(overlap.max()) - self._usual_ns)
+
+    def off(self, start_ns: int, end_ns: int) -> int | None:
+        """When the first such silence in a stretch began that is long enough for a power cycle."""
+        begins, ends = np.maximum(self._starts, start_ns), np.minimum(self._ends, end_ns)
+        found = begins[ends - begins >= OFF_NS]
+        return int(found.min()) if len(found) else None

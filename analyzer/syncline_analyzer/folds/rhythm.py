@@ -60,16 +60,24 @@ class Missed:
 
     def __init__(self) -> None:
         self._t_ns: list[NDArray[np.int64]] = []
+        self._since_ns: list[NDArray[np.int64]] = []
+        """From when on a node must have run to send at that moment."""
         self._seq: list[NDArray[np.int64]] = []
         self._kept = 0
         self._beyond: list[tuple[int, int, int]] = []
 
-    def add(self, t_ns: NDArray[np.int64], seq: NDArray[np.int64]) -> None:
-        """Moments one by one, in order."""
+    def add(
+        self,
+        t_ns: NDArray[np.int64],
+        seq: NDArray[np.int64],
+        since_ns: NDArray[np.int64] | None = None,
+    ) -> None:
+        """Moments one by one, in order; `since_ns` is when the node began to wait for each."""
         room = MAX_KEPT - self._kept
         if len(t_ns) > room:
             self._beyond.append((int(t_ns[room]), int(t_ns[-1]), len(t_ns) - room))
         self._t_ns.append(t_ns[:room])
+        self._since_ns.append((t_ns if since_ns is None else since_ns)[:room])
         self._seq.append(seq[:room])
         self._kept += min(len(t_ns), room)
 
@@ -90,32 +98,34 @@ class Missed:
     ) -> MissedList:
         """Those that were due while the node was OPERATIONAL (None: all).
 
-        A moment counts when the node was OPERATIONAL from `settle_ns` before it to `step_ns`, the
-        time between two due moments, after it. A silence that lasts until the node is seen in
-        another state is taken for the change itself.
+        A moment counts when the node was OPERATIONAL from `settle_ns` before it began to wait for
+        it to `step_ns`, the time between two due moments, after it. A silence that lasts until the
+        node is seen in another state is taken for the change itself.
         """
         t_ns = np.concatenate([np.zeros(0, np.int64), *self._t_ns])
+        since_ns = np.concatenate([np.zeros(0, np.int64), *self._since_ns])
         seq = np.concatenate([np.zeros(0, np.int64), *self._seq])
         if intervals is None:
             return MissedList(t_ns, seq, sum(count for _, _, count in self._beyond))
         inside = np.zeros(len(t_ns), np.bool_)
         beyond = 0
         for interval in intervals:
-            rows = _inside(t_ns, interval, step_ns, settle_ns)
+            rows = _inside(t_ns, since_ns, interval, step_ns, settle_ns)
             inside[_without_leaving(rows, t_ns, interval, step_ns)] = True
             for start, end, count in self._beyond:
                 spread = np.linspace(start, end, count)
-                beyond += len(_inside(spread, interval, step_ns, settle_ns))
+                beyond += len(_inside(spread, spread, interval, step_ns, settle_ns))
         return MissedList(t_ns[inside], seq[inside], beyond)
 
 
 def _inside(
     t_ns: NDArray[np.int64] | NDArray[np.float64],
+    since_ns: NDArray[np.int64] | NDArray[np.float64],
     interval: Operational,
     step_ns: float,
     settle_ns: float,
 ) -> NDArray[np.intp]:
-    after = t_ns - settle_ns >= interval.start_ns
+    after = since_ns - settle_ns >= interval.start_ns
     return np.flatnonzero(after & (t_ns + step_ns <= interval.end_ns))
 
 
@@ -208,8 +218,19 @@ class Rhythm:
         position = missed - index.first_ordinal
         known = position >= index.first
         known[known] = index.usable[position[known]]
-        self.missed.add(index.t_ns[position[known]], index.seq[position[known]])
+        position = position[known]
+        since_ns = _syncs_before(index, position, every) if every > 1 else None
+        self.missed.add(index.t_ns[position], index.seq[position], since_ns)
         self._due = int(line[-1]) + every * int(counts[-1])
+
+
+def _syncs_before(
+    index: SyncIndex, position: NDArray[np.int64], every: int
+) -> NDArray[np.int64]:
+    """Stamps of the SYNCs `every` before: a node that starts after them counts from another one."""
+    before = position - every
+    estimate = index.t_ns[position] - round(every * index.cycle_ns)
+    return np.where(before >= index.first, index.t_ns[np.maximum(before, 0)], estimate)
 
 
 def _one_based(counts: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -42,10 +42,12 @@ class _Side(NamedTuple):
 class Reset(NamedTuple):
     """A node starts anew at a row of the batch; node 0 means all of the bus.
 
+    The row is negative for a frame of an earlier batch, of which only now is known what it means;
     `specifier` is that of the NMT command, 81h or 82h; 0 where the node booted.
     """
 
     row: int
+    t_ns: int
     bus: int
     node: int
     specifier: int = 0
@@ -110,9 +112,10 @@ class SdoFold:
         self._buses |= buses
         begin = 0
         for reset in resets:
-            self._feed(batch, usual, begin, reset.row)
-            begin = reset.row
-            self._reset(reset, batch.seq(reset.row), int(batch.frames.t_ns[reset.row]))
+            row = max(0, reset.row)
+            self._feed(batch, usual, begin, row)
+            begin = row
+            self._reset(reset, batch.seq0 + reset.row)
         self._feed(batch, usual, begin, len(batch))
 
     def gap(self, gap: Gap) -> None:
@@ -247,14 +250,14 @@ class SdoFold:
         usual = 0x580 < can_id < 0x680 and can_id & 0x7F != node
         return usual and other is not None and other.answers > 0
 
-    def _reset(self, reset: Reset, seq: int, t_ns: int) -> None:
+    def _reset(self, reset: Reset, seq: int) -> None:
         shadow = self._context.shadow
         nodes = [node for bus, node in shadow.nodes() if bus == reset.bus]
         for node in nodes if reset.node == 0 else [reset.node]:
-            shadow.reset(reset.bus, node, seq, t_ns, reset.specifier)
+            shadow.reset(reset.bus, node, seq, reset.t_ns, reset.specifier)
         for (bus, node, _), channel in self._channels.items():
             if bus == reset.bus and reset.node in (0, node):
-                channel.interrupt(t_ns)
+                channel.interrupt(seq, reset.t_ns)
         self._locate_again = True
 
     def _done(self, channel: SdoChannel, transfer: Transfer) -> None:
@@ -284,9 +287,9 @@ class SdoFold:
         value = shadow_value(shadow.device(bus, node), transfer)
         write = transfer.direction == "download"
         if write and transfer.index == 0x1010 and value == SAVE_SIGNATURE:
-            shadow.save(bus, node, transfer.sub)
+            shadow.save(bus, node, transfer.end_seq, transfer.sub)
         elif write and transfer.index == 0x1011 and value == LOAD_SIGNATURE:
-            shadow.restore(bus, node, transfer.sub)
+            shadow.restore(bus, node, transfer.end_seq, transfer.sub)
         else:
             source = "sdo-write" if write else "sdo-read"
             known = Known(value, source, transfer.end_seq, transfer.end_ns)  # type: ignore[arg-type]

@@ -136,9 +136,12 @@ class SdoChannel:
         self._last_answer = answer
         self._complete(transfer)
 
-    def interrupt(self, t_ns: int) -> None:
-        """End what runs because the node was reset."""
-        self._end_all(t_ns, "reset")
+    def interrupt(self, seq: int, t_ns: int) -> None:
+        """End what runs because the node was reset, unless it was asked for after that."""
+        asked = [entry.seq for _, entry in self._waiting]
+        asked += [self._now.seq] if self._now is not None else []
+        if not asked or min(asked) < seq:
+            self._end_all(t_ns, "reset")
 
     def cut(self, begin_ns: int | None) -> None:
         """End what runs because nothing was heard for a while, from `begin_ns` on if known."""

@@ -27,7 +27,7 @@ class SdoFrames:
     t_ns: _Ints
     length: NDArray[np.uint8]
     data: NDArray[np.uint8]
-    channel: NDArray[np.intp]
+    channel: NDArray[np.uint16]
     request: NDArray[np.bool_]
 
     def pairs(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

@@ -74,6 +74,8 @@ class _Bus:
     """Identifiers beside the heartbeats that may witness a step of the clock."""
     waiting: list[Silence] = field(default_factory=list)
     """Silences that not every identifier has been heard after."""
+    backs: list[Silence] = field(default_factory=list)
+    """Times that the stamps go through twice."""
 
 
 class SilenceFold:
@@ -85,9 +87,11 @@ class SilenceFold:
 
     def __init__(self) -> None:
         self._buses: dict[int, _Bus] = {}
+        self._told: dict[int, list[Silence]] = {}
 
     def update(self, block: Block, bus: int) -> None:
         """Take in the frames of one bus of a block."""
+        self._told.clear()
         state = self._buses.setdefault(bus, _Bus())
         rows = np.arange(len(block.frames))[block.by_bus[bus]]
         t_ns = block.frames.t_ns[rows]
@@ -97,6 +101,10 @@ class SilenceFold:
             seq = np.concatenate(([state.last_seq], seq))
         apart = np.diff(t_ns)
         state.apart.add(apart[apart >= 0])
+        back = np.flatnonzero(apart < -_STAMP_NS)[: MAX_SILENCES - len(state.backs)].tolist()
+        state.backs.extend(
+            Silence(int(t_ns[k + 1]), int(t_ns[k]), int(seq[k]), int(seq[k + 1]), {}) for k in back
+        )
         others = [i for b, i in block.batch.ids() if b == bus and i not in _HEARTBEATS]
         state.others.extend(
             [i for i in others if i not in state.others][: _OTHERS - len(state.others)]
@@ -129,6 +137,7 @@ class SilenceFold:
 
     def gap(self, bus: int | None) -> None:
         """A gap is no silence."""
+        self._told.clear()
         for number, state in self._buses.items():
             if bus in (None, number):
                 state.last_ns = None
@@ -140,6 +149,11 @@ class SilenceFold:
 
         One that was overdue before is its node's own affair.
         """
+        if bus not in self._told:
+            self._told[bus] = self._overdue(bus)
+        return self._told[bus]
+
+    def _overdue(self, bus: int) -> list[Silence]:
         state = self._buses.get(bus)
         if state is None:
             return []
@@ -162,6 +176,14 @@ class SilenceFold:
                 if can_id in periods
             )
         ]
+
+    def unsure(self, bus: int) -> list[Silence]:
+        """Silences of a bus, and the times that its stamps go through twice.
+
+        Where the clock was set back a stamp does not tell in which state a node was.
+        """
+        state = self._buses.get(bus)
+        return self.of(bus) + (state.backs if state is not None else [])
 
     def steps(self, bus: int) -> list[ForwardStep]:
         """Silences in which every period is too long by the same time: the clock was set."""

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from syncline_analyzer.context import Context
@@ -22,6 +23,8 @@ MAX_POINTS = 20_000
 _MISSING = 1.5
 _LEARN = 16
 """Periods from which a block's own median is taken."""
+_AROUND = 33
+"""So many pairs of periods tell the cycle of the one in their middle."""
 _REGIME = 8
 """This many long periods in a row are a slower SYNC, not missing ones."""
 
@@ -254,11 +257,11 @@ class SyncFold:
         whole = (periods >= 0) & (periods < _MISSING * median)
         if not whole.any():
             return
-        # The mean of late and early ones is the producer's cycle; a median may be either.
-        cycle = float(periods[whole].mean())
-        limit = max(OFF * cycle, in_the_way, 3.0 * self._context.resolution_ns)
-        off = whole & (np.abs(periods - cycle) > limit)
-        state.unsteady.add(t_ns, seq, periods, off, cycle)
+        cycles = np.full(len(periods), median)
+        cycles[whole] = _cycles(periods[whole])
+        limits = np.maximum(OFF * cycles, max(in_the_way, 3.0 * self._context.resolution_ns))
+        off = whole & (np.abs(periods - cycles) > limits)
+        state.unsteady.add(t_ns, seq, periods, off, cycles)
 
     def _missing_by_time(self, state: _State, index: SyncIndex) -> NDArray[np.int64]:
         """SYNCs that are missing in each period: one per whole median (analysis.md section 5)."""
@@ -330,6 +333,23 @@ class SyncFold:
 def _median(state: _State, periods: NDArray[np.int64]) -> float:
     """Median of a block's own periods where there are enough of them, so that it may change."""
     return float(np.median(periods)) if len(periods) >= _LEARN else state.period.quantile(0.5)
+
+
+def _cycles(periods: NDArray[np.int64]) -> NDArray[np.float64]:
+    """(n,) the producer's cycle around each of its periods; it may change within a block.
+
+    The mean of a late period and the early one beside it is the cycle; a median may be either.
+    """
+    mean = float(periods.mean())
+    if float(np.abs(periods - mean).max()) <= OFF * mean:
+        return np.full(len(periods), mean)
+    pairs = (periods[1:] + periods[:-1]) / 2
+    if len(pairs) < _AROUND:
+        return np.full(len(periods), mean)
+    around = np.pad(pairs, (_AROUND // 2, _AROUND // 2 + 1), mode="symmetric")
+    cycles: NDArray[np.float64] = np.median(sliding_window_view(around, _AROUND), axis=1)
+    same = bool((np.abs(cycles - mean) <= OFF * mean).all())
+    return np.full(len(periods), mean) if same else cycles
 
 
 def _add_holes(state: _State, index: SyncIndex, missing: NDArray[np.int64]) -> None:

@@ -170,7 +170,7 @@ class TimingFold:
         sync_ns = self._sync.median_ns(bus, state.sync_cob_id)
         sending = _sending(state, sync_ns, self._context)
         missed = self._missed(bus, state, sending, sync_ns, nmt_states)
-        if silences := self._silence.of(bus):
+        if silences := self._silence.unsure(bus):
             step_ns = _due_step_ns(state, sending, sync_ns)
             after_ns = step_ns if sending.every > 1 else 0.0
             missed = missed.without(within_silence(missed.t_ns, silences, step_ns, after_ns))
@@ -239,8 +239,7 @@ class TimingFold:
             name = self._context.bus_name(bus)
             intervals = _operational(nmt_states, name, state.owner.node, self._gap_starts)
         if sending.synchronous:
-            again_ns = START_NS + (sending.every * sync_ns if sending.every > 1 else 0.0)
-            return state.rhythm.missed.within(intervals, sync_ns, again_ns)
+            return state.rhythm.missed.within(intervals, sync_ns, START_NS)
         timer_ns = state.told_timer_ns()
         return state.overdue.within(intervals, timer_ns, timer_ns) if timer_ns else nothing
 

@@ -85,17 +85,22 @@ class Unsteady:
         self._open: _Stretch | None = None
 
     def add(
-        self, t_ns: Ints, seq: Ints, periods: Ints, off: NDArray[np.bool_], cycle_ns: float
+        self,
+        t_ns: Ints,
+        seq: Ints,
+        periods: Ints,
+        off: NDArray[np.bool_],
+        cycles_ns: NDArray[np.float64],
     ) -> None:
-        """Take in periods in order, each with the stamp and `seq` of its end."""
+        """Take in periods in order, each with the stamp and `seq` of its end, and its cycle."""
         rows = np.flatnonzero(off)
         found = _Off(
             rows + self._periods,
             t_ns[rows],
             seq[rows],
             t_ns[rows] - periods[rows],
-            np.abs(periods[rows] - cycle_ns),
-            np.full(len(rows), cycle_ns),
+            np.abs(periods[rows] - cycles_ns[rows]),
+            cycles_ns[rows],
         )
         self._periods += len(off)
         if not len(rows):

@@ -10,6 +10,7 @@ from plotly.offline import get_plotlyjs
 from syncline_analyzer.results import Analysis, Finding, NodeRow
 from syncline_analyzer.views import report_tables as tables
 from syncline_analyzer.views.html import Html, data_script, element, joined, table
+from syncline_analyzer.views.known import KnownLine, known_lines
 from syncline_analyzer.views.markdown import chain_lines, extent, verdict, where
 from syncline_analyzer.views.palette import (
     EMCY_CLEAR_COLOUR,
@@ -20,6 +21,7 @@ from syncline_analyzer.views.palette import (
     css,
 )
 from syncline_analyzer.views.report_plots import bands_of, plots_of
+from syncline_analyzer.views.services import error_list, listings
 from syncline_analyzer.views.text import recording_lines
 from syncline_analyzer.views.timeline_svg import node_id, timeline
 from syncline_analyzer.views.words import (
@@ -257,14 +259,19 @@ def _nodes(analysis: Analysis, clock: Clock) -> Iterator[Html]:
         for row in analysis.nodes
     )
     yield table("Nodes on the bus", heads, rows)
+    known = known_lines(analysis)
     for row in analysis.nodes:
-        yield _node(row, analysis, clock)
+        own = [line for line in known if (line.bus, line.node) == (row.bus, row.node)]
+        yield _node(row, analysis, own, clock)
 
 
-def _node(node: NodeRow, analysis: Analysis, clock: Clock) -> Html:
+def _node(node: NodeRow, analysis: Analysis, known: list[KnownLine], clock: Clock) -> Html:
     def own(row: object) -> bool:
         return (getattr(row, "bus", None), getattr(row, "node", None)) == (node.bus, node.node)
 
+    contexts = {row.seq: row for row in analysis.emcy_context if own(row)}
+    read = [row for row in analysis.error_history if own(row)]
+    history = error_list(analysis, read, clock, named=False)
     troubled = any(own(row) for row in (*analysis.findings, *analysis.emcy, *analysis.errors))
     label = f"Node {node_label(node.node, node.name)} on {node.bus}"
     return element(
@@ -274,11 +281,13 @@ def _node(node: NodeRow, analysis: Analysis, clock: Clock) -> Html:
         ),
         _identity(node),
         *tables.error_table([row for row in analysis.errors if own(row)], clock),
-        *tables.emcy_table([row for row in analysis.emcy if own(row)], clock),
+        *tables.emcy_table([row for row in analysis.emcy if own(row)], contexts, clock),
+        *(tables.listed_table(history) if history else ()),
         *tables.pdo_table("PDOs", [row for row in analysis.pdos if own(row)]),
         *tables.sdo_table([row for row in analysis.sdo if own(row) and row.result != "ok"], clock),
         *tables.trace_table([row for row in analysis.traces if own(row)]),
         *tables.state_table([row for row in analysis.nmt_states if own(row)], clock),
+        *tables.known_table(known),
         id=node_id(node.bus, node.node),
         open=troubled,
     )
@@ -334,4 +343,6 @@ def _recording(analysis: Analysis, clock: Clock) -> Iterator[Html]:
     if analysis.bus_load:
         heads = ["Bus", ">Bit rate", ">Mean load", ">Peak load", ">Frames/s"]
         yield table("Bus load", heads, loads)
+    for listing in listings(analysis, clock):
+        yield from tables.listed_table(listing)
     yield element("p", "Files: ", ", ".join(capture.files))

@@ -1,8 +1,9 @@
 """Tables of the report; each yields nothing where it would have no rows."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from syncline_analyzer.results import (
+    EmcyContextRow,
     EmcyRow,
     ErrorRow,
     NmtCommandRow,
@@ -13,6 +14,8 @@ from syncline_analyzer.results import (
     TraceRow,
 )
 from syncline_analyzer.views.html import Html, element, table
+from syncline_analyzer.views.known import KnownLine
+from syncline_analyzer.views.services import Listing
 from syncline_analyzer.views.text import pdo_type
 from syncline_analyzer.views.words import (
     Clock,
@@ -25,6 +28,7 @@ from syncline_analyzer.views.words import (
     trace_object,
 )
 
+_QUIET = ("active", "unknown")
 MAX_ROWS = 200
 """Rows of a table of events; the parquet files hold all."""
 
@@ -72,8 +76,43 @@ def command_table(
     yield from _limited("NMT commands", heads, listed)
 
 
-def emcy_table(rows: list[EmcyRow], clock: Clock) -> Iterator[Html]:
-    """EMCY messages of one node."""
+def listed_table(listing: Listing) -> Iterator[Html]:
+    """A table that the text view shows as well."""
+    heads = [
+        f"{'>' * (h[0] == '>')}{h.lstrip('>')[:1].upper()}{h.lstrip('>')[1:]}"
+        for h in listing.heads
+    ]
+    yield from _limited(listing.title, heads, [*listing.rows])
+
+
+def known_table(lines: Sequence[KnownLine]) -> Iterator[Html]:
+    """Settings of one node and where they are known from, to be opened."""
+    if lines:
+        told = element("summary", "What is known of its settings, and from where")
+        rows = [(line.what, line.text) for line in lines]
+        yield element("details", told, table("Settings", ["What", "Value and source"], rows))
+
+
+def _around(context: EmcyContextRow | None) -> str:
+    """What else was known when an EMCY came: state, the last write before, measured values."""
+    if context is None:
+        return "-"
+    sure = "" if context.certainty == "observed" else f" ({context.certainty})"
+    told = [f"{context.state}{sure}"]
+    if context.bus_state not in (None, *_QUIET):
+        told.append(f"recorder's controller {context.bus_state}")
+    told += [f"written: {text}" for text in context.writes[:1]]
+    for value in list(context.values.values())[:3]:
+        steps = (value["before"], value["after"])
+        numbers = ", then ".join("?" if step is None else f"{step:.10g}" for step in steps)
+        told.append(f"{value['name']} {numbers} {value['unit']}".rstrip())
+    return "; ".join(told)
+
+
+def emcy_table(
+    rows: list[EmcyRow], contexts: Mapping[int, EmcyContextRow], clock: Clock
+) -> Iterator[Html]:
+    """EMCY messages of one node, each with what was around it."""
     listed: list[Sequence[object]] = [
         (
             clock.short(row.t_ns),
@@ -83,12 +122,22 @@ def emcy_table(rows: list[EmcyRow], clock: Clock) -> Iterator[Html]:
             ", ".join(row.registers) or "-",
             element("code", row.manufacturer_hex or "-"),
             row.seq,
-            row.meaning + "".join(f"; {key} {value}" for key, value in row.details.items()),
+            element("div", _meaning(row), class_="wrap"),
+            element("div", _around(contexts.get(row.seq)), class_="wrap"),
         )
         for row in rows
     ]
-    heads = ["When", "Code", "Transition", "Register", "Bits", "Manufacturer bytes", ">Frame", "Meaning"]  # fmt: skip
+    heads = ["When", "Code", "Transition", "Register", "Bits", "Manufacturer bytes", ">Frame", "Meaning", "State, last write and values around it"]  # fmt: skip
     yield from _limited("EMCY history", heads, listed)
+
+
+def _meaning(row: EmcyRow) -> str:
+    told = [row.meaning]
+    for key, value in row.details.items():
+        if value and not key.endswith("_bits"):
+            bits = row.details.get(f"{key}_bits")
+            told.append(f"{key} {value}" + (f" ({', '.join(bits)})" if bits else ""))
+    return "; ".join(told)
 
 
 def error_table(rows: list[ErrorRow], clock: Clock) -> Iterator[Html]:

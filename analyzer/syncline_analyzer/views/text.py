@@ -18,6 +18,7 @@ from syncline_analyzer.views.known import KnownLine, known_lines
 from syncline_analyzer.views.lanes import cells, lanes_of
 from syncline_analyzer.views.markdown import chain_lines, extent, verdict, where
 from syncline_analyzer.views.palette import SEVERITY_COLOURS, STATE_COLOURS, STATE_LETTERS, css
+from syncline_analyzer.views.services import Listing, error_list, listings
 from syncline_analyzer.views.words import (
     Clock,
     duration,
@@ -131,6 +132,8 @@ def _tables(analysis: Analysis, clock: Clock, width: int) -> Iterator[tuple[str,
     if analysis.emcy:
         messages = sum(row.transition != RESET for row in analysis.emcy)
         yield f"EMCY ({messages})", _emcy(analysis, clock)
+    if history := error_list(analysis, analysis.error_history, clock, named=True):
+        yield history.title, _listing(history)
     if any(row.result != "ok" for row in analysis.sdo):
         yield "SDO transfers that failed", _sdo(analysis, clock)
     if analysis.traces:
@@ -139,12 +142,8 @@ def _tables(analysis: Analysis, clock: Clock, width: int) -> Iterator[tuple[str,
         yield "What is known of the nodes, and from where", _known(analysis, lines)
     if analysis.bus_load:
         yield "Bus load", _bus_load(analysis)
-    if analysis.bus_errors:
-        yield "Error frames", _bus_errors(analysis, clock)
-    if analysis.bus_states and clock.timed:
-        yield "State of the recorder's controller", _bus_states(analysis, clock)
-    if analysis.lss:
-        yield "LSS", _lss(analysis, clock)
+    for listing in listings(analysis, clock):
+        yield listing.title, _listing(listing)
     yield "Recording", _recording(analysis, clock)
 
 
@@ -324,27 +323,11 @@ def _bus_load(analysis: Analysis) -> Table:
     return table
 
 
-def _bus_errors(analysis: Analysis, clock: Clock) -> Table:
-    table = _grid("bus", ">frames", "first", "last", "what they say")
-    for row in analysis.bus_errors[:MAX_ROWS]:
-        first, last = (clock.short(t) for t in (row.first_ns, row.last_ns))
-        _row(table, row.bus, row.count, first, last, row.kind)
-    return _with_rest(table, len(analysis.bus_errors))
-
-
-def _bus_states(analysis: Analysis, clock: Clock) -> Table:
-    table = _grid("bus", "state", "from", "cause", ">tx errors", ">rx errors")
-    for row in analysis.bus_states[:MAX_ROWS]:
-        counters = ("-" if n is None else str(n) for n in (row.tx_errors, row.rx_errors))
-        _row(table, row.bus, row.state, clock.short(row.start_ns), row.cause, *counters)
-    return _with_rest(table, len(analysis.bus_states))
-
-
-def _lss(analysis: Analysis, clock: Clock) -> Table:
-    table = _grid("time", "bus", "from", "command")
-    for row in analysis.lss[:MAX_ROWS]:
-        _row(table, clock.short(row.t_ns), row.bus, row.sender, row.text)
-    return _with_rest(table, len(analysis.lss))
+def _listing(listing: Listing) -> Table:
+    table = _grid(*listing.heads)
+    for row in listing.rows[:MAX_ROWS]:
+        _row(table, *map(printable, row))
+    return _with_rest(table, len(listing.rows))
 
 
 def _recording(analysis: Analysis, clock: Clock) -> Table:

@@ -119,12 +119,12 @@ def duration(ns: int) -> str:
 
 
 def capture_time(ns: int) -> str:
-    """Capture time as hours, minutes and seconds with milliseconds.
+    """Capture time as hours, minutes and seconds, rounded to milliseconds as in the findings.
 
-    >>> capture_time(723_250_000_000), capture_time(3_723_000_000_000)
-    ('12:03.250', '1:02:03.000')
+    >>> capture_time(723_250_000_000), capture_time(3_723_000_000_000), capture_time(1_000_600_000)
+    ('12:03.250', '1:02:03.000', '0:01.001')
     """
-    sign, ms = ("-", -ns // 10**6) if ns < 0 else ("", ns // 10**6)
+    sign, ms = ("-" if ns < 0 else "", (abs(ns) + 500_000) // 10**6)
     minutes, ms = divmod(ms, 60_000)
     hours, minutes = divmod(minutes, 60)
     head = f"{hours}:{minutes:02}" if hours else f"{minutes}"

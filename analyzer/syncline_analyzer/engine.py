@@ -15,6 +15,7 @@ from syncline_analyzer.folds.control import ControlFold
 from syncline_analyzer.folds.emcy_context import emcy_context
 from syncline_analyzer.folds.emcy_history import error_history
 from syncline_analyzer.folds.timing import TimingFold
+from syncline_analyzer.joining import joined
 from syncline_analyzer.nodes import node_rows
 from syncline_analyzer.objects import history_rows, object_rows
 from syncline_analyzer.results import Analysis, CaptureRow, GapRow
@@ -55,7 +56,7 @@ def analyze(
     control, timing, angle = ControlFold(context), TimingFold(context), AngleFold(context)
     folds: tuple[Fold, ...] = (control, timing, angle)
     census = _Census()
-    for seq, item in with_deafness(_told_errors(stream, facts, buses)):
+    for seq, item in joined(with_deafness(_told_errors(stream, facts, buses))):
         _refresh(context, facts, description, bitrate)
         if isinstance(item, Gap):
             for fold in folds:

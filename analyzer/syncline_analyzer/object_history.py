@@ -73,8 +73,7 @@ class ObjectHistory:
         if (saved, unsaved) == (self.saved, self.unsaved):
             return
         self.saved, self.unsaved = saved, unsaved
-        since = max(seq, self._kept[-1].seq) if self._kept else seq
-        self._kept.append(_Kept(since, saved, unsaved))
+        self._kept.append(_Kept(seq, saved, unsaved))
         del self._kept[:-MAX_KEPT]
 
     def reset(self, seq: int, t_ns: int) -> bool:
@@ -90,9 +89,24 @@ class ObjectHistory:
         later = self.changes[first:]
         self.seqs.insert(first, seq)
         self.changes.insert(first, Change(seq, t_ns, kept.saved, "reset"))
-        if not any(change.cause in _WRITTEN for change in later):
-            self.keep(seq, later[-1].known if later else kept.saved, unsaved=False)
+        later_kept = {each.seq: each for each in self._kept[at:]}
+        del self._kept[at:]
+        self.keep(seq, kept.saved, unsaved=False)
+        for moment in sorted({change.seq for change in later} | later_kept.keys()):
+            self._again(moment, later_kept.get(moment))
         return True
+
+    def _again(self, seq: int, kept: _Kept | None) -> None:
+        """Follow a moment after a reset that was told late: a change, a save or a restore."""
+        change = self.changes[bisect_right(self.seqs, seq) - 1]
+        if change.seq != seq:
+            restored = kept is not None and kept.unsaved
+            self.keep(seq, None if restored else change.known, unsaved=restored)
+        elif change.cause in _WRITTEN:
+            at_once = kept is not None and not kept.unsaved
+            self.keep(seq, change.known if at_once else self.saved, unsaved=not at_once)
+        elif not self.unsaved:
+            self.keep(seq, change.known, unsaved=False)
 
     def add(self, change: Change) -> None:
         """Append a change; the older half goes where there are too many."""

@@ -8,7 +8,12 @@ report.
 from dataclasses import replace
 from random import Random
 
-from syncline_samples.faults import BlockCrcWrong, BlockSegmentsLost, RecordingBegins
+from syncline_samples.faults import (
+    BlockCrcWrong,
+    BlockSegmentsLost,
+    RecordingBegins,
+    RemoteOnHeartbeat,
+)
 from syncline_samples.fuzz_plan import Plan, is_lir, period_ms, readable, some
 from syncline_samples.fuzz_scripts import ENDINGS, SCRIPTS
 from syncline_samples.machine import LIR_MODELS, DeviceSpec, Scenario
@@ -69,8 +74,13 @@ def random_scenario(random: Random, *, most_faults: int = 3) -> Scenario:
         seed=random.randint(1, 1_000_000),
         stamp_jitter_ns=random.choice((0, 0, 20_000)),
         stamp_resolution_ns=random.choice((1, 1, 1000, 10_000)),
-        remote_as_data=random.random() < _AS_DATA_SHARE,
+        remote_as_data=random.random() < _AS_DATA_SHARE and not _remote_to_heartbeats(plan),
     )
+
+
+def _remote_to_heartbeats(plan: Plan) -> bool:
+    """Whether remote frames hit nodes with heartbeats: as data frames they look like empty ones."""
+    return any(isinstance(fault, RemoteOnHeartbeat) for fault in plan.faults)
 
 
 def _begin_late(plan: Plan) -> None:

@@ -2,9 +2,9 @@
 
 from syncline_samples import faults
 from syncline_samples.fuzz_plan import Plan, beats, readable, restart_s, some
-from syncline_samples.machine import LIR_MODELS
-from syncline_samples.master import RESET_NODE
-from syncline_samples.sdo_client import write
+from syncline_samples.machine import LIR_MODELS, DeviceSpec
+from syncline_samples.master import RESET_COMMUNICATION, RESET_NODE
+from syncline_samples.sdo_client import SdoJob, write
 
 FREE_IDS = (0x1FF, 0x2FF, 0x3FF, 0x4FF, 0x57F)
 """PDO identifiers of node 127, which sends none."""
@@ -92,13 +92,33 @@ def remap(plan: Plan) -> None:
 
 
 def store(plan: Plan) -> None:
-    spec = plan.node(lambda spec: spec.device != "io" and beats(spec))
-    if spec is not None:
-        ms = plan.random.choice((200, 400))
-        what, specifier = plan.random.choice(("save", "")), RESET_NODE
-        jobs = (write(0x1017, 0, ms, 2),)
-        storage = faults.Storage(spec.node_id, plan.now_s, jobs, what, specifier=specifier)
-        plan.add(storage, 0.5 + restart_s(spec))
+    """Settings that are written and saved, restored or neither, and then a reset of either kind.
+
+    What a LIR keeps of its heartbeat is not restored: nothing would tell of the node any more.
+    """
+    spec = plan.node(lambda spec: beats(spec) and (spec.device != "io" or not plan.late))
+    if spec is None:
+        return
+    jobs = some(plan.random, _settings(spec))
+    if spec.device != "io" and plan.random.random() < 0.5:
+        jobs = (*jobs, write(0x1017, 0, plan.random.choice((200, 400)), 2))
+    what = plan.random.choice(("save", "") if spec.stored_heartbeat_ms else ("save", "load", ""))
+    specifier = plan.random.choice((RESET_NODE, RESET_COMMUNICATION))
+    storage = faults.Storage(spec.node_id, plan.now_s, jobs, what, specifier=specifier)
+    plan.add(storage, 0.5 + restart_s(spec))
+
+
+def _settings(spec: DeviceSpec) -> list[SdoJob]:
+    """Writes that change nothing that anybody notices on the bus."""
+    found = [write(0x1029, 1, 1, 1)] if spec.device not in ("haomiao-38", "io") else []
+    found += (
+        [write(0x1016, 1, 0x00640001, 4)] if spec.device not in ("haomiao-38", "jn2100") else []
+    )
+    if spec.device == "jn2100":
+        found += [write(0x2045, 0, 2, 1), write(0x2047, 0, 1, 1), write(0x204A, 0, 1, 1)]
+    if spec.device == "io":
+        found += [write(0x1800, 3, 20, 2)]
+    return found
 
 
 def reset_by_sdo(plan: Plan) -> None:

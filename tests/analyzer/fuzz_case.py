@@ -14,6 +14,7 @@ from syncline_analyzer.engine import analyze
 from syncline_analyzer.results import Analysis
 from syncline_samples.faults import ClockStep
 from syncline_samples.machine import Scenario
+from syncline_samples.node import Node
 from syncline_samples.truth import Truth
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
 from syncline_schemas.description import BusDescription
@@ -36,6 +37,8 @@ class Case:
     items: list[Item]
     description: BusDescription
     analysis: Analysis
+    numbered: dict[int, Node]
+    """The simulated devices by the number that they have at the end."""
 
     @cached_property
     def frames(self) -> FrameBatch:
@@ -104,7 +107,8 @@ def make(scenario: Scenario) -> Case:
     items = joined(run.batches)
     description = BusDescription.loads(scenario.description_toml)
     analysis = analyzed(scenario, items, description)
-    return Case(scenario, run.truth, items, description, analysis)
+    numbered = {node.node_id: node for node in run.machine.nodes.values()}
+    return Case(scenario, run.truth, items, description, analysis, numbered)
 
 
 def joined(items: Iterable[Item]) -> list[Item]:

@@ -16,6 +16,7 @@ from tests.analyzer.fuzz_control import (
 )
 from tests.analyzer.fuzz_findings import evidence, findings
 from tests.analyzer.fuzz_messages import answer_times, emcys, errors, pdos, responses, sdo
+from tests.analyzer.fuzz_objects import objects
 from tests.analyzer.fuzz_states import states, timelines
 
 CHECKS: tuple[Callable[[Case], Iterator[str]], ...] = (
@@ -29,6 +30,7 @@ CHECKS: tuple[Callable[[Case], Iterator[str]], ...] = (
     sdo,
     answer_times,
     responses,
+    objects,
     pdos,
     syncs,
     timelines,

@@ -6,11 +6,12 @@ import numpy as np
 
 from syncline_analyzer.results import Finding, Link
 from syncline_samples.comparison import compare
-from syncline_samples.faults import MoveEmcy
+from syncline_samples.faults import MoveEmcy, MovePdo, MoveSdo
 from syncline_samples.truth import ExpectedFinding
 from tests.analyzer.fuzz_case import Case, S
 from tests.analyzer.fuzz_rows import twins
 
+_MOVES = (MoveEmcy, MovePdo, MoveSdo)
 _LSS_IDS = (0x7E4, 0x7E5)
 
 
@@ -23,8 +24,6 @@ def findings(case: Case) -> Iterator[str]:
             continue
         if missing.id == "nmt.node_lost" and _alone(case, missing):
             continue
-        if missing.id == "config.rtr_on_heartbeat_node" and case.scenario.remote_as_data:
-            continue  # Without the RTR bit a remote frame is an empty heartbeat.
         unasked = "nmt.unexpected_reset" in (missing.id, *missing.or_as)
         if unasked and _reset_before(case, missing):
             continue
@@ -114,7 +113,7 @@ def _evidence_of(case: Case, piece: Finding | Link) -> Iterator[str]:
     stamps, ids = frames.t_ns[piece.evidence], frames.can_id[piece.evidence]
     if ((stamps < piece.start_ns - near) | (stamps > piece.end_ns + near)).any():
         yield f"{name} rests on frames far from it"
-    if any(isinstance(f, MoveEmcy) and f.node == piece.node for f in case.scenario.faults):
+    if any(isinstance(f, _MOVES) and f.node == piece.node for f in case.scenario.faults):
         return
     about = ((ids & 0x7F) == piece.node) | np.isin(ids, (0, 0x80, *_LSS_IDS))
     if piece.node is not None and piece.evidence and not about.any():

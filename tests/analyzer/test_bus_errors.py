@@ -129,6 +129,15 @@ def test_the_warning_level_alone_is_a_note() -> None:
     assert found(told, "error.warning_level")[0].severity == "info"
 
 
+@pytest.mark.triggers("error.warning_level")
+def test_the_warning_level_is_told_though_another_time_it_went_on_to_passive() -> None:
+    worse = [error(1000, CRTL, d1=0x04, d7=96), error(1100, CRTL, d1=0x10, d7=130)]
+    again = [error(3000, CRTL, d1=0x04, d7=96), error(3500, CRTL, d1=0x40)]
+    told = whole(line(5000), worse, [error(1500, CRTL, d1=0x40)], again)
+    (finding,) = found(told, "error.warning_level")
+    assert finding.start_ns == T0 + 3000 * MS
+
+
 @pytest.mark.near_miss("error.warning_level")
 def test_counters_below_the_warning_level_are_none() -> None:
     assert ids(whole(line(5000), [error(2000, PROT | BUS | CNT, d2=0x04, d7=95)])) == set()

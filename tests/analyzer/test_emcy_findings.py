@@ -192,8 +192,8 @@ def test_bits_that_a_lir_may_set_with_an_error_tell_of_no_other(data: str) -> No
 
 def test_bits_left_after_a_gap_may_be_of_an_error_that_the_gap_swallowed() -> None:
     gap = Gap(1000 * MS, 1500 * MS, "adapter lost", None, None)
-    rows = [heartbeats(100, 1000), gap, heartbeats(1500, 5000), emcy(4050, "0000040000000000")]
-    result = node_5(*rows)
+    later = [*heartbeats(1500, 5000), emcy(4050, "0000040000000000")]
+    result = node_5(heartbeats(100, 1000), gap, later)
     finding = one(result, "emcy.active_before")
     assert finding.severity == "info"
     assert "while the recorder was blind" in finding.cause

@@ -85,6 +85,17 @@ def test_a_pdo_that_a_setting_stopped_is_not_missed(
     assert [i for i in ids(told) if i.startswith("pdo.")] == []
 
 
+@pytest.mark.triggers("pdo.missed")
+@pytest.mark.parametrize(("index", "before_ms"), [(0x1017, 100), (0x6003, 1500)])
+def test_a_setting_that_did_not_stop_a_pdo_hides_nothing(index: int, before_ms: int) -> None:
+    """Error control has nothing to do with it; after a preset the PDO went on."""
+    written = setting(index, 0, 100, 2, 12_000 - before_ms)
+    rows = between(every(TPDO, 2, 30_000, 20, COUNTING), 12_000, 14_000)
+    told = whole(synchronous(), quiet(), rows, written)
+    (finding,) = found(told, "pdo.missed")
+    assert "up to 100 in a row" in finding.text
+
+
 @pytest.mark.near_miss("pdo.stopped")
 def test_in_a_gap_no_pdo_stops() -> None:
     early = [*synchronous(), *quiet(10_000), *every(TPDO, 2, 10_000, 20, COUNTING)]
@@ -111,7 +122,7 @@ def test_a_pdo_that_comes_twice_in_a_sync_period() -> None:
     told = whole(synchronous(), quiet(), every(TPDO, 2, 30_000, 20, COUNTING), again)
     (finding,) = told.findings
     assert (finding.id, finding.node) == ("pdo.extra", NODE)
-    assert "49 times a second time before the next SYNC" in finding.text
+    assert "came a second time before the next SYNC, 49 times" in finding.text
     assert len(finding.evidence) == 20
 
 
@@ -208,6 +219,37 @@ def test_a_producer_that_alternates_is_one() -> None:
     assert "sync.two_producers" not in ids(told)
 
 
+@pytest.mark.triggers("sync.two_producers")
+def test_a_second_producer_beside_a_timer_that_alternates_a_little() -> None:
+    """50.6 and 49.4 ms in turn, as one of 0.6 ms steps makes of 50."""
+    rows = [*every(0x80, 1, 20_000, 100), *every(0x80, 51.6, 20_000, 100)]
+    told = whole(rows, every(0x80, 5019, 9000, 50), beats(NODE, 7, 20_000), beats(9, 12, 20_000))
+    (finding,) = found(told, "sync.two_producers")
+    assert finding.start_ns == pytest.approx(T0 + 5 * S, abs=S)
+    assert "sync.jitter" not in ids(told)
+
+
+@pytest.mark.triggers("sync.jitter")
+def test_jitter_is_told_of_a_bus_that_had_two_producers_before() -> None:
+    wavering = [
+        (row[0] + (k % 7) * 2 * MS, *row[1:])
+        for k, row in enumerate(every(0x80, 20_001, 23_000, 20))
+    ]
+    rows = [*every(0x80, 1, 20_000, 20), *every(0x80, 23_001, 30_000, 20), *wavering]
+    told = whole(rows, every(0x80, 5004, 9000, 20), beats(NODE, 7, 30_000), beats(9, 12, 30_000))
+    assert {"sync.two_producers", "sync.jitter"} <= ids(told)
+    (finding,) = found(told, "sync.jitter")
+    assert finding.start_ns >= T0 + 19 * S
+
+
+@pytest.mark.near_miss("sync.jitter")
+@pytest.mark.parametrize("period_ms", [10, 13, 28, 40])
+def test_another_period_is_no_jitter(period_ms: float) -> None:
+    rows = [*every(0x80, 1, 10_000, 20), *every(0x80, 10_001, 20_000, period_ms)]
+    told = whole(rows, beats(NODE, 7, 20_000), beats(9, 12, 20_000))
+    assert "sync.jitter" not in ids(told)
+
+
 @pytest.mark.triggers("sync.period")
 def test_sync_with_another_period_than_it_was_set_to() -> None:
     setup = [*setting(0x1006, 0, 25_000, 4), *setting(0x1005, 0, 0x4000_0080, 4, 2.1)]
@@ -236,4 +278,4 @@ def test_sync_out_for_300_ms_with_others_alive_and_a_quiet_line() -> None:
     ]
     told = whole(synchronous(), out)
     assert ids(told) == {"sync.missing"}
-    assert "at most 320 ms long" in told.findings[0].text
+    assert "stayed away for 320 ms" in told.findings[0].text

@@ -80,10 +80,10 @@ def test_reads_of_what_a_node_does_not_have_are_one_note() -> None:
     ]
     finding = one(run(*ordered(asked, ALIVE)), "sdo.abort")
     assert finding.severity == "info"
-    assert "refused the reads of 3 objects between +0." in finding.text
-    assert "1008h:00 (manufacturer device name), 1009h:00" in finding.text
+    assert "refused 4 reads of 3 objects between +0." in finding.text
+    assert "1008h:00 manufacturer device name, 1009h:00" in finding.text
     assert "100Ah:00" in finding.text
-    assert finding.text.endswith("(object does not exist (06020000h)), 4 reads in all.")
+    assert finding.text.endswith("; object does not exist (06020000h).")
 
 
 def test_reads_and_writes_of_one_absent_object_are_told_together() -> None:
@@ -317,7 +317,7 @@ def test_answers_after_the_client_s_time_out() -> None:
     assert [row.result for row in result.analysis.sdo] == ["no answer", "ok"]
     given_up = [asked[0], frame(600, 0x605, "8000100000000405"), answers[0]]
     finding = one(run(*ordered(given_up, ALIVE)), "sdo.late_answer")
-    assert "up to 700 ms, while the client waits 500 ms" in finding.text
+    assert "it took 700 ms, and the client waits 500 ms" in finding.text
 
 
 @pytest.mark.near_miss("sdo.late_answer")

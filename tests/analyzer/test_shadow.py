@@ -43,7 +43,7 @@ def test_a_reset_throws_written_values_back_unless_they_were_saved() -> None:
     assert store.number(0, 5, 0x1017) == 100
     assert store.number(0, 5, 0x1017, seq=2) == 250
     learn(store, 0x1017, 300, 4)
-    store.save(0, 5)
+    store.save(0, 5, 5)
     learn(store, 0x1017, 400, 6)
     store.reset(0, 5, 7)
     assert store.number(0, 5, 0x1017) == 300
@@ -60,8 +60,8 @@ def test_reading_a_written_value_back_does_not_save_it() -> None:
 def test_load_falls_back_to_what_is_assumed_at_the_next_reset() -> None:
     store = shadow("lir-da158a")
     learn(store, 0x1017, 250, 1)
-    store.save(0, 5)
-    store.restore(0, 5)
+    store.save(0, 5, 2)
+    store.restore(0, 5, 2)
     assert store.number(0, 5, 0x1017) == 250
     store.reset(0, 5, 3)
     assert store.get(0, 5, 0x1017) == Known(0, "eds-default")
@@ -72,7 +72,7 @@ def test_a_save_keeps_what_the_maker_says_and_nothing_else() -> None:
     store = shadow("lir-da158a")
     learn(store, 0x1017, 250, 1)
     learn(store, 0x1800, 0x80000185, 2, sub=1)
-    store.save(0, 5)
+    store.save(0, 5, 3)
     store.reset(0, 5, 4)
     assert store.number(0, 5, 0x1017) == 250
     assert store.number(0, 5, 0x1800, 1) == 0x185
@@ -239,7 +239,7 @@ def test_a_reset_gives_what_a_simple_memory_would(steps: list[object]) -> None:
     dirty = False
     for seq, step in enumerate(steps, start=1):
         if step == "save":
-            store.save(0, 5)
+            store.save(0, 5, seq)
             if ram is not None or dirty:
                 eeprom, dirty = ram, False
         elif step == "reset":
@@ -256,3 +256,40 @@ def test_a_reset_gives_what_a_simple_memory_would(steps: list[object]) -> None:
             elif not dirty:
                 eeprom = value
         assert store.number(0, 5, 0x1017) == ram
+
+
+TRANSFERS = st.one_of(
+    st.tuples(st.sampled_from(["sdo-read", "sdo-write"]), st.integers(0, 3)), st.just("save")
+)
+
+
+@given(
+    st.lists(st.one_of(TRANSFERS, st.just("reset")), max_size=8), st.lists(TRANSFERS, max_size=5)
+)
+def test_a_reset_that_is_told_late_is_one_all_the_same(
+    before: list[object], after: list[object]
+) -> None:
+    """A boot-up of which only the next message of the node tells that it is one."""
+    in_time, late = shadow(), shadow()
+    moment = len(before)
+    for seq, step in enumerate([*before, "reset", *after]):
+        _take(in_time, seq, step)
+        if seq != moment:
+            _take(late, seq, step)
+    late.reset(0, 5, moment)
+    seqs = range(len(before) + len(after) + 2)
+    told = [late.number(0, 5, 0x1017, seq=seq) for seq in seqs]
+    assert told == [in_time.number(0, 5, 0x1017, seq=seq) for seq in seqs]
+    for store in (in_time, late):
+        store.reset(0, 5, len(seqs))
+    assert late.number(0, 5, 0x1017) == in_time.number(0, 5, 0x1017)
+
+
+def _take(store: Shadow, seq: int, step: object) -> None:
+    if step == "save":
+        store.save(0, 5, seq)
+    elif step == "reset":
+        store.reset(0, 5, seq)
+    else:
+        assert isinstance(step, tuple)
+        learn(store, 0x1017, step[1], seq, source=step[0])

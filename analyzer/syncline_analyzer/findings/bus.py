@@ -105,7 +105,7 @@ def _node_off_story(facts: Facts, rows: list[EmcyRow]) -> Finding:
         min([first.t_ns, *(stretch.last_ns for stretch in lost)]),
         max(last.t_ns, fall.start_ns if fall else 0),
         f"{facts.who(first.bus, first.node)} says{often} that it was bus-off"
-        f" (EMCY {first.code or 0:04X}h){away}{fell}.",
+        f" (EMCY {first.code or 0:04X}h{facts.at(first.t_ns)}){away}{fell}.",
         "The node's frames were destroyed on the wire: cable, termination, bit rate, or its"
         " CAN driver. The message comes after the recovery; the fault lies before it.",
         "Check the stub and plug of this node and the terminating resistors; count error"

@@ -24,18 +24,18 @@ def _gaps(facts: Facts) -> Iterator[Finding]:
             groups.setdefault((gap.bus, gap.reason), []).append(gap)
     for group in groups.values():
         if len(group) > MAX_GAPS:
-            yield _gap(group)
+            yield _gap(facts, group)
         else:
-            yield from (_gap([gap]) for gap in group)
+            yield from (_gap(facts, [gap]) for gap in group)
 
 
-def _gap(group: list[GapRow]) -> Finding:
+def _gap(facts: Facts, group: list[GapRow]) -> Finding:
     first, last = group[0], group[-1]
     lost = sum(gap.lost_frames or 0 for gap in group)
     verb = "was" if lost == 1 else "were"
     lost_text = f"; {counted(lost, 'frame')} {verb} lost" if lost else ""
     lengths = [gap.end_ns - gap.start_ns for gap in group]
-    blind = f"blind for {seconds(lengths[0])}"
+    blind = f"blind for {seconds(lengths[0])}{facts.at(first.start_ns)}"
     if len(group) > 1:
         blind = f"blind {len(group)} times, for up to {seconds(max(lengths))}"
     return Finding(
@@ -47,8 +47,8 @@ def _gap(group: list[GapRow]) -> Finding:
         last.end_ns,
         f"The recorder was {blind} ({first.reason}){lost_text}:"
         f" nothing is concluded from {'that time' if len(group) == 1 else 'these times'}.",
-        "See the reason; what happened in it is not known.",
-        "Adapter, its plug, and the load of the recording computer.",
+        f"The recording itself was interrupted ({first.reason}); the machine is not at fault.",
+        "The adapter, its plug, and the load of the recording computer at that time.",
         [],
     )
 

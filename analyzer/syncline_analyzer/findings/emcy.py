@@ -136,7 +136,7 @@ def _around(context: EmcyContextRow | None) -> str:
         told.append(f"the recorder's controller was {context.bus_state}")
     for value in list(context.values.values())[:3]:
         if value["before"] is not None:
-            told.append(f"{value['name']} was {value['before']:.10g} {value['unit']}".rstrip())
+            told.append(f"its {value['name']} was {value['before']:.10g} {value['unit']}".rstrip())
     listed = ", ".join(told[:-1]) + " and " + told[-1] if len(told) > 1 else "".join(told)
     return f" When it came, {listed}." if told else ""
 

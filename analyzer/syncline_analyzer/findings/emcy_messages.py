@@ -19,6 +19,7 @@ IN_FLIGHT_NS = 10_000_000
 """An EMCY this soon after a change of state was on its way already [ns] (analysis.md 4)."""
 UNTIL_HEARD_NS = 2_000_000_000
 """A state that is told only now and then holds for sure where it goes on this long [ns]."""
+LONGER = 0x8220
 EMPTY = short_message(b"")
 """Words for an EMCY without any byte."""
 _LENGTH = frozenset(int.from_bytes(code, "little") for code in LENGTH_CODES)
@@ -243,7 +244,8 @@ def _pdo_length_finding(
         text = f"{complains}; the last PDO before it was {_whose(others[-1])}."
         cause = (
             f"An RPDO of the node most likely receives {others[-1][0].can_id:03X}h and is mapped to"
-            " another length; no setting in the capture tells which."
+            f" {'fewer' if first.code == LONGER else 'more'} bytes; no setting in the capture tells"
+            " which RPDO it is."
         )
     else:
         text = f"{complains}; no PDO came just before."

@@ -34,7 +34,9 @@ def _unanswered(facts: Facts) -> Iterator[Finding]:
     for key, nmt in facts.control.nmt.nodes.items():
         timeline = facts.control.nmt.timelines[key]
         starts = [interval.start_ns for interval in timeline.intervals]
+        period = nmt.guarding.periods.median_ns() or 0
         runs = [run for run in nmt.guarding.unanswered if not _away(timeline, starts, run)]
+        runs = [run for run in runs if run.end_ns - run.start_ns >= run.number * period / 2]
         long = [run for run in runs if run.number >= IN_A_ROW]
         number = sum(run.number for run in runs)
         if not long and number < SINGLE:

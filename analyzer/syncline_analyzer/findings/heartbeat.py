@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import LISTED, seconds, several
-from syncline_analyzer.findings.twins import twins
+from syncline_analyzer.findings.twins import NEVER, twins
 from syncline_analyzer.folds.nmt import NodeKey, NodeNmt
 from syncline_analyzer.folds.nmt_events import OffPace
 from syncline_analyzer.folds.nmt_timeout import CONSUMER_TIME, PRODUCER_TIME, consumer_times
@@ -25,18 +25,18 @@ KNOWN_BEATS = 3
 _SDO = ("sdo-read", "sdo-write")
 
 
-def _single(facts: Facts) -> Iterator[tuple[NodeKey, str, NodeNmt]]:
-    """Nodes of one device, with the name of their bus."""
+def _single(facts: Facts) -> Iterator[tuple[NodeKey, str, NodeNmt, int]]:
+    """Nodes with the name of their bus, and when a second device of their number appears [ns]."""
     doubled = twins(facts)
     for key, nmt in facts.control.nmt.nodes.items():
         bus = facts.context.bus_name(key[0])
-        if (bus, key[1]) not in doubled:
-            yield key, bus, nmt
+        yield key, bus, nmt, doubled.begin(bus, key[1])
 
 
 def _slow(facts: Facts) -> Iterator[Finding]:
-    for (_, node), bus, nmt in _single(facts):
-        slow = [off for off in nmt.off_pace if off.median_ns > off.producer_ms * 1e6]
+    for (_, node), bus, nmt, until_ns in _single(facts):
+        off_pace = [off for off in nmt.off_pace if off.end_ns < until_ns]
+        slow = [off for off in off_pace if off.median_ns > off.producer_ms * 1e6]
         if slow:
             yield _off(
                 facts,
@@ -50,8 +50,9 @@ def _slow(facts: Facts) -> Iterator[Finding]:
 
 
 def _fast(facts: Facts) -> Iterator[Finding]:
-    for (_, node), bus, nmt in _single(facts):
-        fast = [off for off in nmt.off_pace if off.median_ns < off.producer_ms * 1e6]
+    for (_, node), bus, nmt, until_ns in _single(facts):
+        off_pace = [off for off in nmt.off_pace if off.end_ns < until_ns]
+        fast = [off for off in off_pace if off.median_ns < off.producer_ms * 1e6]
         if fast:
             yield _off(
                 facts,
@@ -89,12 +90,13 @@ def _off(
 
 def _irregular(facts: Facts) -> Iterator[Finding]:
     """Heartbeats that came late again and again while the node was heard otherwise."""
-    for (_, node), bus, nmt in _single(facts):
+    for (_, node), bus, nmt, until_ns in _single(facts):
         usual = nmt.heartbeat_period_ns
         if usual is None:
             continue
         ends = [pace.last_seq for pace in nmt.paces.paces]
-        late = [entry for entry in nmt.late if _is_late(nmt, ends, entry, usual)]
+        late = [entry for entry in nmt.late if entry.end_ns < until_ns]
+        late = [entry for entry in late if _is_late(nmt, ends, entry, usual)]
         if len(late) < IRREGULAR:
             continue
         worst = max(late, key=lambda e: e.end_ns - e.start_ns)
@@ -163,7 +165,9 @@ def _consumers(facts: Facts) -> Iterator[Finding]:
 
 def _stopped(facts: Facts) -> Iterator[Finding]:
     """Heartbeats that a write of 0 to 1017h switched off for good."""
-    for key, bus, nmt in _single(facts):
+    for key, bus, nmt, until_ns in _single(facts):
+        if until_ns != NEVER:
+            continue
         changes = facts.context.shadow.changes(*key, PRODUCER_TIME)
         known = facts.context.shadow.get(*key, PRODUCER_TIME, 0, changes[-1]) if changes else None
         if known is None or known.source != "sdo-write" or known.value or known.t_ns is None:
@@ -194,7 +198,9 @@ def _stopped(facts: Facts) -> Iterator[Finding]:
 
 def _unknown_states(facts: Facts) -> Iterator[Finding]:
     """Messages on a node's error-control identifier that are none."""
-    for (_, node), bus, nmt in _single(facts):
+    for (_, node), bus, nmt, until_ns in _single(facts):
+        if until_ns != NEVER:
+            continue
         if not nmt.odd or nmt.counts.heartbeats + nmt.counts.guard_answers < KNOWN_BEATS:
             continue
         kinds = Counter(odd.what for odd in nmt.odd)

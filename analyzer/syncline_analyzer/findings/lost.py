@@ -74,8 +74,7 @@ def _lost_nodes(facts: Facts) -> Iterator[Finding]:
 def _silent_buses(facts: Facts) -> Iterator[Finding]:
     """Silences of a whole bus: they accuse no node, unless the only one on it started anew."""
     whole = [entry for entry in _entries(facts) if entry[2].whole_bus]
-    grouped = groupby(whole, key=lambda e: (e[1][0], e[0] // 1_000_000_000))
-    losses = [_loss(facts, list(group)) for _, group in grouped]
+    losses = [_loss(facts, group) for group in _at_once(whole)]
     losses.sort(key=lambda loss: (loss.kind, loss.start_ns))
     for _, equal in groupby(losses, key=lambda loss: loss.kind):
         found = list(equal)
@@ -83,6 +82,21 @@ def _silent_buses(facts: Facts) -> Iterator[Finding]:
         node = first.nodes[0] if first.booted and len(first.nodes) == 1 else None
         severity: Severity = "warning" if first.booted else "info"
         yield _finding("nmt.bus_silent", severity, facts, found, node, *_whole_bus(facts, found))
+
+
+def _at_once(
+    entries: list[tuple[int, NodeKey, Lost]],
+) -> Iterator[list[tuple[int, NodeKey, Lost]]]:
+    """Silences of one bus that overlap, as those of all its nodes do when it is off."""
+    group: list[tuple[int, NodeKey, Lost]] = []
+    for entry in entries:
+        last = group[-1] if group else None
+        if last and (last[1][0] != entry[1][0] or entry[0] >= min(e[2].end_ns for e in group)):
+            yield group
+            group = []
+        group.append(entry)
+    if group:
+        yield group
 
 
 def _entries(facts: Facts) -> list[tuple[int, NodeKey, Lost]]:
@@ -205,17 +219,17 @@ def _alone(facts: Facts, losses: list[_Loss], together: tuple[int, ...]) -> tupl
     first = losses[0]
     who, lasted = facts.who(facts.context.bus_name(first.bus), first.nodes[0]), _lasted(losses)
     if not first.over:
-        text = f"{who} is silent from {facts.moment(first.start_ns)} on, {lasted} up to the end."
+        until = "the end"
+        if any(gap.start_ns == first.end_ns for gap in facts.analysis.capture.gaps):
+            until = f"the gap in the capture{facts.at(first.end_ns)}"
+        text = f"{who} is silent from {facts.moment(first.start_ns)} on, {lasted} up to {until}."
     else:
         how = "with a boot-up" if first.booted else "without a boot-up"
+        if not first.booted and (started := _old_boot_ups(facts, losses)):
+            how = "with a boot-up of the old kind (an empty EMCY, as devices made after CiA DS-301"
+            how += f" V3 send it) at {facts.moment(started[0])}"
         often, each = _often(facts, losses), " each time" if len(losses) > 1 else ""
         text = f"{who} was lost {often}for {lasted} and came back {how}{each}."
-        started = _old_boot_ups(facts, losses)
-        if started:
-            text += (
-                f" It sent an empty EMCY at {facts.moment(started[0])}, the boot-up of a device made"
-                " after CiA DS-301 V3: it started then."
-            )
     if together:
         names = _names(together)
         text += f" {names[:1].upper()}{names[1:]} fell silent at the same moment."

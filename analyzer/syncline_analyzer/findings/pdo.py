@@ -16,7 +16,10 @@ _PDO_SETTINGS = 0x1400
 _OTHER_SETTINGS = (0x1005, 0x1006, 0x1007, 0x1010, 0x1011, 0x1019)
 """Settings below the PDO parameters that may change which PDOs are sent: SYNC, and storage."""
 _SETTING_NS = 2_000_000_000
-"""A setting written this close to the last PDO may have stopped it [ns]."""
+"""A setting written this soon after the last PDO may go with what stopped it [ns]."""
+_ACTS_NS = 500_000_000
+_ACTS_PERIODS = 3
+"""A setting acts within this time, or so many periods of the PDO [ns]."""
 
 
 def _pdo_missed(facts: Facts) -> Iterator[Finding]:
@@ -153,16 +156,24 @@ def _stop(facts: Facts, group: list[PdoPauseRow]) -> Finding:
 def _was_set(facts: Facts, pdo: PdoRow | PdoPauseRow, t_ns: int) -> bool:
     """Whether somebody wrote a setting to the node at about the time when a PDO stopped.
 
-    Those of error control, EMCY and identity stop no PDO.
+    Those of error control, EMCY and identity stop no PDO, nor does one after which it went on.
     """
+    acts_ns = max(_ACTS_NS, round(_ACTS_PERIODS * _period_ns(facts, pdo)))
     return any(
         (row.bus, row.node) == (pdo.bus, pdo.node)
         and row.direction == "download"
         and row.result == "ok"
         and (row.index is None or row.index >= _PDO_SETTINGS or row.index in _OTHER_SETTINGS)
-        and abs(row.end_ns - t_ns) <= _SETTING_NS
+        and t_ns - acts_ns <= row.end_ns <= t_ns + _SETTING_NS
         for row in facts.analysis.sdo
     )
+
+
+def _period_ns(facts: Facts, pdo: PdoRow | PdoPauseRow) -> float:
+    """Median period of a PDO, 0 where it is not known."""
+    rows = (row for row in facts.analysis.pdos if (row.bus, row.cob_id) == (pdo.bus, pdo.cob_id))
+    period = next((row.period_us for row in rows), None)
+    return period.median * 1000 if period else 0.0
 
 
 def _extra(facts: Facts) -> Iterator[Finding]:
@@ -179,8 +190,8 @@ def _extra(facts: Facts) -> Iterator[Finding]:
             row.node,
             _moment_of(facts, row.extra_first_ns),
             _moment_of(facts, row.extra_last_ns),
-            f"{_name(facts, row)} came {counted(row.extra, 'time')} a second time before the next"
-            f" SYNC; {_type(row)}, which allows one.",
+            f"{_name(facts, row)} came a second time before the next SYNC"
+            f"{f', {row.extra} times' if row.extra > 1 else ''}; {_type(row)}, which allows one.",
             "A second device sends the same identifier, or the device sends on events as well.",
             "Look for a second node with this identifier (180xh:1) or this node-ID; read 180xh:2.",
             row.extra_seq,
@@ -246,7 +257,9 @@ def _other_period(row: PdoRow) -> bool:
 def _name(facts: Facts, row: PdoRow) -> str:
     if row.pdo is None or row.node is None:
         return f"A PDO ({row.cob_id:03X}h)"
-    return f"{facts.who(row.bus, row.node)}: {row.pdo} ({row.cob_id:03X}h)"
+    name, _, guess = (row.pdo or "PDO").partition(" ")
+    how = ", by its identifier alone" if guess else ""
+    return f"{facts.who(row.bus, row.node)}: {name} ({row.cob_id:03X}h{how})"
 
 
 def _type(row: PdoRow) -> str:
@@ -266,7 +279,11 @@ RULES = (
                 "Not where a repeat counter, transmission type 0 or the node's state explains it, nor a"
                 " long stretch that begins when a setting is written to the node."
             ),
-            "Not over a capture gap or a step of the clock.",
+            "Not over a capture gap or a step of the clock, nor where others are as late.",
+            (
+                "An RPDO, or a TPDO that only seems to answer every n-th SYNC, counts only where its"
+                " frames waver with the SYNC; a TPDO also where its value stands still."
+            ),
         ),
         _pdo_missed,
     ),

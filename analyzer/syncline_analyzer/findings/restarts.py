@@ -3,7 +3,7 @@
 from bisect import bisect_left
 from collections.abc import Iterator, Sequence
 from collections.abc import Set as AbstractSet
-from itertools import groupby, takewhile
+from itertools import groupby
 from statistics import median
 
 from syncline_analyzer.findings.guarding_story import told_by_guarding
@@ -43,7 +43,7 @@ def _unasked(facts: Facts) -> Iterator[list[tuple[BootUp, Lost | None]]]:
         found = [
             (boot, silences.get(boot.seq))
             for boot in group
-            if (bus, node) not in doubled
+            if not doubled.at(bus, node, boot.t_ns)
             and not _explained(facts, key, boot)
             and not _told(facts, key, silences.get(boot.seq), told)
         ]
@@ -74,8 +74,11 @@ def _explained(facts: Facts, key: NodeKey, boot: BootUp) -> bool:
 
 def _first_sign(timeline: Timeline, boot: BootUp) -> bool:
     """Whether nothing was heard of the node before: switched on, not restarted."""
-    before = takewhile(lambda interval: interval.evidence != boot.seq, timeline.intervals)
-    return all(interval.state is NmtState.UNKNOWN for interval in before)
+    return not any(
+        interval.state is not NmtState.UNKNOWN and (interval.evidence or 0) < boot.seq
+        for interval in timeline.intervals
+        if interval.evidence is not None
+    )
 
 
 def _recent_command(facts: Facts, boot: BootUp) -> bool:

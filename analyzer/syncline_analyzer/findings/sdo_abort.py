@@ -122,7 +122,6 @@ def _probed(facts: Facts, rows: Sequence[SdoRow]) -> Finding:
     first = rows[0]
     reasons = list(dict.fromkeys(map(_reason, rows)))
     count = len({(row.index, row.sub) for row in rows})
-    often = f", {len(rows)} reads in all" if len(rows) > count else ""
     return Finding(
         "sdo.abort",
         "info",
@@ -130,9 +129,9 @@ def _probed(facts: Facts, rows: Sequence[SdoRow]) -> Finding:
         first.node,
         first.start_ns,
         rows[-1].end_ns,
-        f"{facts.who(first.bus, first.node)} refused the reads of"
-        f" {counted(count, 'object')}{_when(facts, rows)}: {objects_words(rows)}"
-        f" ({' or '.join(reasons)}){often}.",
+        f"{facts.who(first.bus, first.node)} refused {counted(len(rows), 'read')} of"
+        f" {counted(count, 'object')}{_when(facts, rows)}: {objects_words(rows)};"
+        f" {' or '.join(reasons)}.",
         "The client looks for objects that this device does not have or does not let read.",
         "Nothing, if they are optional; else compare the device with the planned one.",
         evidence(rows),

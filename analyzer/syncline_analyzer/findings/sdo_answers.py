@@ -40,9 +40,9 @@ def _late(facts: Facts) -> Iterator[Finding]:
             node,
             found[0].asked.start_ns,
             found[-1].t_ns,
-            f"{facts.who(bus, node)} answered {counted(len(found), 'SDO request')} only after the "
-            f"client had given up: up to {seconds(worst)}, while the client waits "
-            f"{seconds(min(waits))}.",
+            f"{facts.who(bus, node)} answered {counted(len(found), 'SDO request')} only after the"
+            f" client had given up: it took {'up to ' if len(found) > 1 else ''}{seconds(worst)},"
+            f" and the client waits {seconds(min(waits))}.",
             "The node needs longer than the client's SDO time-out, for example to store to flash.",
             "Raise the client's SDO time-out; see what else keeps the node busy at that time.",
             _evidence(found),

@@ -27,7 +27,8 @@ def object_words(row: SdoRow) -> str:
 
 def objects_words(rows: Iterable[SdoRow]) -> str:
     """The objects of several transfers, the first few of them."""
-    objects = sorted({object_words(row) for row in rows})
+    named = {(row.index or 0, row.sub or 0): row.name or "" for row in rows}
+    objects = [f"{i:04X}h:{sub:02X} {name}".rstrip() for (i, sub), name in sorted(named.items())]
     more = f" and {len(objects) - LISTED} more" if len(objects) > LISTED else ""
     return ", ".join(objects[:LISTED]) + more
 

@@ -17,6 +17,8 @@ from syncline_schemas.canopen.nmt import COMMANDS, STATE_AFTER_COMMAND, NmtState
 from syncline_schemas.wording import counted
 
 EVIDENCE = 40
+STORY_PDOS_NS = 1_000_000_000
+"""PDOs this soon after a node fell out of OPERATIONAL belong to the story of its fall [ns]."""
 GROUPED = 5
 """More equal findings of one node than these are one finding."""
 SEARCHED = 10
@@ -29,10 +31,11 @@ def _ignored(facts: Facts) -> Iterator[Finding]:
     """Commands that the node's own messages contradict a period later, equal ones together."""
     doubled = twins(facts)
     for key, timeline in facts.control.nmt.timelines.items():
-        if (facts.context.bus_name(key[0]), key[1]) in doubled:
-            continue
+        bus = facts.context.bus_name(key[0])
         by_command: dict[int, list[Finding]] = {}
         for ignored in timeline.ignored:
+            if doubled.at(bus, key[1], ignored.t_ns):
+                continue
             if ignored.command.node or timeline.followed:
                 found = by_command.setdefault(ignored.command.specifier, [])
                 found.append(_one_ignored(facts, key, timeline, ignored))
@@ -89,7 +92,7 @@ def _identifiers(violations: Iterable[Violation]) -> str:
 
 def _pdo_outside(facts: Facts) -> Iterator[Finding]:
     """PDOs of nodes that are known to be in another state than OPERATIONAL."""
-    told = {(story.bus, story.node) for story in guarding_stories(facts)} | twins(facts)
+    stories, doubled = guarding_stories(facts), twins(facts)
     for (number, node), timeline in facts.control.nmt.timelines.items():
         bus = facts.context.bus_name(number)
         found = [
@@ -97,8 +100,10 @@ def _pdo_outside(facts: Facts) -> Iterator[Finding]:
             for violation in timeline.violations
             if not violation.guess
             and not any(_during(violation, ignored) for ignored in timeline.ignored)
+            and not doubled.at(bus, node, violation.end_ns)
+            and not _after_story(stories, bus, node, violation)
         ]
-        if not found or (bus, node) in told:
+        if not found:
             continue
         first = found[0]
         known = "by command" if first.certainty == "commanded" else "by its own word"
@@ -118,13 +123,24 @@ def _pdo_outside(facts: Facts) -> Iterator[Finding]:
         )
 
 
+def _after_story(stories: list[Finding], bus: str, node: int, violation: Violation) -> bool:
+    """Whether PDOs still came in a story of lost guarding of their node."""
+    return any(
+        (story.bus, story.node) == (bus, node)
+        and story.start_ns <= violation.start_ns <= story.end_ns + STORY_PDOS_NS
+        for story in stories
+    )
+
+
 def _left_operational(facts: Facts) -> Iterator[Finding]:
     """Nodes that left OPERATIONAL by themselves, as 1029h:1 lets them do after an error."""
     stories, doubled = guarding_stories(facts), twins(facts)
     for (number, node), timeline in facts.control.nmt.timelines.items():
         bus = facts.context.bus_name(number)
         by_state: dict[str, list[Finding]] = {}
-        for seq, t_ns, before, after in timeline.changes if (bus, node) not in doubled else ():
+        for seq, t_ns, before, after in timeline.changes:
+            if doubled.at(bus, node, t_ns):
+                continue
             emcy = _error_before(facts, bus, node, t_ns) if before == "OPERATIONAL" else None
             if before != "OPERATIONAL" or (emcy and tells_bus_off(emcy.code or 0, emcy.meaning)):
                 continue
@@ -189,9 +205,11 @@ def _state_changes(facts: Facts) -> Iterator[Finding]:
         found = [
             change
             for change in timeline.changes
-            if change[2] != "OPERATIONAL" and "STOPPED" in change[2:]
+            if change[2] != "OPERATIONAL"
+            and "STOPPED" in change[2:]
+            and not doubled.at(bus, node, change[1])
         ]
-        if not found or (bus, node) in doubled:
+        if not found:
             continue
         _, _, before, after = found[0]
         often = several([facts.moment(t_ns) for _, t_ns, _, _ in found])

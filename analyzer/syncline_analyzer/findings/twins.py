@@ -8,6 +8,7 @@ from syncline_analyzer.findings.stretch import seconds
 from syncline_analyzer.folds.nmt import NodeKey, NodeNmt
 from syncline_analyzer.folds.nmt_timeline import Timeline
 from syncline_analyzer.folds.nmt_timeout import PRODUCER_TIME
+from syncline_analyzer.folds.pace import Halved
 from syncline_analyzer.results import Finding
 
 FLIPS = 3
@@ -20,6 +21,9 @@ RECORDED_TWICE_NS = 10_000_000
 """Frames that a recorder took twice are no further apart than this [ns]."""
 ALIKE = 0.1
 """Part by which a measured period may differ from 1017h."""
+BEATS_BEFORE, BEFORE_NS = 20, (2_000_000_000, 10_000_000_000)
+"""Heartbeats, and the least and most time, that a second device may be there before it shows."""
+NEVER = 1 << 63
 Place = tuple[str | None, int | None]
 """Bus and node of a finding."""
 
@@ -32,11 +36,34 @@ class _Sign:
     end_ns: int
     how: str
     evidence: list[int]
+    sure: bool = True
+    """Whether one device cannot do it, however it is set."""
 
 
-def twins(facts: Facts) -> set[Place]:
-    """Where two devices share one number: what follows from that is no fault of its own."""
-    return {(finding.bus, finding.node) for finding in _doubled(facts)}
+@dataclass(frozen=True, slots=True)
+class Shared:
+    """Numbers that two devices share, each from a moment on [ns]: what follows is no other fault."""
+
+    since: dict[Place, int]
+
+    def begin(self, bus: str | None, node: int | None) -> int:
+        """When a number began to be that of two devices, `NEVER` where it did not."""
+        return self.since.get((bus, node), NEVER)
+
+    def at(self, bus: str | None, node: int | None, t_ns: int) -> bool:
+        """Whether two devices may have had a number at a moment."""
+        return t_ns >= self.begin(bus, node)
+
+
+def twins(facts: Facts) -> Shared:
+    """Where two devices share one number."""
+    since: dict[Place, int] = {}
+    for finding in _doubled(facts):
+        nmt = facts.control.nmt.nodes[facts.number(finding.bus or ""), finding.node or 0]
+        least, most = BEFORE_NS
+        before = min(most, max(least, BEATS_BEFORE * (nmt.heartbeat_period_ns or 0)))
+        since[finding.bus, finding.node] = finding.start_ns - before
+    return Shared(since)
 
 
 def _doubled(facts: Facts) -> Iterator[Finding]:
@@ -48,7 +75,7 @@ def _doubled(facts: Facts) -> Iterator[Finding]:
         name = facts.context.bus_name(bus)
         yield Finding(
             "nmt.duplicate_node_id",
-            "error",
+            "error" if sign.sure else "warning",
             name,
             node,
             sign.start_ns,
@@ -71,11 +98,12 @@ def _sign(facts: Facts, key: NodeKey, nmt: NodeNmt) -> _Sign | None:
         how = f"short and long heartbeat intervals alternate {nmt.doubles.count} times"
         return _Sign(*nmt.doubles.span, how, nmt.doubles.at)
     halved = nmt.paces.halved
-    if halved is not None and not _rewritten(facts, key, halved.first_seq, halved.seq):
+    if halved is not None and _goes_on(nmt, halved) and not _rewritten(facts, key, *halved[:2]):
         period, half = seconds(halved.period_ns), seconds(halved.period_ns // 2)
         how = f"the heartbeat came every {period}, and from {facts.moment(halved.t_ns)} on a"
         how += f" second one in the middle between two, so that one comes every {half}"
-        return _Sign(halved.t_ns, nmt.paces.paces[-1].last_ns, how, [halved.first_seq, halved.seq])
+        seqs = [halved.first_seq, halved.seq]
+        return _Sign(halved.t_ns, nmt.paces.paces[-1].last_ns, how, seqs, sure=False)
     if nmt.guarding.doubled >= ANSWERED_TWICE:
         how = f"{nmt.guarding.doubled} guard requests were answered twice"
         return _Sign(*nmt.guarding.doubled_span, how, nmt.guarding.doubled_at)
@@ -108,6 +136,12 @@ def _recorded_twice(facts: Facts, bus: int) -> bool:
     return len(steady) > 1 and all(
         nmt.doubles.count >= DOUBLED and nmt.doubles.short_ns <= RECORDED_TWICE_NS for nmt in steady
     )
+
+
+def _goes_on(nmt: NodeNmt, halved: Halved) -> bool:
+    """Whether the heartbeat never came at its old period again: a device that was set would."""
+    later = (pace for pace in nmt.paces.paces if pace.first_seq > halved.seq)
+    return all(pace.median_ns < 0.75 * halved.period_ns for pace in later)
 
 
 def _rewritten(facts: Facts, key: NodeKey, start_seq: int, end_seq: int) -> bool:

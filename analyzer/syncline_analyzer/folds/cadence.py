@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from syncline_analyzer.results import Quantiles
@@ -180,27 +181,31 @@ class Twins:
 
     def note(self, seq: Int64s, t_ns: Int64s, regular: Mask) -> None:
         """Take in further heartbeats; one that is not `regular` begins anew."""
-        breaks = np.flatnonzero(~regular)
         rows = np.stack((seq, t_ns))
-        if len(breaks):
-            self.cut()
-            rows = rows[:, breaks[-1] :]
-        for length in TWIN_WINDOWS if self._tries < TWIN_TRIES else ():
-            held = self._rows.get(length, rows[:, :0])
-            self._rows[length] = self._slide(np.concatenate((held, rows), axis=1), length)
+        edges = np.concatenate(([0], np.flatnonzero(~regular), [len(seq)]))
+        long = np.flatnonzero(np.diff(edges) >= TWIN_WINDOWS[0])
+        for run in sorted({0, *long.tolist(), len(edges) - 2}):
+            if run:
+                self.cut()
+            self._follow(rows[:, edges[run] : edges[run + 1]])
 
     def cut(self) -> None:
         """Begin anew, as after a gap."""
         self._rows.clear()
 
+    def _follow(self, rows: Int64s) -> None:
+        for length in TWIN_WINDOWS if self._tries < TWIN_TRIES else ():
+            held = self._rows.get(length, rows[:, :0])
+            self._rows[length] = self._slide(np.concatenate((held, rows), axis=1), length)
+
     def _slide(self, rows: Int64s, length: int) -> Int64s:
         """Look at the windows that are not plainly regular; gives the rows still to decide."""
         if rows.shape[1] < length:
             return rows
-        passed = np.diff(rows[1])
-        short = np.concatenate(([0], np.cumsum(passed < 0.8 * np.median(passed))))
         begins = np.arange(0, rows.shape[1] - length + 1, length // 3)
-        found = short[begins + length - 1] - short[begins] >= TWIN_SERIES
+        passed = sliding_window_view(np.diff(rows[1]), length - 1)[begins]
+        short = passed < 0.8 * np.median(passed, axis=1, keepdims=True)
+        found = np.count_nonzero(short, axis=1) >= TWIN_SERIES
         for begin in begins[found].tolist():
             self._look(rows[:, begin : begin + length])
         return rows[:, begins[-1] + length // 3 :]

@@ -26,11 +26,11 @@ class ClockStep(NamedTuple):
 
 
 class BusSilence(NamedTuple):
-    """A stretch (start_ns, end_ns) between two frames of a bus that follow one another."""
+    """A stretch (start_ns, end_ns) without a frame of a bus; no frame ends it before a gap."""
 
     start_ns: int
     end_ns: int
-    end_seq: int
+    end_seq: int | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,10 +71,11 @@ class ClockFold:
 
     def gap(self, gap: Gap) -> None:
         """Nothing follows from the time between the frames around a gap."""
-        if gap.bus is None:
-            self._last.clear()
-        else:
-            self._last.pop(gap.bus, None)
+        for bus in [bus for bus in self._last if gap.bus in (None, bus)]:
+            last_ns = self._last.pop(bus)
+            if gap.start_ns > last_ns:
+                kept = self._silences.setdefault(bus, [])
+                kept.append(BusSilence(last_ns, gap.start_ns, None))
 
     def finish(self) -> ClockTable:
         """Everything seen."""

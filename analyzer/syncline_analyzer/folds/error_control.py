@@ -31,6 +31,12 @@ WINDOW = 15
 """Periods whose median a silence is held against."""
 MAX_EVENTS = 100_000
 """State changes kept per node; more than that is counted only."""
+MAX_MARKS = 100
+"""Commands to a node that is not heard, kept per node."""
+MAX_HELD = 100_000
+"""Frames of a node that wait for the next message of its error control to be understood."""
+STATES_SINCE = 2
+"""States told since a remote frame that show that it has not emptied the heartbeats."""
 KEPT_AFTER_MARK = 3
 """State messages kept after an NMT command or a gap, also when they change nothing."""
 MAX_TOGGLES = 10_000
@@ -40,6 +46,7 @@ MAX_ODD = 100
 ON_TIME = 0.15
 """Part of its period by which an empty heartbeat may come early or late."""
 
+_NONE = np.zeros(0, np.int64)
 _HEARTBEAT, _ANSWER, _BOOT_UP, _EMPTY, _REQUEST, _ODD = range(6)
 _KINDS: tuple[BeatKind, ...] = ("heartbeat", "guard answer", "boot-up", "empty")
 _STATE_BYTES = np.isin(np.arange(256), (0x04, 0x05, 0x7F, 0x80, 0x84, 0x85, 0xFF))
@@ -123,24 +130,30 @@ class ErrorControl:
     heard_last_ns: int | None = None
     """Time of the node's last frame of any kind."""
     _held: Columns | None = None
+    """A row whose meaning depends on what follows, ..."""
+    _held_life: tuple[Int64s, Int64s] = (_NONE, _NONE)
+    """... and the signs of life from it on."""
     _life: _Life | None = None
     _last: tuple[int, int, int] | None = None
     """(seq, t_ns, kind) of the last beat."""
     _state: int = -1
     _toggle: int = -1
     _toggle_seq: int = -1
-    _keep: int = KEPT_AFTER_MARK
+    _marks: list[list[int]] = field(default_factory=lambda: [[-1, KEPT_AFTER_MARK]])
+    """[`seq`, messages still to keep] of commands, gaps and the beginning."""
     _waiting: int = 0
     _remote_seq: int = -1
+    _since_remote: int = 0
+    """States told since the last remote frame."""
     _reset_seq: int = -1
+    _resets: list[int] = field(default_factory=list)
+    """`seq` of resets that the rows taken in may not have reached yet."""
     _recent: Int64s = field(default_factory=lambda: np.zeros(0, np.int64))
     _spoken: tuple[Int64s, int] = field(default_factory=lambda: (np.zeros(0, np.int64), 0))
     """Times of the last states (-1 for one that was asked for), and of the last empty heartbeat."""
     _silences_told: int = 0
     _heard: int | None = None
-    """Time of the node's last frame."""
-    _heard_before: int | None = None
-    """The same ahead of the row that is held back, if there is one."""
+    """Time of the node's last frame ahead of the row that is held back, if there is one."""
     _periods: Periods = field(default_factory=Periods)
 
     def __post_init__(self) -> None:
@@ -155,32 +168,37 @@ class ErrorControl:
             marks: `seq` of NMT commands to the node, ascending; of resets as `reset_mark(seq)`.
         """
         rows = rows if self._held is None else rows.after(self._held)
-        cut = len(rows.seq) - self._undecided(rows)
-        held_before = self._held is not None
-        self._held = rows.rows(slice(cut, None)) if cut < len(rows.seq) else None
-        self._take(rows.rows(slice(0, cut)), life, marks)
-        if self._held is not None and not (held_before and cut == 0):
-            at = int(np.searchsorted(life[0], self._held.seq[0]))
-            self._heard_before = int(life[1][at - 1]) if at else self._heard
+        if self._held is not None:
+            before = self._held_life
+            life = (np.concatenate((before[0], life[0])), np.concatenate((before[1], life[1])))
         if len(life[0]):
-            self._heard = self.heard_last_ns = int(life[1][-1])
-        if self._held is None:
-            self._heard_before = self._heard
+            self.heard_last_ns = int(life[1][-1])
+        self._note_marks(marks)
+        cut = len(rows.seq) - self._undecided(rows)
+        self._held = rows.rows(slice(cut, None)) if cut < len(rows.seq) else None
+        if self._held is not None:
+            at = int(np.searchsorted(life[0], self._held.seq[0]))
+            self._held_life = (life[0][at:], life[1][at:])
+            life = (life[0][:at], life[1][:at])
+        self._take(rows.rows(slice(0, cut)), life)
+        if self._held is not None and len(self._held_life[0]) > MAX_HELD:
+            self._take_held()
 
     def mark(self, marks: list[int]) -> None:
         """Take in commands of a batch that holds no frame of the node."""
-        self._keep = KEPT_AFTER_MARK
-        self._reset_seq = max([self._reset_seq, *(_seq_of(m) for m in marks if m < 0)])
+        self._note_marks(marks)
+        self._pass_resets()
+        del self._marks[:-MAX_MARKS]
 
     def gap(self, start_ns: int, next_seq: int) -> None:
         """Nothing follows from the time between the frames around a gap."""
         self.finish(start_ns, next_seq)
         self._life = self._last = None
         self._spoken = (np.zeros(0, np.int64), 0)
-        self._heard = self._heard_before = None
+        self._heard = None
         self.twins.cut()
         self._state = self._toggle = -1
-        self._keep = KEPT_AFTER_MARK
+        self._marks.append([next_seq - 1, KEPT_AFTER_MARK])
         self._waiting = 0
 
     def finish(self, end_ns: int, next_seq: int) -> None:
@@ -211,32 +229,39 @@ class ErrorControl:
 
     def _undecided(self, rows: Columns) -> int:
         """Rows at the end whose meaning depends on what follows: no byte, or a suspicious 00h."""
-        seen_remote = self._remote_seq >= 0 or bool(rows.remote.any())
+        seen_remote = self._remote_seq > self._reset_seq or bool(rows.remote.any())
+        seen_remote = seen_remote and not (self.guarding.answers_seen and not self.counts.empty)
         quiet = (rows.dlc == 0) | ((rows.dlc == 1) & (rows.byte == 0) & seen_remote)
         return int(len(rows.seq) and not rows.remote[-1] and quiet[-1])
+
+    def _note_marks(self, marks: list[int]) -> None:
+        """Note the commands of a batch."""
+        self._marks.extend([_seq_of(mark), KEPT_AFTER_MARK] for mark in marks)
+        self._resets.extend(_seq_of(mark) for mark in marks if mark < 0)
 
     def _take_held(self) -> None:
         if self._held is not None:
             held, self._held = self._held, None
-            self._take(held, (held.seq, held.t_ns), [])
+            self._take(held, self._held_life)
 
-    def _take(self, rows: Columns, life: tuple[Int64s, Int64s], marks: list[int]) -> None:
-        kinds = self._classify(rows, marks)
+    def _take(self, rows: Columns, life: tuple[Int64s, Int64s]) -> None:
+        kinds = self._classify(rows)
         requests = rows.seq[kinds == _REQUEST]
         self._keep_odd(rows, kinds)
         beat_rows = np.flatnonzero(kinds < _REQUEST)
         beats = rows.rows(beat_rows)
-        heard_ns = self._heard_before
+        heard_ns = self._heard
         self._count(kinds, beats, kinds[beat_rows])
         self._follow_periods(beats, kinds[beat_rows], life, requests)
-        self._keep_beats(beats, kinds[beat_rows], life, heard_ns, [_seq_of(mark) for mark in marks])
+        self._keep_beats(beats, kinds[beat_rows], life, heard_ns)
+        if len(life[0]):
+            self._heard = int(life[1][-1])
 
-    def _classify(self, rows: Columns, marks: list[int]) -> NDArray[np.int8]:
+    def _classify(self, rows: Columns) -> NDArray[np.int8]:
         """Kind of each row; requests that a logger stored as empty data frames are recognised."""
         n = len(rows.seq)
-        resets = [_seq_of(mark) for mark in marks if mark < 0]
         if not n:
-            self._reset_seq = max([self._reset_seq, *resets])
+            self._pass_resets()
             return np.zeros(0, np.int8)
         one_byte = (rows.dlc == 1) & ~rows.remote
         speaks = one_byte & _STATE_BYTES[rows.byte]
@@ -251,11 +276,27 @@ class ErrorControl:
         toggled = (rows.byte[talk] & 0x80) != 0
         said = Talk(rows.seq[talk], rows.t_ns[talk], request[talk], rows.remote[talk], toggled)
         kinds[talk[self.guarding.follow(said)]] = _ANSWER
-        self._tell_zeros(rows, kinds, np.flatnonzero(one_byte & (rows.byte == 0)), resets)
+        since = self._told_since_remote(rows, kinds)
+        self._tell_zeros(rows, kinds, np.flatnonzero(one_byte & (rows.byte == 0)), since)
         if rows.remote.any():
             self._remote_seq = max(self._remote_seq, int(rows.seq[rows.remote][-1]))
-        self._reset_seq = max([self._reset_seq, *resets])
+        self._since_remote = int(since[-1])
+        self._pass_resets()
         return kinds
+
+    def _pass_resets(self) -> None:
+        """Take resets over that lie before the row that is held back, if there is one."""
+        stop = self._held.seq[0] if self._held is not None else None
+        passed = [seq for seq in self._resets if stop is None or seq < stop]
+        self._reset_seq = max([self._reset_seq, *passed])
+        self._resets = self._resets[len(passed) :]
+
+    def _told_since_remote(self, rows: Columns, kinds: NDArray[np.int8]) -> Int64s:
+        """(n,) states told since the last remote frame, that of the row included."""
+        told = np.cumsum(kinds == _HEARTBEAT) + self._since_remote
+        at_remote: Int64s = np.maximum.accumulate(np.where(rows.remote, told, 0))
+        since: Int64s = told - at_remote
+        return since
 
     def _empty(self, rows: Columns, speaks: Mask, bare: Mask) -> Mask:
         """Frames without data that are heartbeats; the others are requests, stored without RTR.
@@ -300,11 +341,12 @@ class ErrorControl:
             self.odd.append(OddMessage(int(rows.seq[row]), int(rows.t_ns[row]), what))
 
     def _tell_zeros(
-        self, rows: Columns, kinds: NDArray[np.int8], zeros: NDArray[np.intp], resets: list[int]
+        self, rows: Columns, kinds: NDArray[np.int8], zeros: NDArray[np.intp], since: Int64s
     ) -> None:
         """A byte 00h: a boot-up, unless a remote frame has emptied the heartbeats of the node.
 
-        A single one between others is a boot-up all the same: the effect lasts until a reset.
+        One after others that came with a state since that frame, or a single one between others,
+        is a boot-up all the same: the effect begins at once and lasts until a reset.
         """
         if not len(zeros):
             return
@@ -313,17 +355,22 @@ class ErrorControl:
         data = np.flatnonzero(~rows.remote)
         byte = rows.byte[data]
         before = self._last is not None and self._last[2] in (_HEARTBEAT, _ANSWER)
-        silent = self.guarding.answers_seen and not self.counts.empty
+        answers = np.cumsum(kinds == _ANSWER) + self.counts.guard_answers
+        empties = np.cumsum(kinds == _EMPTY) + self.counts.empty
+        emptied = 0
         for row, at in zip(zeros.tolist(), np.searchsorted(data, zeros).tolist(), strict=True):
             seq = int(rows.seq[row])
-            last_reset = max([self._reset_seq, *(r for r in resets if r < seq)])
+            last_reset = max([self._reset_seq, *(r for r in self._resets if r < seq)])
+            silent = answers[row] and not (empties[row] + emptied)
+            immune = since[row] >= STATES_SINCE
             single = at + 1 < len(byte) and byte[at + 1] != 0
             single = single and (bool(byte[at - 1] != 0) if at else before)
-            if asked[row] <= last_reset or silent or not talked[row] or single:
+            if asked[row] <= last_reset or silent or not talked[row] or single or immune:
                 self._reset_seq = seq
                 kinds[row] = _BOOT_UP
             else:
                 kinds[row] = _EMPTY
+                emptied += 1
 
     def _count(self, kinds: NDArray[np.int8], beats: Columns, beat_kinds: NDArray[np.int8]) -> None:
         number = np.bincount(kinds, minlength=6)
@@ -464,26 +511,24 @@ class ErrorControl:
         kinds: NDArray[np.int8],
         life: tuple[Int64s, Int64s],
         heard_ns: int | None,
-        marks: list[int],
     ) -> None:
         """Keep the beats that change the state, and the first ones after each command."""
         n = len(beats.seq)
         if not n:
-            self._keep = KEPT_AFTER_MARK if marks else self._keep
+            del self._marks[:-MAX_MARKS]
             return
         states = np.where(kinds == _EMPTY, -2, np.where(kinds == _BOOT_UP, -3, beats.byte & 0x7F))
         keep = states != np.concatenate(([self._state], states[:-1]))
         keep |= kinds == _BOOT_UP
-        keep[: self._keep] = True
-        self._keep = max(0, self._keep - n)
         for silence in self.silences[self._silences_told :]:
             at = int(np.searchsorted(beats.seq, silence.order))
             keep[at : at + 1] = True
         self._silences_told = len(self.silences)
-        for mark in marks:
-            at = int(np.searchsorted(beats.seq, mark, "right"))
-            keep[at : at + KEPT_AFTER_MARK] = True
-            self._keep = max(self._keep, KEPT_AFTER_MARK - (n - at))
+        for mark in self._marks:
+            at = int(np.searchsorted(beats.seq, mark[0], "right"))
+            keep[at : at + mark[1]] = True
+            mark[1] -= min(mark[1], n - at)
+        self._marks = [mark for mark in self._marks if mark[1]][-MAX_MARKS:]
         self._state = int(states[-1])
         life_seq, life_ns = life
         for row in np.flatnonzero(keep)[: max(0, MAX_EVENTS - len(self.beats))].tolist():

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from syncline_analyzer.context import Context
 from syncline_analyzer.distribution import Distribution
 from syncline_analyzer.fold import IndexedBatch
-from syncline_analyzer.folds.cadence import Doubles, Twins
+from syncline_analyzer.folds.cadence import Doubles, Int64s, Mask, Twins
 from syncline_analyzer.folds.clock import ClockTable
 from syncline_analyzer.folds.emcy_ids import SYNC_BYTES
 from syncline_analyzer.folds.error_control import Columns, ErrorControl, reset_mark
@@ -32,7 +32,7 @@ from syncline_analyzer.folds.nmt_events import (
 from syncline_analyzer.folds.nmt_measures import Measures
 from syncline_analyzer.folds.nmt_timeline import Timeline
 from syncline_analyzer.folds.pace import HeartbeatPeriods, Late
-from syncline_analyzer.folds.pdo_spans import PdoSpans
+from syncline_analyzer.folds.pdo_spans import PdoSpans, Quietness
 from syncline_analyzer.folds.sdo import Reset
 from syncline_analyzer.pdo_binding import Pdo, PdoBindings
 from syncline_analyzer.results import NmtCommandRow, NmtStateRow, Quantiles
@@ -143,6 +143,11 @@ class NmtFold:
         self._gaps: dict[int | None, list[tuple[int, Gap]]] = {}
         self._synced: set[int] = set()
         self._cut_beats: dict[NodeKey, int] = {}
+        self._cut_commands: dict[NodeKey, int] = {}
+        self._found_cuts: dict[NodeKey, list[tuple[int, int]]] = {}
+        self._quietness: dict[NodeKey, Quietness] = {}
+        self._blank: dict[NodeKey, bool] = {}
+        """Whether the last message of a node's error control told no state."""
         self._next_seq = 0
         self._bindings = PdoBindings(context.shadow)
         self._errors: Mapping[NodeKey, Sequence[int]] = {}
@@ -175,6 +180,9 @@ class NmtFold:
         for (bus, _), pdos in self._pdos.items():
             if gap.bus in (None, bus):
                 pdos.close()
+        for (bus, _), quietness in self._quietness.items():
+            if gap.bus in (None, bus):
+                quietness.cut()
 
     def finish(
         self,
@@ -297,31 +305,50 @@ class NmtFold:
         bare = (batch.service[rows] == Service.ERROR_CONTROL) & (frames.dlc[rows] == 0)
         alive = rows[((frames.flags[rows] & FrameFlag.REMOTE) == 0) & ~bare]
         life = (alive.astype(np.int64) + batch.seq0, frames.t_ns[alive])
+        self._note_cuts(key, columns, life, batch.service[alive] == Service.ERROR_CONTROL)
         seen = len(control.beats)
         control.feed(columns, life, self._marks(batch, key))
         fresh = control.beats[seen:]
         before = [control.beats[seen - 1] if seen else None, *fresh]
         return [
-            Reset(beat.seq - batch.seq0, beat.t_ns, *key)
+            Reset(beat.seq - batch.seq0, beat.t_ns, *key, byte=beat.state)
             for last, beat in zip(before, fresh, strict=False)
-            if beat.kind == "boot-up" or (last is not None and self._restarts(key, last, beat))
+            if beat.kind == "boot-up" or (last is not None and self._may_restart(key, last, beat))
         ]
 
-    def _restarts(self, key: NodeKey, last: Beat, beat: Beat) -> bool:
-        """Whether a heartbeat is the boot-up of a device that starts with its state byte.
+    def _note_cuts(
+        self,
+        key: NodeKey,
+        columns: Columns,
+        life: tuple[Int64s, Int64s],
+        beat: Mask,
+    ) -> None:
+        """Note where a silence of the node may have ended, and 00h that is understood only later."""
+        cuts = self._found_cuts.setdefault(key, [])
+        if key not in self._pdos:
+            cuts[:] = sorted(cuts)[-1:]
+        if self._context.timed:
+            cuts += self._quietness.setdefault(key, Quietness()).follow(*life, beat)
+        told = np.flatnonzero(~columns.remote)
+        blank = (columns.dlc[told] == 0) | ((columns.dlc[told] == 1) & (columns.byte[told] == 0))
+        if len(told):
+            before = np.concatenate(([self._blank.get(key, False)], blank[:-1]))
+            first = told[blank & ~before]
+            cuts += zip(columns.seq[first].tolist(), columns.t_ns[first].tolist(), strict=True)
+            self._blank[key] = bool(blank[-1])
 
-        It falls to that state without a command, and not by its own error reaction 1029h:1 = 0.
+    def _may_restart(self, key: NodeKey, last: Beat, beat: Beat) -> bool:
+        """Whether a heartbeat may be the boot-up of a device that starts with its state byte.
+
+        It falls to that state without a command; whether the device does so the SDO fold knows.
         """
-        shadow = self._context.shadow
-        if beat.state == 0 or beat.state not in quirks(shadow.device(*key)).bootup_bytes:
-            return False
         if (last.kind, beat.kind) != ("heartbeat", "heartbeat") or last.state not in _ON_COMMAND:
             return False
         told = any(
             last.seq < command.seq < beat.seq and command.node in (0, key[1])
             for command in reversed(self._commands.get(key[0], []))
         )
-        return not told and shadow.confirmed(*key, 0x1029, 1, beat.seq) != 0
+        return not told and STATE_OF_BYTE.get(beat.state) is NmtState.PRE_OPERATIONAL
 
     def _marks(self, batch: IndexedBatch, key: NodeKey) -> list[int]:
         """Marks of the commands of this batch that concern a node."""
@@ -336,9 +363,9 @@ class NmtFold:
 
     def _take_pdos(self, batch: IndexedBatch, owner: NDArray[np.uint16]) -> None:
         asked = batch.rows_of(Service.PDO, remote=True)
-        remote_ids = set(batch.frames.can_id[asked].tolist())
+        asked_id = batch.frames.can_id[asked]
         for key, pdos in self._pdos.items():
-            pdos.cut(self._cuts(batch, key))
+            pdos.cut(self._cuts(key))
         for bus, can_id in batch.ids():
             rows = batch.rows(bus, can_id)
             number = int(owner[rows[0]])
@@ -347,26 +374,22 @@ class NmtFold:
             key = (number >> 7, number & 0x7F)
             if key not in self._pdos:
                 self._pdos[key] = PdoSpans()
-                self._pdos[key].cut(self._cuts(batch, key))
-            asked_for = can_id in remote_ids
-            self._pdos[key].take(can_id, rows + batch.seq0, batch.frames.t_ns[rows], asked_for)
+                self._pdos[key].cut(self._cuts(key))
+            remote = asked[(asked_id == can_id) & (batch.frames.bus[asked] == bus)] + batch.seq0
+            self._pdos[key].take(can_id, rows + batch.seq0, batch.frames.t_ns[rows], remote)
 
-    def _cuts(self, batch: IndexedBatch, key: NodeKey) -> list[tuple[int, int]]:
-        """(seq, t_ns) of what may change the node's state in this batch."""
+    def _cuts(self, key: NodeKey) -> list[tuple[int, int]]:
+        """(seq, t_ns) of what may change the node's state and was not told before."""
         cuts: list[tuple[int, int]] = []
         control = self._control.get(key)
         beats = control.beats if control else []
         cuts.extend((beat.seq, beat.t_ns) for beat in beats[self._cut_beats.get(key, 0) :])
         self._cut_beats[key] = len(beats)
-        for silence in reversed(control.silences if control else []):
-            if silence.order < batch.seq0:
-                break
-            cuts.append((silence.order - 1, silence.end_ns))
-        for command in reversed(self._commands.get(key[0], [])):
-            if command.seq < batch.seq0:
-                break
-            if command.node in (0, key[1]):
-                cuts.append((command.seq, command.t_ns))
+        cuts += self._found_cuts.pop(key, [])
+        commands = self._commands.get(key[0], [])
+        fresh = commands[self._cut_commands.get(key, 0) :]
+        self._cut_commands[key] = len(commands)
+        cuts.extend((c.seq, c.t_ns) for c in fresh if c.node in (0, key[1]))
         return sorted(cuts)
 
     def _tell(
@@ -396,6 +419,7 @@ class NmtFold:
             period_ns=control.slowest_ns(),
             guard_period_ns=control.guarding.periods.median_ns(),
             paces=control.paces.paces,
+            stretches=control.paces.stretches,
             alone=alone,
             others_anew=self._others_anew(key),
             communication_errors=self._errors.get(key, ()),

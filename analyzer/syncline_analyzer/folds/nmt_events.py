@@ -168,6 +168,7 @@ class NodeHistory:
     period_ns: int | None
     guard_period_ns: int | None = None
     paces: Sequence[Pace] = ()
+    stretches: Sequence[Pace] = ()
     alone: bool = False
     """Whether no other node is known on its bus."""
     others_anew: Sequence[int] = ()

@@ -20,7 +20,7 @@ from syncline_analyzer.folds.nmt_events import (
     Silence,
     Violation,
 )
-from syncline_analyzer.folds.nmt_timeout import off_pace, silence_limit
+from syncline_analyzer.folds.nmt_timeout import PRODUCER_TIME, off_pace, silence_limit
 from syncline_analyzer.folds.quiet import Quiet
 from syncline_schemas.batch import Gap
 from syncline_schemas.canopen.nmt import (
@@ -98,6 +98,8 @@ class Timeline:
         self.followed = False
         """Whether the node ever did what a command said; the NMT master itself does not."""
         self._heard = False
+        self._said: NmtState | None = None
+        """What the node told last."""
         self._fresh_seq: int | None = -1
         """The last boot-up, as long as the node has not told a state since: it may start itself."""
         self._now = _Cursor(NmtState.UNKNOWN, history.first_ns)
@@ -202,9 +204,9 @@ class Timeline:
         self._begin(state, command.t_ns, cause, "commanded", command.seq)
 
     def _beat(self, beat: Beat) -> None:
-        self._heard = True
+        first, self._heard = not self._heard, True
         blind, self._now.blind = self._now.blind, False
-        if self._is_boot_up(beat):
+        if self._is_boot_up(beat, first):
             self._boot_up(beat, blind)
             return
         if beat.kind == "empty":
@@ -215,6 +217,11 @@ class Timeline:
         state = state_of(beat)
         if state is None:
             return
+        self._take_state(beat, state)
+        self._said = state
+
+    def _take_state(self, beat: Beat, state: NmtState) -> None:
+        """The node tells its state."""
         now, last = self._now, self.intervals[-1]
         command = now.command
         if command is not None and STATE_AFTER_COMMAND[command.specifier] is not state:
@@ -252,7 +259,7 @@ class Timeline:
         """The node says the state that is told already."""
         self._fresh_seq = -1
         if last.certainty == "commanded":
-            self.followed = True
+            self.followed = self.followed or self._said is not state
             last.cause += f", confirmed by {beat.kind}"
             if self._context.timed:
                 last.cause += f" after {max(0, beat.t_ns - last.start_ns) / 1e6:.1f} ms"
@@ -286,14 +293,14 @@ class Timeline:
             return f'{beat.kind} says so, against the command "{command_name(command.specifier)}"'
         return f"{beat.kind} says so, no command seen"
 
-    def _is_boot_up(self, beat: Beat) -> bool:
+    def _is_boot_up(self, beat: Beat, first: bool) -> bool:
         """00h as classified; another byte by the device's habit, after a reset, silence or fall."""
         if beat.kind == "boot-up":
             return True
         if beat.kind != "heartbeat" or beat.state not in self._quirks.bootup_bytes:
             return False
         now = self._now
-        if now.state is NmtState.INITIALISING and now.reset is not None:
+        if now.reset is not None and (first or now.state is NmtState.INITIALISING):
             return True
         if now.state in (NmtState.OPERATIONAL, NmtState.STOPPED):
             return self._fell_by_restart(beat)
@@ -310,11 +317,24 @@ class Timeline:
         known = self._context.shadow.get(history.bus, history.node, REACTION, 1, beat.seq)
         if known is not None and known.source != "eds-default" and known.value == 0:
             return False
+        if self._boots_with_00h():
+            return False
         told = any(
             -TOLD_LATE_NS <= beat.t_ns - t_ns <= REACTION_NS
             for t_ns in history.communication_errors
         )
         return not told and self._stays(beat)
+
+    def _boots_with_00h(self) -> bool:
+        """Whether the node booted with 00h before, and 1017h was not stored since (trap 1)."""
+        last = self.boot_ups[-1] if self.boot_ups else None
+        if last is None or last.byte:
+            return False
+        history = self.history
+        objects = dict(self._context.shadow.history(history.bus, history.node))
+        known = objects.get((PRODUCER_TIME, 0))
+        saved = known.saved if known is not None else None
+        return not (saved is not None and saved.value and (saved.seq or 0) > last.seq)
 
     def _stays(self, beat: Beat) -> bool:
         """Whether the node says the same state until a command comes; two devices do not."""
@@ -349,6 +369,7 @@ class Timeline:
             cause = "boot-up after a reset command" if commanded else "boot-up"
             self._begin(NmtState.PRE_OPERATIONAL, beat.t_ns, cause, "observed", beat.seq)
             self._fresh_seq = beat.seq
+        self._said = NmtState.PRE_OPERATIONAL
         self.followed = self.followed or commanded
         now.boot_ns, now.reset, now.command = beat.t_ns, None, None
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.folds.nmt_events import NodeHistory, OffPace, Silence
-from syncline_analyzer.folds.pace import Pace
+from syncline_analyzer.folds.pace import ENOUGH, Pace
 from syncline_analyzer.shadow import Known
 from syncline_schemas.devices import quirks
 
@@ -14,8 +14,6 @@ FAST_FACTOR = 0.7
 """A heartbeat whose period is a smaller part of 1017h is too fast."""
 MISSED_GUARDS = 2
 """Guard requests in a row without an answer that make a node lost; a single one may go astray."""
-ENOUGH = 6
-"""Periods of one pace that are held against 1017h."""
 PRODUCER_TIME = 0x1017
 GUARD_TIME, LIFE_TIME_FACTOR = 0x100C, 0x100D
 CONSUMER_TIME = 0x1016
@@ -135,8 +133,13 @@ def consumer_times(
 
 def off_pace(context: Context, history: NodeHistory) -> list[OffPace]:
     """Stretches in which the heartbeat came at more than 1.5, or less than 0.7 times 1017h."""
-    found = (_off_pace(context, history, pace) for pace in history.paces if pace.number >= ENOUGH)
-    return [entry for entry in found if entry is not None]
+    paces = sorted([*history.paces, *history.stretches], key=lambda pace: pace.first_seq)
+    found: list[OffPace] = []
+    for pace in paces:
+        entry = _off_pace(context, history, pace) if pace.number >= ENOUGH else None
+        if entry is not None and not (found and entry.first_seq <= found[-1].last_seq):
+            found.append(entry)
+    return found
 
 
 def _off_pace(context: Context, history: NodeHistory, pace: Pace) -> OffPace | None:

@@ -16,6 +16,8 @@ ALIKE = 1.25
 MAX_PACES = 1000
 MAX_LATE = 10_000
 """Late heartbeats kept one by one; further ones only count in the statistics."""
+ENOUGH = 6
+"""Periods in a row of one length that are a stretch, however short beside the others."""
 GRID_TOLERANCE = 0.06
 """Part of the period by which a heartbeat may be off the grid of those before."""
 
@@ -59,17 +61,34 @@ class Halved(NamedTuple):
 
 
 @dataclass(slots=True)
+class _Run:
+    """Periods in a row of about one length, the last of them `length_ns`."""
+
+    first_seq: int
+    first_ns: int
+    last_seq: int = 0
+    last_ns: int = 0
+    length_ns: int = 0
+    number: int = 0
+    total_ns: int = 0
+
+
+@dataclass(slots=True)
 class HeartbeatPeriods:
     """Collects the periods of one node's heartbeat."""
 
     paces: list[Pace] = field(default_factory=list)
     late: list[Late] = field(default_factory=list)
     halved: Halved | None = None
+    stretches: list[Pace] = field(default_factory=list)
+    """Runs of periods of one length, the first of each length unlike the one before: short ones,
+    which the windows may miss, are among them."""
     _usual: Periods = field(default_factory=Periods)
     _seq: Int64s = field(default_factory=lambda: np.zeros(0, np.int64))
     _t_ns: Int64s = field(default_factory=lambda: np.zeros(0, np.int64))
     _passed: Int64s = field(default_factory=lambda: np.zeros(0, np.int64))
     _last_median: int = 0
+    _run: _Run | None = None
 
     def note(self, seq: Int64s, t_ns: Int64s, passed: Int64s, steady: Mask, late: Mask) -> None:
         """Take in the intervals before some messages; (n,) each.
@@ -119,6 +138,7 @@ class HeartbeatPeriods:
             self._t_ns = np.concatenate((self._t_ns, t_ns[run]))
             self._passed = np.concatenate((self._passed, passed[run]))
             self._take_windows()
+            self._take_runs(seq[run], t_ns[run], passed[run])
             following = int(run[-1]) + 1
         if following != len(seq):
             self._end_window()
@@ -142,7 +162,37 @@ class HeartbeatPeriods:
         self._seq, self._t_ns = self._seq[used:], self._t_ns[used:]
         self._passed = self._passed[used:]
 
+    def _take_runs(self, seq: Int64s, t_ns: Int64s, passed: Int64s) -> None:
+        """Follow runs of periods of about one length."""
+        before = self._run.length_ns if self._run else int(passed[0])
+        steps = np.abs(np.diff(np.log(np.concatenate(([before], passed)))))
+        cuts = np.flatnonzero(steps > np.log(ALIKE))
+        edges = np.unique(np.concatenate(([0], cuts, [len(passed)])))
+        if len(cuts) and cuts[0] == 0:
+            self._end_run()
+        for begin, stop in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+            if begin:
+                self._end_run()
+            if begin and stop - begin < ENOUGH and stop < len(passed):
+                continue
+            run = self._run = self._run or _Run(int(seq[begin]), int(t_ns[begin]))
+            run.last_seq, run.last_ns = int(seq[stop - 1]), int(t_ns[stop - 1])
+            run.length_ns = int(passed[stop - 1])
+            run.number += stop - begin
+            run.total_ns += int(passed[begin:stop].sum())
+
+    def _end_run(self) -> None:
+        run, self._run = self._run, None
+        if run is None or run.number < ENOUGH or len(self.stretches) >= MAX_PACES:
+            return
+        mean = run.total_ns // run.number
+        last = self.stretches[-1].median_ns if self.stretches else 0
+        if max(last, mean) >= ALIKE * min(last, mean):
+            ends = (run.first_seq, run.last_seq, run.first_ns, run.last_ns)
+            self.stretches.append(Pace(*ends, run.first_ns, run.number, run.total_ns))
+
     def _end_window(self) -> None:
+        self._end_run()
         if not len(self._seq):
             return
         if len(self._seq) >= MIN_PERIODS:

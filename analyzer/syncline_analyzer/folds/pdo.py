@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from syncline_analyzer.context import Context
 from syncline_analyzer.distribution import Distribution
 from syncline_analyzer.folds.block import Block
+from syncline_analyzer.folds.lateness import others_as_late
 from syncline_analyzer.folds.rhythm import Missed, Rhythm
 from syncline_analyzer.folds.sync import SyncFold, SyncIndex
 from syncline_analyzer.pdo_binding import Pdo, PdoBindings, Transmission
@@ -156,9 +157,9 @@ class PdoFold:
         self._bindings.refresh(bus)
         for can_id in self._pdo_ids(block, bus):
             self.states.setdefault((bus, can_id), PdoState())
-        last_seq = block.batch.seq0 + len(block.batch) - 1
+        first_seq, last_seq = block.batch.seq0, block.batch.seq0 + len(block.batch) - 1
         for can_id, state in self._states_of(bus):
-            self._rebind(state, bus, can_id, last_seq)
+            self._rebind(state, bus, can_id, first_seq, last_seq)
         bitrate = self._context.bitrates.get(self._context.bus_name(bus))
         sent = self._sent_bits(block, bus)
         syncs = {
@@ -215,9 +216,11 @@ class PdoFold:
         found = {self._bindings.sync_cob_id(bus, n, at) for n in nodes for at in (seq, None)}
         return sorted({0x80} | found)
 
-    def _rebind(self, state: PdoState, bus: int, can_id: int, seq: int) -> None:
+    def _rebind(
+        self, state: PdoState, bus: int, can_id: int, first_seq: int, last_seq: int
+    ) -> None:
         """Look up whose PDO it is by now; a new transmission type starts a new rhythm."""
-        owner = self._bindings.owner(bus, can_id, seq)
+        owner = self._bindings.owner(bus, can_id, last_seq)
         bound = state.owner is not None and not state.owner.guess
         if owner is None or (owner.guess and bound):
             if state.owner is not None and not state.off:
@@ -227,16 +230,17 @@ class PdoFold:
         if state.off:
             state.off, state.last_ns = False, None
         state.owner = owner
-        sync_cob_id = self._bindings.sync_cob_id(bus, owner.node, seq)
+        sync_cob_id = self._bindings.sync_cob_id(bus, owner.node, last_seq)
         if sync_cob_id != state.sync_cob_id:
             # The SYNCs of another identifier have numbers of their own.
             state.rhythm.restart()
             state.sync_cob_id = sync_cob_id
-        before, state.transmission = state.transmission, self._bindings.transmission(owner, seq)
-        type_now = state.transmission.type
-        if before is not None and _value(before.type) != _value(type_now):
+        before, now = state.transmission, self._bindings.transmission(owner, last_seq)
+        state.transmission = now
+        if before is not None and _value(before.type) != _value(now.type):
             state.rhythm.relearn()
-            state.changed_seq = (type_now.seq if type_now else None) or 0
+        if before is not None and _values(before) != _values(now):
+            state.changed_seq = first_seq
 
     def _follow(
         self, block: Block, state: PdoState, rows: NDArray[np.intp], sync: SyncIndex | None
@@ -256,7 +260,7 @@ class PdoFold:
             state.period.add(periods[true])
             self._find_pauses(state, periods, t_ns, seq)
             self._find_too_soon(state, np.where(true, periods, PAUSE_NS), t_ns[1:], seq[1:])
-            self._find_overdue(state, periods, t_ns[:-1], seq[:-1])
+            self._find_overdue(block, state, rows[-len(periods) :], periods, t_ns[:-1], seq[:-1])
         _count_repeats(state, block, rows)
         state.last_ns, state.last_seq = int(t_ns[-1]), int(seq[-1])
 
@@ -291,17 +295,26 @@ class PdoFold:
 
     @staticmethod
     def _find_overdue(
+        block: Block,
         state: PdoState,
+        rows: NDArray[np.intp],
         periods: NDArray[np.int64],
         before_ns: NDArray[np.int64],
         before_seq: NDArray[np.int64],
     ) -> None:
-        """Missing periods of a cyclic PDO whose event timer was told."""
+        """Missing periods of a cyclic PDO whose event timer was told.
+
+        Not where others on the bus are as late: then nobody was heard, or the clock was set.
+        """
         timer_ns = state.told_timer_ns()
-        if timer_ns is None:
+        if timer_ns is None or state.owner is None:
             return
         late = (periods > OVERDUE * timer_ns) & (before_seq >= state.changed_seq)
         for at in np.flatnonzero(late).tolist():
+            begin = max(int(before_seq[at]) - block.batch.seq0, 0)
+            late_ns = int(periods[at]) - timer_ns
+            if others_as_late(block, state.owner, begin, int(rows[at]), late_ns):
+                continue
             count = round(float(periods[at]) / timer_ns) - 1
             state.overdue.add_evenly(int(before_ns[at]), timer_ns, count, int(before_seq[at]))
 
@@ -426,3 +439,9 @@ def _spread(values: Distribution) -> float:
 
 def _value(known: object) -> object:
     return getattr(known, "value", None)
+
+
+def _values(settings: Transmission) -> tuple[object, ...]:
+    return tuple(
+        _value(e) for e in (settings.type, settings.inhibit_100us, settings.event_timer_ms)
+    )

@@ -224,9 +224,7 @@ class Rhythm:
         self._due = int(line[-1]) + every * int(counts[-1])
 
 
-def _syncs_before(
-    index: SyncIndex, position: NDArray[np.int64], every: int
-) -> NDArray[np.int64]:
+def _syncs_before(index: SyncIndex, position: NDArray[np.int64], every: int) -> NDArray[np.int64]:
     """Stamps of the SYNCs `every` before: a node that starts after them counts from another one."""
     before = position - every
     estimate = index.t_ns[position] - round(every * index.cycle_ns)

@@ -18,6 +18,7 @@ from syncline_analyzer.shadow import Known
 from syncline_schemas.batch import Gap
 from syncline_schemas.canopen.sdo import LOAD_SIGNATURE, SAVE_SIGNATURE
 from syncline_schemas.canopen.services import Service
+from syncline_schemas.devices import quirks
 
 OBJECT_MISSING = 0x06020000
 MAX_ROWS = 500_000
@@ -51,6 +52,8 @@ class Reset(NamedTuple):
     bus: int
     node: int
     specifier: int = 0
+    byte: int = 0
+    """The state with which it may have booted: a few devices do so, of others it is a heartbeat."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +118,8 @@ class SdoFold:
             row = max(0, reset.row)
             self._feed(batch, usual, begin, row)
             begin = row
-            self._reset(reset, batch.seq0 + reset.row)
+            if self._boots_so(reset, batch.seq0 + reset.row):
+                self._reset(reset, batch.seq0 + reset.row)
         self._feed(batch, usual, begin, len(batch))
 
     def gap(self, gap: Gap) -> None:
@@ -249,6 +253,14 @@ class SdoFold:
         other = self._channels.get((bus, can_id & 0x7F, 0x1200))
         usual = 0x580 < can_id < 0x680 and can_id & 0x7F != node
         return usual and other is not None and other.answers > 0
+
+    def _boots_so(self, reset: Reset, seq: int) -> bool:
+        """Whether a device starts with a state byte, and did not fall by an error (1029h:1 = 0)."""
+        shadow, key = self._context.shadow, (reset.bus, reset.node)
+        if not reset.byte:
+            return True
+        boots = reset.byte in quirks(shadow.device(*key)).bootup_bytes
+        return boots and shadow.confirmed(*key, 0x1029, 1, seq) != 0
 
     def _reset(self, reset: Reset, seq: int) -> None:
         shadow = self._context.shadow

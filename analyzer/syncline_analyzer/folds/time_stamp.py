@@ -12,6 +12,8 @@ from syncline_schemas.batch import Gap
 from syncline_schemas.decoder.services import decode_time
 
 PREDEFINED_ID = 0x100
+MAX_MALFORMED = 10
+"""Malformed messages that become rows, the first of each identifier."""
 MAX_ROWS = 10_000
 MAX_JUMPS = 1000
 APART_NS = 60_000_000_000
@@ -45,6 +47,7 @@ class TimeTable:
 @dataclass(slots=True)
 class _State:
     count: int = 0
+    malformed: int = 0
     last: TimeStampRow | None = None
     kept_ns: int | None = None
     fresh: bool = True
@@ -141,7 +144,8 @@ class TimeFold:
             minute = (t_ns[good] - t_ns[good[0]]) // APART_NS
             chosen[good[np.flatnonzero(np.diff(minute, prepend=minute[0] - 1))]] = True
         bad = np.flatnonzero(~valid)
-        chosen[bad[:10]] = True
+        chosen[bad[: max(0, MAX_MALFORMED - state.malformed)]] = True
+        state.malformed += len(bad)
         return np.flatnonzero(chosen)
 
     def _add(self, state: _State, row: TimeStampRow) -> None:

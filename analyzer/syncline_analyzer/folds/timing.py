@@ -239,6 +239,8 @@ class TimingFold:
             name = self._context.bus_name(bus)
             intervals = _operational(nmt_states, name, state.owner.node, self._gap_starts)
         if sending.synchronous:
+            if _by_chance(state, sending, self._context):
+                return nothing
             return state.rhythm.missed.within(intervals, sync_ns, START_NS)
         timer_ns = state.told_timer_ns()
         return state.overdue.within(intervals, timer_ns, timer_ns) if timer_ns else nothing
@@ -274,6 +276,21 @@ def _sending(state: PdoState, sync_ns: float, context: Context) -> _Sending:
         )
         return told if agree or event_on_sync or by_timer else inferred
     return told
+
+
+def _by_chance(state: PdoState, sending: _Sending, context: Context) -> bool:
+    """Whether a PDO whose sender was not told to be synchronous keeps step with SYNC by chance.
+
+    A timer of n SYNC periods looks the same, and so do new values at that pace: who sends those
+    owes nothing when the value stands still. The sender of an RPDO often sends SYNC as well, and
+    its type (140xh:2) says when it is taken over, not when it is sent.
+    """
+    rpdo = state.owner is not None and state.owner.kind == "rpdo"
+    inferred = sending.source.startswith("inferred")
+    if not rpdo and (not inferred or sending.every == 1):
+        return False
+    steady = state.sent_by_timer() and not rpdo
+    return not steady and not state.timer_excluded(context.resolution_ns)
 
 
 def _told(known: Known) -> _Sending:

@@ -1,0 +1,146 @@
+"""PDOs that are missed, and silence that owes nothing: restarts, clocks, timers, settings."""
+
+from collections.abc import Iterable
+
+import numpy as np
+import pytest
+
+from syncline_analyzer.context import Context
+from syncline_analyzer.folds.timing import TimingTables
+from syncline_schemas.batch import FrameBatch
+from tests.analyzer.timing_builder import (
+    MS,
+    SECOND,
+    T0,
+    Row,
+    context,
+    frame,
+    learn,
+    ordered,
+    regular,
+    state,
+    syncs,
+    timing,
+)
+
+PERIOD = 50 * MS
+SETTLED_NS = 2 * MS
+
+
+def told(kind: int, timer_ms: int = 0) -> Context:
+    """TPDO1 of node 1 with its type as it was read."""
+    ctx = context()
+    learn(ctx, 1, 0x1800, 1, 0x181)
+    learn(ctx, 1, 0x1800, 2, kind)
+    if timer_ms:
+        learn(ctx, 1, 0x1800, 5, timer_ms)
+    return ctx
+
+
+def pdos(times_ns: Iterable[int], can_id: int = 0x181, *, moving: bool = True) -> list[Row]:
+    """A PDO at each of these times, each with a new value unless told otherwise."""
+    return [
+        frame(t, can_id, (k if moving else 7).to_bytes(2, "little")) for k, t in enumerate(times_ns)
+    ]
+
+
+def missed(tables: TimingTables, can_id: int = 0x181) -> int:
+    return next(row.missed for row in tables.pdos if row.cob_id == can_id)
+
+
+def shifted(frames: FrameBatch, at_ns: int, by_ns: int) -> FrameBatch:
+    """The frames with the recorder's clock set at a time."""
+    t_ns = frames.t_ns + np.where(frames.t_ns >= T0 + at_ns, by_ns, 0)
+    return FrameBatch(t_ns, frames.bus, frames.can_id, frames.flags, frames.dlc, frames.data)
+
+
+def test_a_node_that_starts_while_sync_is_out_counts_from_the_first_sync() -> None:
+    """Every 2nd SYNC, the other ones after a restart that ends before SYNC comes again."""
+    times = [*regular(60, PERIOD), *regular(60, PERIOD, 6 * SECOND)]
+    answers = [t + MS for t in [*times[0:60:2], *times[61:120:2]]]
+    states = [
+        state(1, "OPERATIONAL", 0, 3 * SECOND),
+        state(1, "INITIALISING", 3 * SECOND, 5 * SECOND),
+        state(1, "OPERATIONAL", 5 * SECOND, 10 * SECOND),
+    ]
+    assert missed(timing(told(2), ordered(syncs(times), pdos(answers)), states=states)) == 0
+
+
+def test_a_node_that_restarts_and_answers_no_sync_misses_them() -> None:
+    answers = [t + MS for t in regular(30, 2 * PERIOD)]
+    states = [
+        state(1, "OPERATIONAL", 0, 3 * SECOND),
+        state(1, "INITIALISING", 3 * SECOND, 4 * SECOND),
+        state(1, "OPERATIONAL", 4 * SECOND, 10 * SECOND),
+    ]
+    tables = timing(told(2), ordered(syncs(regular(200, PERIOD)), pdos(answers)), states=states)
+    assert 57 <= missed(tables) <= 60
+
+
+def test_what_was_due_while_the_clock_was_set_back_is_not_told() -> None:
+    """The node starts anew; some of that time the stamps go through once more."""
+    answers = [t + MS for t in [*regular(60, PERIOD), *regular(60, PERIOD, 7 * SECOND)]]
+    frames = ordered(syncs(regular(200, PERIOD)), pdos(answers))
+    frames = shifted(frames, 5 * SECOND, -4 * SECOND)
+    states = [
+        state(1, "OPERATIONAL", 0, 3 * SECOND),
+        state(1, "INITIALISING", 3 * SECOND, 3 * SECOND + 1),
+        state(1, "OPERATIONAL", 3 * SECOND + 1, 6 * SECOND),
+    ]
+    assert missed(timing(told(1), frames, states=states)) == 0
+
+
+@pytest.mark.parametrize(("step_ms", "left_out"), [(67, ()), (1000, ()), (0, (60,)), (67, (60,))])
+def test_a_cyclic_pdo_is_not_missed_where_others_are_as_late(
+    step_ms: int, left_out: tuple[int, ...]
+) -> None:
+    """The clock was set forward, or nobody was heard; a PDO that is late alone is missed."""
+    times = [t + 13 * MS for k, t in enumerate(regular(100, 2 * PERIOD)) if k not in left_out]
+    frames = ordered(syncs(regular(200, PERIOD)), pdos(times))
+    tables = timing(told(0xFE, 100), shifted(frames, 4170 * MS, step_ms * MS))
+    assert missed(tables) == len(left_out)
+
+
+def test_a_timer_that_is_shortened_owes_nothing_of_before() -> None:
+    change_ns = 9999 * MS
+    times = [*regular(20, 500 * MS), *regular(50, 100 * MS, change_ns + 100 * MS)]
+    frames = ordered(pdos(times), [frame(change_ns, 0x581, bytes(8))])
+    ctx = told(0xFE, 500)
+    change = int(np.searchsorted(frames.t_ns, T0 + change_ns))
+    learn(ctx, 1, 0x1800, 5, 100, seq=change, source="sdo-write")
+    assert missed(timing(ctx, frames)) == 0
+
+
+@pytest.mark.parametrize(
+    ("can_id", "moving", "expected"),
+    [(0x201, True, 0), (0x201, False, 0), (0x181, True, 0), (0x181, False, 10)],
+    ids=["RPDO", "RPDO that stands still", "new values", "the same value each time"],
+)
+def test_a_pdo_in_step_with_sync_by_chance_owes_nothing(
+    can_id: int, moving: bool, expected: int
+) -> None:
+    """Every 4th SYNC, and a pause of 40: new values at that pace may have stood still."""
+    times = [k * PERIOD + MS for k in range(0, 4000, 4) if not 2000 < k <= 2040]
+    frames = ordered(syncs(regular(4001, PERIOD)), pdos(times, can_id, moving=moving))
+    tables = timing(context(), frames)
+    (row,) = tables.pdos
+    assert row.type_source == "inferred: synchronous, every 4th SYNC"
+    assert row.missed == expected
+
+
+def test_a_type_that_a_reset_takes_back_holds_from_there_on() -> None:
+    """1 by default, 4 from the write to the reset, 1 again."""
+    ctx = context(devices={1: "haomiao-38"})
+    numbers = [*range(100), *range(103, 200, 4), *range(220, 320)]
+    answers = pdos([k * PERIOD + MS for k in numbers], 0x281)
+    frames = ordered(syncs(regular(321, PERIOD)), answers)
+    write_ns, reset_ns = 100 * PERIOD + SETTLED_NS, 200 * PERIOD + SETTLED_NS
+    written, reset = np.searchsorted(frames.t_ns, [T0 + write_ns, T0 + reset_ns]).tolist()
+    learn(ctx, 1, 0x1801, 2, 4, seq=written, t_ns=write_ns, source="sdo-write")
+    ctx.shadow.reset(0, 1, reset, T0 + reset_ns)
+    states = [
+        state(1, "OPERATIONAL", 0, reset_ns),
+        state(1, "INITIALISING", reset_ns, 219 * PERIOD),
+        state(1, "OPERATIONAL", 219 * PERIOD, 400 * PERIOD),
+    ]
+    assert missed(timing(ctx, frames, states=states), 0x281) == 0

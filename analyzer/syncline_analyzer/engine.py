@@ -8,6 +8,7 @@ from syncline_analyzer.capture import CaptureFacts, TimeBase
 from syncline_analyzer.collecting import rare_collections
 from syncline_analyzer.context import Context
 from syncline_analyzer.deafness import with_deafness, without_classes
+from syncline_analyzer.echo import Echoes, hidden
 from syncline_analyzer.findings import find_all
 from syncline_analyzer.fold import Fold, IndexedBatch
 from syncline_analyzer.folds.angle import AngleFold
@@ -56,14 +57,16 @@ def analyze(
     control, timing, angle = ControlFold(context), TimingFold(context), AngleFold(context)
     folds: tuple[Fold, ...] = (control, timing, angle)
     census = _Census()
-    for seq, item in joined(with_deafness(_told_errors(stream, facts, buses))):
+    echoes = Echoes(lambda: max((each.resolution_ns for each in facts), default=1))
+    numbered = joined(with_deafness(_told_errors(stream, facts, buses)))
+    for seq, item in echoes.marked(numbered) if context.timed else numbered:
         _refresh(context, facts, description, bitrate)
         if isinstance(item, Gap):
             for fold in folds:
                 fold.gap(item)
             census.gap(item)
         else:
-            batch = IndexedBatch(item, seq, timed=context.timed)
+            batch = IndexedBatch(hidden(item), seq, timed=context.timed)
             for fold in folds:
                 fold.update(batch)
             census.update(item)
@@ -72,7 +75,7 @@ def analyze(
     _refresh(context, facts, description, bitrate)
     end_ns = census.end_ns
     controls = control.finish(end_ns)
-    timings = timing.finish(end_ns, controls.nmt.states)
+    timings = timing.finish(end_ns, controls.nmt.states, controls.nmt.commands)
     starts = [(boot.bus, boot.node, boot.t_ns) for boot in controls.nmt.boot_ups]
     angles = angle.finish(end_ns, starts)
     nodes = node_rows(context, controls, timings.pdos)
@@ -106,6 +109,7 @@ def analyze(
         bus_errors=controls.bus_errors.kinds,
         lss=controls.lss.rows,
         time_stamps=controls.time.rows,
+        doubled=echoes.rows(buses),
     )
     if unlisted := controls.sdo.unlisted:
         analysis.capture.notes.append(f"{unlisted} more SDO transfers are counted, but not listed")

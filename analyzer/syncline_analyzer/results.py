@@ -75,6 +75,25 @@ class CaptureRow:
 
 
 @dataclass(frozen=True, slots=True)
+class DoubledRow:
+    """Frames that the recorder wrote down twice: the copies count nowhere but in the capture.
+
+    `scope` is "all" (every frame of the bus), "own" (NMT, SYNC, TIME, SDO requests and remote
+    frames, which the recording computer sent itself) or "some"; `cob_ids` are those concerned.
+    """
+
+    bus: str
+    scope: Literal["all", "own", "some"]
+    cob_ids: list[int]
+    copies: int
+    start_ns: int
+    end_ns: int
+    delay_us: float
+    """Median time from a frame to its copy."""
+    evidence: list[int]
+
+
+@dataclass(frozen=True, slots=True)
 class NodeRow:
     """A node that something on the bus proves or claims."""
 
@@ -173,8 +192,10 @@ class PdoRow:
     """`seq` of the first SYNCs (at most 100) that got no answer."""
     too_soon: int = 0
     """Frames less than half the inhibit time (180xh:3) after the one before."""
+    extra_alone: int = 0
+    """Those of `extra` beside which no SYNC went unanswered: none of them is a late answer."""
     extra_seq: list[int] = field(default_factory=list)
-    """`seq` of the first `extra` frames (at most 20)."""
+    """`seq` of the first `extra_alone` frames (at most 20)."""
     extra_first_ns: int | None = None
     extra_last_ns: int | None = None
     too_soon_seq: list[int] = field(default_factory=list)
@@ -727,3 +748,4 @@ class Analysis:
     bus_errors: list[BusErrorRow] = field(default_factory=list)
     lss: list[LssRow] = field(default_factory=list)
     time_stamps: list[TimeStampRow] = field(default_factory=list)
+    doubled: list[DoubledRow] = field(default_factory=list)

@@ -99,12 +99,15 @@ class ErrorControl:
     def _send_beat(self, generation: int) -> None:
         node = self._node
         if generation == self._generation:
-            node.send(Frame(0x700 + node.node_id, self._state_byte()), self._beaten)
+            beaten = partial(self._beaten, self.says is not None)
+            node.send(Frame(0x700 + node.node_id, self._state_byte()), beaten)
 
-    def _beaten(self, t_ns: int) -> None:
+    def _beaten(self, wrong: bool, t_ns: int) -> None:
         self._node.world.truth.count("heartbeats", self._node.node_id)
         if self._spoiled and self.empty_after_remote is not None:
             self._node.world.truth.count("empty_heartbeats", self._node.node_id)
+        elif wrong:
+            self._node.world.truth.count("unknown_states", self._node.node_id)
 
     def _answered(self, stuck: bool, t_ns: int) -> None:
         truth, node_id = self._node.world.truth, self._node.node_id

@@ -120,6 +120,13 @@ def _heartbeat_period(plan: Plan) -> None:
         plan.add(faults.HeartbeatPeriod(spec.node_id, plan.now_s, percent, 4.0), 5.0)
 
 
+def _unknown_state(plan: Plan) -> None:
+    spec = plan.node(beats)
+    if spec is not None:
+        byte = plan.random.choice((0x33, 0x01, 0x7E))
+        plan.add(faults.UnknownState(spec.node_id, plan.now_s, byte, 2.0), 3.0)
+
+
 def _heartbeat_jitter(plan: Plan) -> None:
     spec = plan.node(beats)
     if spec is not None:
@@ -214,7 +221,8 @@ def _errors(plan: Plan) -> None:
 
 
 def _storm(plan: Plan) -> None:
-    spec = plan.node()
+    """Of a node that no inhibit time holds back."""
+    spec = plan.node(lambda spec: not plan.had(faults.EmcyInhibitTime, spec))
     if spec is not None:
         code = plan.random.choice(_codes(spec))
         register, alarms, _ = ERRORS[spec.device][code]
@@ -227,6 +235,13 @@ def _short_emcy(plan: Plan) -> None:
     spec = plan.node()
     if spec is not None:
         plan.add(faults.EmcyMalformed(spec.node_id, plan.now_s, plan.random.randint(2, 7)), 1.0)
+
+
+def _emcy_stopped(plan: Plan) -> None:
+    """Of a node that has no other errors: the message clears them all."""
+    spec = plan.node(lambda spec: not plan.had(faults.Emcy, spec))
+    if spec is not None:
+        plan.add(faults.EmcyWhileStopped(spec.node_id, plan.now_s), 2.5)
 
 
 def _inhibit(plan: Plan) -> None:
@@ -267,6 +282,13 @@ def _extra(plan: Plan) -> None:
     spec = plan.node(lambda spec: spec.device in ("haomiao-38", "jn2100") and plan.sync_us)
     if spec is not None:
         plan.add(faults.ExtraPdos(spec.node_id, plan.now_s), 1.5)
+
+
+def _requests(plan: Plan) -> None:
+    """For a TPDO of an inclinometer, which answers at any time."""
+    spec = plan.node(lambda spec: spec.device == "jn2100")
+    if spec is not None:
+        plan.add(faults.PdoRequests(spec.node_id, plan.now_s), 1.5)
 
 
 def _short_pdo(plan: Plan) -> None:
@@ -440,9 +462,9 @@ SCRIPTS: tuple[Script, ...] = (
     *(_watchdog, _power_loss, _boot_loop, _cable, _bus_off),
     *(_master_silent, _remote, _toggle, _unanswered),
     *(_heartbeat_period, _heartbeat_jitter, _heartbeats_missing),
-    *(_ignored, _command, _command, _reset, _leaves, _rogue, _nmt_noise),
-    *(_emcy, _emcy, _errors, _errors, _storm, _short_emcy, _inhibit, _history),
-    *(_missed, _tpdo_stops, _extra, _short_pdo),
+    *(_ignored, _command, _command, _reset, _leaves, _rogue, _nmt_noise, _unknown_state),
+    *(_emcy, _emcy, _errors, _errors, _storm, _short_emcy, _emcy_stopped, _inhibit, _history),
+    *(_missed, _tpdo_stops, _extra, _short_pdo, _requests),
     *(_missing_syncs, _sync_outage, _sync_jitter, _two_syncs),
     *(_recorder_off, _gap, _overrun, _controller, _error_frames, _clock),
     *(_angle_jump, _preset),

@@ -184,8 +184,9 @@ class Truth:
     recording: bool = True
     """Whether the recorder hears the bus; what is counted below is what it heard."""
     counts: Counter[tuple[str, int]] = field(default_factory=Counter)
-    """`heartbeats`, `empty_heartbeats` among them, `guard_requests`, `guard_answers`, `toggle_errors`,
-    `unanswered_guards` and `pdos` by node; `syncs`, `lss` and `time` under node 0."""
+    """`heartbeats`, `empty_heartbeats` and `unknown_states` among them, `guard_requests`,
+    `guard_answers`, `toggle_errors`, `unanswered_guards` and `pdos` by node; `syncs`, `lss` and
+    `time` under node 0."""
     frames: int = 0
     """Frames that the recorder took, error frames among them."""
     remote_frames: int = 0

@@ -76,7 +76,10 @@ class Case:
     @cached_property
     def _sent(self) -> FrameBatch:
         frames = self.frames
-        return frames[(frames.flags & (FrameFlag.ERROR | FrameFlag.REMOTE)) == 0]
+        sent = (frames.flags & (FrameFlag.ERROR | FrameFlag.REMOTE)) == 0
+        if self.scenario.remote_as_data:
+            sent &= (frames.can_id & 0x780 != 0x700) | (frames.dlc > 0)
+        return frames[sent]
 
     def signs(self, node: int) -> NDArray[np.int64]:
         """Stamps of the frames that a node sent on its predefined identifiers."""

@@ -79,7 +79,8 @@ def error_control(case: Case) -> Iterator[str]:
         counts = case.truth.counts
         boots = boot_ups(case, row.node)
         unsure_answers = len(case.deaf) if counts["guard_requests", row.node] else 0
-        beats = counts["heartbeats", row.node] - counts["empty_heartbeats", row.node]
+        odd = counts["empty_heartbeats", row.node] + counts["unknown_states", row.node]
+        beats = counts["heartbeats", row.node] - odd
         answers = counts["guard_answers", row.node]
         unsure = sum(boot.byte != 0 for boot in boots if _first(case, boot))
         if not len(boots) - unsure <= row.boot_ups <= len(boots) + falls(case, row.node):

@@ -1,12 +1,15 @@
 """EMCY, errors, SDO transfers and PDOs: the tables against the truth."""
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 from syncline_analyzer.results import SdoRow
-from syncline_samples.devices.errors import ERRORS
-from syncline_samples.emcy import ActiveError
-from syncline_samples.faults import ExtraPdos, PdoOutsideOperational, SecondSyncProducer
+from syncline_samples.faults import (
+    ExtraPdos,
+    MoveSync,
+    PdoOutsideOperational,
+    SecondSyncProducer,
+)
 from syncline_samples.truth import BootUpTruth, EmcyTruth
 from tests.analyzer.fuzz_case import MS, Case
 from tests.analyzer.fuzz_rows import Row, Timed, clear, differences, twins
@@ -55,38 +58,18 @@ def _error_events(case: Case) -> list[EmcyTruth | BootUpTruth]:
 def errors(case: Case) -> Iterator[str]:
     """Every error is a row with when it was raised and how it ended.
 
-    Not of nodes with errors that share their bits, where a clear does not tell which it ends.
+    Of nodes with errors that share their bits, where a clear does not tell which it ends, only those
+    that are left must be told.
     """
     rows = case.analysis.errors
     open_ = {row.node for row in rows if not row.certain}
     true = [entry for entry in _error_rows(case) if entry[1][0] not in open_]
     told = [(r.raised_ns, (r.node, r.code, r.status)) for r in rows if r.node not in open_]
     yield from differences("error", case, true, told)
-
-
-def _ambiguous(case: Case) -> set[int]:
-    """Nodes on which an error went whose bits were all set by another one that stayed."""
-    found: set[int] = set()
-    active: dict[int, tuple[int, ...]] = {}
-    for event in case.truth.emcy:
-        before = active.get(event.node, ())
-        left = _bits(case, event.node, event.active)
-        gone = [code for code in before if code not in event.active]
-        if event.active and any(_bits(case, event.node, (code,)) & ~left == 0 for code in gone):
-            found.add(event.node)
-        active[event.node] = event.active if event.dlc == 8 else before
-    return found
-
-
-def _bits(case: Case, node: int, codes: Sequence[int]) -> int:
-    """Bits of the register, the alarms and the warnings that errors of a node set."""
-    device = next(spec.device for spec in case.scenario.devices if spec.node_id == node)
-    guarding = ActiveError(0x11 if device == "jn2100" else 0x20)
-    found = 0
-    for code in codes:
-        error = ERRORS[device].get(code, guarding)
-        found |= error.register | error.alarms << 8 | error.warnings << 24
-    return found
+    active = {(row.node, row.code) for row in rows if row.status == "still active"}
+    for _, (node, code, status) in _error_rows(case) if not case.deaf else ():
+        if status == "still active" and node in open_ and (node, code) not in active:
+            yield f"error {code} of node {node} is not told to be active"
 
 
 def _error_rows(case: Case) -> Iterator[Timed]:
@@ -220,8 +203,8 @@ def responses(case: Case) -> Iterator[str]:
             yield f"PDO {row.cob_id:03X}h answers in {told}, not {(min(true), max(true))} us"
 
 
-_UNCLEAR_SYNCS = (ExtraPdos, PdoOutsideOperational, SecondSyncProducer)
-"""Faults by which a PDO may follow another SYNC than the one that it answers."""
+_UNCLEAR_SYNCS = (ExtraPdos, MoveSync, PdoOutsideOperational, SecondSyncProducer)
+"""Faults by which a PDO may follow another SYNC, or the move of it, than the one it answers."""
 
 
 def pdos(case: Case) -> Iterator[str]:

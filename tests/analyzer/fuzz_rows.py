@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Iterator, Sequence
 
-from syncline_samples.faults import DuplicateNode, LeavesOperational
+from syncline_samples.faults import DuplicateNode
 from syncline_samples.truth import BootUpTruth
 from tests.analyzer.fuzz_case import MS, Case
 
@@ -39,10 +39,9 @@ def boot_ups(case: Case, node: int) -> list[BootUpTruth]:
 
 def falls(case: Case, node: int) -> int:
     """Falls to PRE-OPERATIONAL of a device that boots with 7Fh: they look like restarts."""
-    stored = any(s.node_id == node and s.stored_heartbeat_ms for s in case.scenario.devices)
-    return stored * sum(
-        isinstance(fault, LeavesOperational) and fault.node == node
-        for fault in case.scenario.faults
+    return sum(
+        each.node == node and each.id == "nmt.left_operational" and bool(each.or_as)
+        for each in case.truth.findings
     )
 
 

@@ -2,7 +2,12 @@
 
 from collections.abc import Iterator
 
-from syncline_samples.faults import CommandIgnored, LeavesOperational, RemoteOnHeartbeat
+from syncline_samples.faults import (
+    CommandIgnored,
+    LeavesOperational,
+    RemoteOnHeartbeat,
+    ResetBySdo,
+)
 from tests.analyzer.fuzz_case import MS, Case, S
 from tests.analyzer.fuzz_rows import boot_ups, falls, twins
 
@@ -105,6 +110,10 @@ def _spoiled(case: Case, node: int, at_ns: int) -> set[str]:
             found |= {"UNKNOWN"} if case.at(fault.at_s) <= at_ns else set()
         if isinstance(fault, LeavesOperational) and fault.node == node and falls(case, node):
             during = abs(at_ns - case.at(fault.at_s)) < 2 * case.period_ns(node)
+            found |= {"INITIALISING"} if during else set()
+        if isinstance(fault, ResetBySdo) and fault.node == node:
+            # The write is a reset command: INITIALISING from its answer on.
+            during = 0 <= at_ns - case.at(fault.at_s) < S
             found |= {"INITIALISING"} if during else set()
         if isinstance(fault, CommandIgnored) and fault.node == node:
             during = 0 <= at_ns - case.at(fault.at_s) < 2 * case.period_ns(node)

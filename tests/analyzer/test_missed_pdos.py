@@ -90,6 +90,13 @@ def test_what_was_due_while_the_clock_was_set_back_is_not_told() -> None:
     assert missed(timing(told(1), frames, states=states)) == 0
 
 
+def test_a_clock_that_is_set_back_hides_nothing_of_a_node_that_runs_all_along() -> None:
+    answers = [t + MS for k, t in enumerate(regular(199, PERIOD)) if k not in (110, 111)]
+    frames = shifted(ordered(syncs(regular(200, PERIOD)), pdos(answers)), 5 * SECOND, -2 * SECOND)
+    states = [state(1, "OPERATIONAL", 0, 8 * SECOND)]
+    assert missed(timing(told(1), frames, states=states)) == 2
+
+
 @pytest.mark.parametrize(("step_ms", "left_out"), [(67, ()), (1000, ()), (0, (60,)), (67, (60,))])
 def test_a_cyclic_pdo_is_not_missed_where_others_are_as_late(
     step_ms: int, left_out: tuple[int, ...]

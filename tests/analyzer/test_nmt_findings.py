@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from syncline_analyzer.findings.story import joined
 from syncline_analyzer.results import Finding
 from syncline_schemas.batch import Gap
 from syncline_schemas.description import BusDescription
@@ -628,6 +629,52 @@ def test_the_master_is_the_node_that_is_watched_not_whoever_else_is_lost() -> No
     gone = heartbeats(30, 1100, node=9)
     rows = ordered(watch, heartbeats(0, 1000, node=1), slave, emcy, gone, OTHER)
     assert one(run(*rows), "nmt.guarding_lost").text.startswith("Master (node 1) silent")
+
+
+def missing_a_node(*rows: list[Row]) -> Run:
+    """Node 5 says 8130h at 1.4 s; node 1 was last heard at 0.9 s."""
+    emcy = [frame(1400, 0x085, "3081110000000000")]
+    return run(*ordered(heartbeats(50, 4000), heartbeats(0, 1000, node=1), emcy, OTHER, *rows))
+
+
+def test_a_master_that_no_1016h_names_is_said_to_be_assumed() -> None:
+    finding = one(missing_a_node(), "nmt.guarding_lost")
+    assert finding.text.startswith("Master (node 1) silent")
+    assert "1016h of node 5 is not known" in " ".join(finding.assumed)
+    named = missing_a_node(written(1, 0x1016, 0x0001012C, size=4, sub=1))
+    assert one(named, "nmt.guarding_lost").assumed == []
+
+
+@pytest.mark.near_miss("nmt.guarding_lost")
+@pytest.mark.parametrize(
+    "shown",
+    [
+        [frame(t, 0x181, "01") for t in range(5, 900, 100)],
+        [frame(1, 0x601, "4000100000000000"), frame(2, 0x581, "4300100092010200")],
+        [frame(1200, 0x000, "0109")],
+        heartbeats(30, 1000, node=7),
+    ],
+    ids=["sends PDOs", "answers SDO", "another one commands", "two are silent"],
+)
+def test_a_silent_node_that_may_be_no_master_is_only_a_suspect(shown: list[Row]) -> None:
+    """Nobody is called the master, and the silent node's own loss is told."""
+    result = missing_a_node(shown)
+    finding = one(result, "nmt.guarding_lost")
+    assert finding.text.startswith("Node 5 misses its master")
+    assert "node 1 for" in finding.cause
+    assert "1016h is not known" in finding.cause
+    assert "nmt.node_lost" in result.ids()
+
+
+def test_a_slave_that_is_watched_is_no_master_and_its_loss_the_root() -> None:
+    """1016h:1 of node 5 names node 1, which sends PDOs."""
+    watch = written(1, 0x1016, 0x0001012C, size=4, sub=1)
+    result = missing_a_node(watch, [frame(t, 0x181, "01") for t in range(5, 900, 100)])
+    finding = one(result, "nmt.guarding_lost")
+    assert "node 5, which watches its heartbeat (1016h), misses it" in finding.text
+    assert "Master" not in finding.text + finding.cause
+    (story,) = [each for each in joined(result.findings()) if each.id == "nmt.node_lost"]
+    assert (story.node, [link.id for link in story.chain]) == (1, ["nmt.guarding_lost"])
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(0.0, 0.4), st.booleans())

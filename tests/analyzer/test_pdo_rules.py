@@ -126,6 +126,25 @@ def test_a_pdo_that_comes_twice_in_a_sync_period() -> None:
     assert len(finding.evidence) == 20
 
 
+@pytest.mark.triggers("pdo.extra")
+def test_pdos_that_are_missed_another_time_hide_no_extra_ones() -> None:
+    rows = between(every(TPDO, 2, 30_000, 20, COUNTING), 20_000, 22_000)
+    told = whole(synchronous(), quiet(), rows, every(TPDO, 10_010, 11_000, 200, COUNTING))
+    (finding,) = found(told, "pdo.extra")
+    assert "5 times" in finding.text
+    assert "pdo.missed" in ids(told)
+
+
+@pytest.mark.near_miss("pdo.extra")
+def test_an_answer_that_comes_after_the_next_sync_is_late_not_extra() -> None:
+    late = {500, 600, 601, 700, 900}
+    rows = [
+        (t + (20 * MS if k in late else 0), *row)
+        for k, (t, *row) in enumerate(every(TPDO, 2, 30_000, 20, COUNTING))
+    ]
+    assert "pdo.extra" not in ids(whole(synchronous(), quiet(), rows))
+
+
 @pytest.mark.near_miss("pdo.extra")
 def test_where_a_sync_was_lost_no_pdo_is_extra() -> None:
     """The recorder missed SYNCs; the PDOs that answered them seem to come twice."""
@@ -230,16 +249,19 @@ def test_a_second_producer_beside_a_timer_that_alternates_a_little() -> None:
 
 
 @pytest.mark.triggers("sync.jitter")
-def test_jitter_is_told_of_a_bus_that_had_two_producers_before() -> None:
+@pytest.mark.parametrize("joins_ms", [5000, 15_800, 23_200])
+def test_jitter_is_told_of_a_bus_that_had_two_producers(joins_ms: int) -> None:
     wavering = [
         (row[0] + (k % 7) * 2 * MS, *row[1:])
         for k, row in enumerate(every(0x80, 20_001, 23_000, 20))
     ]
     rows = [*every(0x80, 1, 20_000, 20), *every(0x80, 23_001, 30_000, 20), *wavering]
-    told = whole(rows, every(0x80, 5004, 9000, 20), beats(NODE, 7, 30_000), beats(9, 12, 30_000))
+    second = every(0x80, joins_ms + 4, joins_ms + 4000, 20)
+    told = whole(rows, second, beats(NODE, 7, 30_000), beats(9, 12, 30_000))
     assert {"sync.two_producers", "sync.jitter"} <= ids(told)
     (finding,) = found(told, "sync.jitter")
-    assert finding.start_ns >= T0 + 19 * S
+    assert finding.start_ns == pytest.approx(T0 + 20 * S, abs=S)
+    assert finding.end_ns == pytest.approx(T0 + 23 * S, abs=S)
 
 
 @pytest.mark.near_miss("sync.jitter")

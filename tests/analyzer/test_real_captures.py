@@ -222,8 +222,8 @@ def test_key_cycles_are_told_as_the_whole_bus_and_pairs_of_boot_ups_once() -> No
     run = _named("sevcon_20090331.candump.log")
     lost = [f for f in run.findings() if f.id == "nmt.bus_silent"]
     assert [(f.severity, f.node) for f in lost] == [("warning", 1)]
-    assert "whole bus was silent 10 times (at +20.718 s, " in lost[0].text
-    assert "for 3.412 s to 92.48 s; node 1 came back with a boot-up each time" in lost[0].text
+    assert "whole bus was silent 10 times (at +20.742 s, " in lost[0].text
+    assert "for 3.348 s to 92.48 s; node 1 came back with a boot-up each time" in lost[0].text
     assert len(lost[0].evidence) == 20
     assert not [f for f in run.findings() if f.id == "nmt.unexpected_reset"]
     assert sum(boot.repeated for boot in run.tables.nmt.boot_ups) == 10

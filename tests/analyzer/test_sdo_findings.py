@@ -4,7 +4,7 @@ from binascii import crc_hqx
 
 import pytest
 
-from syncline_analyzer.results import Finding
+from syncline_analyzer.results import BusSilenceRow, Finding
 from syncline_schemas.batch import Gap
 from syncline_schemas.description import BusDescription
 from syncline_schemas.devices import load_device
@@ -327,6 +327,17 @@ def test_two_clients_that_read_the_same_object() -> None:
     result = run(*ordered(asked, answers, ALIVE))
     assert silent(result)
     assert [row.answer_us for row in result.analysis.sdo] == [2000.0, 2000.0]
+
+
+@pytest.mark.near_miss("sdo.late_answer")
+def test_a_clock_that_steps_between_two_clients_requests_lets_nobody_wait() -> None:
+    asked = [frame(t, 0x605, "4000100000000000") for t in (100, 2001)]
+    answers = [frame(t, 0x585, "4300100096010100") for t in (2002, 2003)]
+    result = run(*ordered(asked, answers, [frame(0, 0x705, "05"), frame(2010, 0x705, "05")]))
+    assert not silent(result)
+    step = BusSilenceRow("can0", 100 * MS, 2001 * MS, [1, 2])
+    result.analysis.bus_silences.append(step)
+    assert silent(result)
 
 
 @pytest.mark.triggers("sdo.doubled_answer")

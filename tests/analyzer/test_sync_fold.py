@@ -140,6 +140,15 @@ def test_an_identifier_moved_by_1005h_is_the_sync() -> None:
     assert (row.cob_id, row.count) == (0x85, 5)
 
 
+@pytest.mark.parametrize("seconds", [3, 9])
+def test_syncs_are_missing_beside_a_long_time_with_two_producers(seconds: int) -> None:
+    """The second one makes more than half of the periods shorter."""
+    first = without(regular(400, 50 * MS), 30, 31, 32, 390)
+    second = regular(seconds * 20, 50 * MS, 3 * SECOND + 18 * MS)
+    row = only(timing(context(), ordered(syncs(first), syncs(second))))
+    assert row.missing == 4
+
+
 @pytest.mark.parametrize("block", [1, 7, 64])
 def test_blocks_do_not_change_the_result(block: int) -> None:
     times = without(regular(200, 10 * MS), 40, 41, 120)

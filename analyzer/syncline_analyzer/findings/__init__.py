@@ -19,6 +19,7 @@ from syncline_analyzer.findings import (
     stored,
     timing,
 )
+from syncline_analyzer.findings.bounded import bounded
 from syncline_analyzer.findings.rule import Facts, Rule, apply
 from syncline_analyzer.findings.story import joined
 from syncline_analyzer.folds.control import ControlTables
@@ -48,5 +49,6 @@ _RANK = {"error": 0, "warning": 1, "info": 2}
 
 def find_all(analysis: Analysis, control: ControlTables, context: Context) -> list[Finding]:
     """Findings of all rules as stories: errors first, then by the time they began."""
-    found = joined(apply(RULES, Facts(analysis, control, context)))
+    facts = Facts(analysis, control, context)
+    found = joined(bounded(facts, apply(RULES, facts)))
     return sorted(found, key=lambda f: (_RANK[f.severity], f.start_ns, f.id, f.node or 0))

@@ -145,6 +145,8 @@ BONDS: tuple[Bond, ...] = (
     ),
     *_bonds("nmt.heartbeat_stopped", "nmt.guarding_lost", after_ns=10 * _S, same_node=False),
     *_bonds("nmt.guarding_lost", "nmt.left_operational", shared=True),
+    *_bonds("nmt.node_lost", "nmt.guarding_lost", shared=True, same_node=False),
+    *_bonds("nmt.unexpected_reset", "nmt.guarding_lost", shared=True, same_node=False),
     *_bonds("nmt.consumer_time", "nmt.guarding_lost", lifelong=True, before_ns=_FOREVER),
     *_bonds("nmt.life_time", "nmt.guarding_lost", lifelong=True, before_ns=_FOREVER),
     *_bonds(

@@ -144,7 +144,7 @@ def _silent(facts: Facts) -> Iterator[Finding]:
         rows = [
             row
             for row in facts.analysis.bus_silences
-            if row.bus == bus and not _restarted(facts, row)
+            if row.bus == bus and not _restarted(facts, row) and not _went_off(facts, row)
         ]
         if len(rows) > MAX_FINDINGS:
             yield _silence(facts, rows)
@@ -161,6 +161,23 @@ def _restarted(facts: Facts, silence: BusSilenceRow) -> bool:
         and (row.state == "INITIALISING" or row.cause.startswith("boot-up"))
         and row.start_ns > silence.start_ns - RESTART_NS
     )
+
+
+def _went_off(facts: Facts, silence: BusSilenceRow) -> bool:
+    """Whether a silence is only part of that of most nodes: then they were off, one by one."""
+    here = {
+        key: timeline
+        for key, timeline in facts.control.nmt.timelines.items()
+        if facts.context.bus_name(key[0]) == silence.bus
+    }
+    gone = {
+        key
+        for key, timeline in here.items()
+        for lost in timeline.lost
+        if abs(lost.last_ns - silence.start_ns) <= RESTART_NS
+        and (lost.end_seq is None or lost.end_ns > silence.end_ns + RESTART_NS)
+    }
+    return bool(gone) and 2 * len(gone) >= len(here)
 
 
 def _silence(facts: Facts, rows: list[BusSilenceRow]) -> Finding:

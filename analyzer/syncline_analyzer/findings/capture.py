@@ -12,6 +12,8 @@ MAX_GAPS = 10
 """More gaps with one reason on one bus become one finding."""
 _NOT_CLOSED = ": no footer"
 """All that is said of a recording that was cut off and is whole up to there."""
+_SHOWN = 6
+"""Identifiers that a sentence names."""
 _UNREAD = 0.01
 """Share of unreadable lines from which a log may be of another kind than it seems."""
 
@@ -93,6 +95,38 @@ def _unparsed(facts: Facts) -> Iterator[Finding]:
     )
 
 
+def _doubled(facts: Facts) -> Iterator[Finding]:
+    """Frames that stand twice in the capture, by bus."""
+    for row in facts.analysis.doubled:
+        shown = ", ".join(f"{cob_id:03X}h" for cob_id in row.cob_ids[:_SHOWN])
+        more = " and more" if len(row.cob_ids) > _SHOWN else ""
+        what = {
+            "all": f"Every frame of {row.bus} stands",
+            "own": f"What the master sends on {row.bus} ({shown}{more}) stands",
+            "some": f"Frames of {row.bus} ({shown}{more}) stand",
+        }[row.scope]
+        whole = row.scope == "all"
+        yield Finding(
+            "capture.doubled",
+            "warning" if whole else "info",
+            row.bus,
+            None,
+            row.start_ns,
+            row.end_ns,
+            f"{what} twice in the capture, the copy {row.delay_us:.4g} us after its frame:"
+            f" nothing that is told here counts the {counted(row.copies, 'second frame')}.",
+            "Two channels on one bus were recorded under one name, or a file was joined with itself."
+            if whole
+            else "The recording computer sent these frames itself, and its driver handed over each"
+            " one twice: as sent and as received.",
+            "Record each bus once."
+            if whole
+            else "Switch off the echo of own frames in the recording program; the bus is not at"
+            " fault.",
+            row.evidence,
+        )
+
+
 RULES = (
     Rule(
         "capture.gap",
@@ -117,5 +151,17 @@ RULES = (
         ("Comments, headers and statistics of the known formats are read and left out.",),
         _unparsed,
         untimed=True,
+    ),
+    Rule(
+        "capture.doubled",
+        "The recording holds frames twice; the copies are left out of the analysis.",
+        "The first copies.",
+        (
+            "Equal frames at most 1 ms apart, in pairs that lie much further apart than their frames.",
+            "One identifier alone only where no wire can carry the second frame so soon: a fast"
+            " producer and two devices with one node id take longer.",
+            "Not where the stamps are those of bundles or too coarse to tell.",
+        ),
+        _doubled,
     ),
 )

@@ -4,6 +4,7 @@ from bisect import bisect_left
 from collections import Counter
 from collections.abc import Iterator
 
+from syncline_analyzer.findings.lateness import late_heartbeats
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import LISTED, seconds, several
 from syncline_analyzer.findings.twins import NEVER, twins
@@ -90,12 +91,12 @@ def _off(
 
 def _irregular(facts: Facts) -> Iterator[Finding]:
     """Heartbeats that came late again and again while the node was heard otherwise."""
-    for (_, node), bus, nmt, until_ns in _single(facts):
-        usual = nmt.heartbeat_period_ns
+    for key, bus, nmt, until_ns in _single(facts):
+        node, usual = key[1], nmt.heartbeat_period_ns
         if usual is None:
             continue
         ends = [pace.last_seq for pace in nmt.paces.paces]
-        late = [entry for entry in nmt.late if entry.end_ns < until_ns]
+        late = [entry for entry in late_heartbeats(facts, key) if entry.end_ns < until_ns]
         late = [entry for entry in late if _is_late(nmt, ends, entry, usual)]
         if len(late) < IRREGULAR:
             continue
@@ -135,7 +136,11 @@ def _consumers(facts: Facts) -> Iterator[Finding]:
                 continue
             since = known.t_ns or 0
             paces = [p for p in nmt.paces.paces if p.last_ns > since and p.median_ns >= ms * 1e6]
-            late = [e for e in nmt.late if e.start_ns >= since and e.end_ns - e.start_ns > ms * 1e6]
+            late = [
+                entry
+                for entry in late_heartbeats(facts, (bus, watched))
+                if entry.start_ns >= since and entry.end_ns - entry.start_ns > ms * 1e6
+            ]
             if not paces and not late:
                 continue
             name = facts.context.bus_name(bus)
@@ -199,26 +204,25 @@ def _stopped(facts: Facts) -> Iterator[Finding]:
 def _unknown_states(facts: Facts) -> Iterator[Finding]:
     """Messages on a node's error-control identifier that are none."""
     for (_, node), bus, nmt, until_ns in _single(facts):
-        if until_ns != NEVER:
+        told = [odd for odd in nmt.odd if odd.t_ns < until_ns]
+        if not told or nmt.counts.heartbeats + nmt.counts.guard_answers < KNOWN_BEATS:
             continue
-        if not nmt.odd or nmt.counts.heartbeats + nmt.counts.guard_answers < KNOWN_BEATS:
-            continue
-        kinds = Counter(odd.what for odd in nmt.odd)
+        kinds = Counter(odd.what for odd in told)
         what = "; ".join(f"{k} ({n} times)" if n > 1 else k for k, n in kinds.most_common(LISTED))
-        number = nmt.counts.odd
-        states = any(odd.what.startswith("state") for odd in nmt.odd)
+        number = nmt.counts.odd if len(told) == len(nmt.odd) else len(told)
+        states = any(odd.what.startswith("state") for odd in told)
         yield Finding(
             "nmt.unknown_state",
             "warning" if states else "info",
             bus,
             node,
-            nmt.odd[0].t_ns,
-            nmt.odd[-1].t_ns,
+            told[0].t_ns,
+            told[-1].t_ns,
             f"{facts.who(bus, node)} sent {counted(number, 'message')} on {0x700 + node:03X}h that"
             f" {'is' if number == 1 else 'are'} no NMT state of CiA 301: {what}.",
             "A fault of its firmware, or another device sends on this identifier.",
             "Find the sender; these messages were left out of the node's states.",
-            [odd.seq for odd in nmt.odd][:EVIDENCE],
+            [odd.seq for odd in told][:EVIDENCE],
         )
 
 

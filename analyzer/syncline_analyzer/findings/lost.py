@@ -1,5 +1,6 @@
 """Nodes that fell silent: each by itself, or with the whole bus, equal losses told as one."""
 
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import groupby
@@ -10,18 +11,25 @@ from syncline_analyzer.findings.bus import tells_bus_off
 from syncline_analyzer.findings.emcy_messages import EMPTY
 from syncline_analyzer.findings.guarding_story import STORY_NS, told_by_guarding
 from syncline_analyzer.findings.identity import absences
+from syncline_analyzer.findings.lateness import late_silences
+from syncline_analyzer.findings.power import power_breaks, told
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import seconds, several
+from syncline_analyzer.findings.twins import Shared, twins
+from syncline_analyzer.findings.switching import bus_silence, faded, fading, others_went_on
 from syncline_analyzer.folds.control import ControlTables
 from syncline_analyzer.folds.nmt import RESETS, NodeKey
 from syncline_analyzer.folds.nmt_events import IN_FLIGHT_NS, Command, Lost
 from syncline_analyzer.folds.nmt_timeline import Timeline
-from syncline_analyzer.results import Analysis, Finding, Severity
+from syncline_analyzer.folds.nmt_timeout import LOST_FACTOR
+from syncline_analyzer.results import Finding, Severity
 
 BOOT_UP_NS = 1_000_000_000
 """A boot-up this soon after a silence belongs to it [ns]."""
 TOGETHER_NS = 1_500_000_000
 """Nodes whose last signs of life are no further apart fell silent at the same moment [ns]."""
+AT_ONCE_NS = 500_000_000
+"""Nodes that are switched off together fall silent within this time [ns]."""
 EVIDENCE = 40
 """Frames named at most."""
 
@@ -51,6 +59,8 @@ class _Loss:
     evidence: tuple[int, ...]
     limit: str
     """When it counts as lost, and why."""
+    silent: tuple[int, int]
+    """While nobody at all was heard, where the whole bus was silent [ns]."""
 
     @property
     def kind(self) -> tuple[int, tuple[int, ...], bool, bool, bool]:
@@ -60,7 +70,10 @@ class _Loss:
 
 def _lost_nodes(facts: Facts) -> Iterator[Finding]:
     """Silences of single nodes, but for those that another story tells already."""
-    losses = [_loss(facts, [entry]) for entry in _entries(facts) if not entry[2].whole_bus]
+    entries = facts.once(_entries)
+    off = {entry[:2] for group in fading(facts, entries) for entry in group}
+    single = [entry for entry in entries if not entry[2].whole_bus and entry[:2] not in off]
+    losses = [_loss(facts, [entry]) for entry in single]
     losses.sort(key=lambda loss: (loss.kind, loss.start_ns))
     for _, equal in groupby(losses, key=lambda loss: loss.kind):
         found = list(equal)
@@ -73,14 +86,20 @@ def _lost_nodes(facts: Facts) -> Iterator[Finding]:
 
 def _silent_buses(facts: Facts) -> Iterator[Finding]:
     """Silences of a whole bus: they accuse no node, unless the only one on it started anew."""
-    whole = [entry for entry in _entries(facts) if entry[2].whole_bus]
+    entries = facts.once(_entries)
+    groups = fading(facts, entries)
+    yield from (faded(facts, group) for group in groups)
+    yield from (told(facts, each) for each in power_breaks(facts))
+    off = {entry[:2] for group in groups for entry in group}
+    whole = [entry for entry in entries if entry[2].whole_bus and entry[:2] not in off]
     losses = [_loss(facts, group) for group in _at_once(whole)]
     losses.sort(key=lambda loss: (loss.kind, loss.start_ns))
     for _, equal in groupby(losses, key=lambda loss: loss.kind):
         found = list(equal)
         first = found[0]
         node = first.nodes[0] if first.booted and len(first.nodes) == 1 else None
-        severity: Severity = "warning" if first.booted else "info"
+        cut_off = others_went_on(facts, first.bus, first.silent[0])
+        severity: Severity = "warning" if first.booted or cut_off else "info"
         yield _finding("nmt.bus_silent", severity, facts, found, node, *_whole_bus(facts, found))
 
 
@@ -101,20 +120,29 @@ def _at_once(
 
 def _entries(facts: Facts) -> list[tuple[int, NodeKey, Lost]]:
     """(last sign of life, node, silence) of what is no story of guarding, bus-off or a reset."""
-    told, elsewhere = told_by_guarding(facts), absences(facts)
+    told, elsewhere, doubled = told_by_guarding(facts), absences(facts), twins(facts)
     entries = [
         (lost.last_ns, key, lost)
         for key, timeline in facts.control.nmt.timelines.items()
-        for lost in timeline.lost
+        for lost in sorted({*timeline.lost} - {*late_silences(facts, key)})
         if lost.last_seq not in told
         and not _after_reset(timeline, lost)
-        and not was_bus_off(facts.analysis, facts.context, key, lost)
+        and not was_bus_off(facts, key, lost)
+        and not _of_one_of_two(doubled, facts, key, lost)
         and not any(
             each.explains(facts.context.bus_name(key[0]), key[1], lost.last_ns, lost.end_ns)
             for each in elsewhere
         )
+        and not any(each.covers(*key, lost.end_ns) for each in power_breaks(facts))
     ]
     return sorted(entries, key=lambda entry: (entry[1][0], entry[0], entry[1]))
+
+
+def _of_one_of_two(doubled: Shared, facts: Facts, key: NodeKey, lost: Lost) -> bool:
+    """Whether a silence is only that of one of two devices, held against the cadence of both."""
+    period = facts.control.nmt.nodes[key].doubles.pair_ns
+    within = lost.end_ns - lost.last_ns <= LOST_FACTOR * period
+    return within and doubled.at(facts.context.bus_name(key[0]), key[1], lost.end_ns)
 
 
 def failed_resets(facts: Facts) -> Iterator[tuple[NodeKey, FailedReset]]:
@@ -163,6 +191,8 @@ def _last_reset(facts: Facts, key: NodeKey, timeline: Timeline) -> Command | Non
 
 def _loss(facts: Facts, group: list[tuple[int, NodeKey, Lost]]) -> _Loss:
     _, (bus, _), first = group[0]
+    start_ns = min(lost.last_ns for _, _, lost in group)
+    end_ns = max(lost.end_ns for _, _, lost in group)
     frames = [seq for _, _, lost in group for seq in (lost.last_seq, lost.end_seq)]
     return _Loss(
         bus,
@@ -170,10 +200,11 @@ def _loss(facts: Facts, group: list[tuple[int, NodeKey, Lost]]) -> _Loss:
         first.whole_bus,
         any(_booted(facts.control, facts.context, key, lost) for _, key, lost in group),
         any(lost.end_seq is not None for _, _, lost in group),
-        min(lost.last_ns for _, _, lost in group),
-        max(lost.end_ns for _, _, lost in group),
+        start_ns,
+        end_ns,
         tuple(sorted(seq for seq in frames if seq is not None)),
         f" It counts as lost after {seconds(first.timeout_ns)}: {first.reason}.",
+        bus_silence(facts, bus, start_ns, end_ns) if first.whole_bus else (start_ns, end_ns),
     )
 
 
@@ -270,40 +301,50 @@ def _whole_bus(facts: Facts, losses: list[_Loss]) -> tuple[str, str, str]:
         each = " each time" if len(losses) > 1 else ""
         text = f"The whole bus was silent {_often(facts, losses)}for {lasted};"
         text += f" {names} came back with a boot-up{each}."
+        if len(losses) == 1 and first.silent[0] - first.start_ns > AT_ONCE_NS:
+            earlier = seconds(first.silent[0] - first.start_ns)
+            text += f" They fell silent one after another, the first {earlier} before the last."
         cause = "The machine was switched off and on (all nodes started anew)."
     else:
         text = f"The whole bus was silent {_often(facts, losses)}for {lasted};"
         text += f" {names} {'was' if len(first.nodes) == 1 else 'were'} not heard again."
         cause = "The machine was switched off, the recorder was unplugged, or the bus was broken"
         cause += " near it."
+        if others_went_on(facts, first.bus, first.silent[0]):
+            text += " Another bus was heard meanwhile, so the recorder went on."
+            cause = "This bus lost its supply, or the recorder its connection to it: with everybody"
+            cause += " silent at once no single node is to blame."
     check_next = "Was it switched off on purpose? If not: supply of the whole machine, cable at"
     return text, cause, check_next + " the recorder."
 
 
 def _often(facts: Facts, losses: list[_Loss]) -> str:
     """How often and when, for more than one."""
-    moments = [facts.moment(loss.start_ns) for loss in losses]
+    moments = [facts.moment(loss.silent[0]) for loss in losses]
     return several(moments) or f"at {moments[0]} "
 
 
 def _lasted(losses: list[_Loss]) -> str:
     """How long, or the shortest and the longest."""
-    lengths = sorted(loss.end_ns - loss.start_ns for loss in losses)
+    lengths = sorted(loss.silent[1] - loss.silent[0] for loss in losses)
     short, long = seconds(lengths[0]), seconds(lengths[-1])
     return short if short == long else f"{short} to {long}"
 
 
-def was_bus_off(analysis: Analysis, context: Context, key: NodeKey, lost: Lost) -> bool:
+def was_bus_off(facts: Facts, key: NodeKey, lost: Lost) -> bool:
     """Whether the node says afterwards that it was bus-off: that finding tells the silence too."""
-    bus = context.bus_name(key[0])
-    return any(
-        (row.bus, row.node) == (bus, key[1])
-        and row.transition != "malformed"
-        and row.code is not None
-        and tells_bus_off(row.code, row.meaning)
-        and lost.start_ns <= row.t_ns <= lost.end_ns + STORY_NS
-        for row in analysis.emcy
-    )
+    told = facts.once(_bus_off_times).get((facts.context.bus_name(key[0]), key[1]), [])
+    return bisect_left(told, lost.start_ns) < bisect_right(told, lost.end_ns + STORY_NS)
+
+
+def _bus_off_times(facts: Facts) -> dict[tuple[str, int], list[int]]:
+    """When each node told that it was bus-off [ns]."""
+    found: dict[tuple[str, int], list[int]] = {}
+    for row in facts.analysis.emcy:
+        plain = row.transition != "malformed" and row.code is not None
+        if plain and tells_bus_off(row.code or 0, row.meaning):
+            found.setdefault((row.bus, row.node), []).append(row.t_ns)
+    return {key: sorted(times) for key, times in found.items()}
 
 
 def _booted(control: ControlTables, context: Context, key: NodeKey, lost: Lost) -> bool:
@@ -331,6 +372,10 @@ RULES = (
             "Only nodes whose error control is periodic, and any frame of a node is a sign of life.",
             "A heartbeat that was switched off or slowed down by a write of 1017h is no loss.",
             "A guarded node only while the master asks it.",
+            (
+                "A heartbeat that is late now and then, without one missing, is no loss: see"
+                " nmt.heartbeat_irregular and nmt.consumer_time."
+            ),
         ),
         _lost_nodes,
     ),
@@ -342,6 +387,10 @@ RULES = (
             (
                 "Only where a node starts anew after it, or nobody is heard again; a bare pause in the"
                 " stamps may be a step of the clock."
+            ),
+            (
+                "Nodes that fade just before the recording ends are an info: the machine may have been"
+                " switched off."
             ),
         ),
         _silent_buses,

@@ -181,7 +181,7 @@ def _extra(facts: Facts) -> Iterator[Finding]:
     for row in facts.analysis.pdos:
         told = row.transmission_type is not None and 1 <= row.transmission_type <= 0xF0
         seen = not row.type_source.startswith(("inferred", "unknown"))
-        if not (told and seen) or row.extra < _FEW or row.extra <= 2 * (row.missed + row.late):
+        if not (told and seen) or row.extra_alone < _FEW:
             continue
         yield Finding(
             "pdo.extra",
@@ -191,7 +191,7 @@ def _extra(facts: Facts) -> Iterator[Finding]:
             _moment_of(facts, row.extra_first_ns),
             _moment_of(facts, row.extra_last_ns),
             f"{_name(facts, row)} came a second time before the next SYNC"
-            f"{f', {row.extra} times' if row.extra > 1 else ''}; {_type(row)}, which allows one.",
+            f", {row.extra_alone} times; {_type(row)}, which allows one.",
             "A second device sends the same identifier, or the device sends on events as well.",
             "Look for a second node with this identifier (180xh:1) or this node-ID; read 180xh:2.",
             row.extra_seq,
@@ -318,7 +318,7 @@ RULES = (
         "The first 20 frames that came a second time.",
         (
             "Only where its transmission type is known, not where it is inferred.",
-            "Not where a SYNC may have been lost, nor where the PDO is missed or late as often.",
+            "Not where a SYNC may have been lost, nor beside one that was not answered.",
         ),
         _extra,
         untimed=True,

@@ -9,6 +9,7 @@ from statistics import median
 from syncline_analyzer.findings.guarding_story import told_by_guarding
 from syncline_analyzer.findings.identity import absences
 from syncline_analyzer.findings.lost import BOOT_UP_NS, EVIDENCE, failed_resets, was_bus_off
+from syncline_analyzer.findings.power import power_breaks
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import seconds, several
 from syncline_analyzer.findings.twins import twins
@@ -45,6 +46,7 @@ def _unasked(facts: Facts) -> Iterator[list[tuple[BootUp, Lost | None]]]:
             for boot in group
             if not doubled.at(bus, node, boot.t_ns)
             and not _explained(facts, key, boot)
+            and not any(each.covers(*key, boot.t_ns) for each in power_breaks(facts))
             and not _told(facts, key, silences.get(boot.seq), told)
         ]
         if found:
@@ -53,9 +55,7 @@ def _unasked(facts: Facts) -> Iterator[list[tuple[BootUp, Lost | None]]]:
 
 def _told(facts: Facts, key: NodeKey, silence: Lost | None, told: AbstractSet[int]) -> bool:
     """Whether the silence before a restart belongs to a story of guarding or bus-off."""
-    return silence is not None and (
-        silence.last_seq in told or was_bus_off(facts.analysis, facts.context, key, silence)
-    )
+    return silence is not None and (silence.last_seq in told or was_bus_off(facts, key, silence))
 
 
 def _explained(facts: Facts, key: NodeKey, boot: BootUp) -> bool:
@@ -67,7 +67,7 @@ def _explained(facts: Facts, key: NodeKey, boot: BootUp) -> bool:
         or boot.blind
         or _first_sign(timeline, boot)
         or any(0 <= boot.t_ns - lost.end_ns <= BOOT_UP_NS for lost in timeline.lost)
-        or _recent_command(facts, boot)
+        or _recent_command(facts, timeline, boot)
         or _reset_by_sdo(facts, key, boot)
     )
 
@@ -81,11 +81,15 @@ def _first_sign(timeline: Timeline, boot: BootUp) -> bool:
     )
 
 
-def _recent_command(facts: Facts, boot: BootUp) -> bool:
-    commands = facts.control.nmt.commands
+def _recent_command(facts: Facts, timeline: Timeline, boot: BootUp) -> bool:
+    """Whether a reset was commanded shortly before; a step of the clock in between is no time."""
+    commands, quiet = facts.control.nmt.commands, timeline.quiet
     for at in range(bisect_left(commands, boot.seq, key=lambda row: row.seq) - 1, -1, -1):
         row = commands[at]
-        if boot.t_ns - row.t_ns > COMMAND_WINDOW_NS:
+        passed = boot.t_ns - row.t_ns
+        if passed > COMMAND_WINDOW_NS:
+            passed -= quiet.within(row.t_ns, boot.t_ns)
+        if passed > COMMAND_WINDOW_NS:
             return False
         if row.bus == boot.bus and row.node in (0, boot.node) and row.command.startswith("reset"):
             return True

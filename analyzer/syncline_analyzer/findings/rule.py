@@ -1,11 +1,14 @@
 """A rule: how one kind of finding is found, and what a reader may know of it."""
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.folds.control import ControlTables
 from syncline_analyzer.results import Analysis, Finding
+
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,6 +18,14 @@ class Facts:
     analysis: Analysis
     control: ControlTables
     context: Context
+    _found: dict[object, Any] = field(default_factory=dict, repr=False, compare=False)
+
+    def once(self, find: "Callable[[Facts], _T]") -> _T:
+        """What a function makes of these facts, worked out a single time for all rules."""
+        if find not in self._found:
+            self._found[find] = find(self)
+        found: _T = self._found[find]
+        return found
 
     def number(self, bus: str) -> int:
         """Number of a bus by its name, 0 where there is none of this name."""

@@ -6,8 +6,9 @@ from itertools import groupby
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.sdo_groups import MAX_EVIDENCE
 from syncline_analyzer.findings.stretch import seconds
+from syncline_analyzer.folds.sdo_channel import PATIENCE_NS
 from syncline_analyzer.folds.sdo_transfer import Oddity
-from syncline_analyzer.results import Finding
+from syncline_analyzer.results import BusSilenceRow, ClockStepRow, Finding
 from syncline_schemas.wording import counted
 
 SAME_FRAME_NS = 1_000_000
@@ -30,7 +31,12 @@ def _kept(facts: Facts, kind: str) -> Iterator[tuple[str, int, list[Oddity]]]:
 
 def _late(facts: Facts) -> Iterator[Finding]:
     """Answers after the client's time-out."""
-    for bus, node, found in _kept(facts, "late"):
+    for bus, node, late in _kept(facts, "late"):
+        found = [
+            odd for odd in late if _waited_ns(odd) - _unheard_ns(facts, bus, odd) > PATIENCE_NS
+        ]
+        if not found:
+            continue
         waits = [_waited_ns(odd) for odd in found]
         worst = max(odd.t_ns - odd.since_ns for odd in found)
         yield Finding(
@@ -52,6 +58,17 @@ def _late(facts: Facts) -> Iterator[Finding]:
 def _waited_ns(odd: Oddity) -> int:
     asked = odd.asked
     return (asked.given_up_ns or asked.start_ns) - asked.start_ns
+
+
+def _unheard_ns(facts: Facts, bus: str, odd: Oddity) -> int:
+    """How much of a client's waiting was a silence of everybody, or a step of the clock [ns]."""
+    silences: list[BusSilenceRow | ClockStepRow] = [*facts.analysis.bus_silences]
+    silences += facts.analysis.clock_steps
+    start_ns, end_ns = odd.asked.start_ns, odd.asked.start_ns + _waited_ns(odd)
+    shared = (
+        min(row.end_ns, end_ns) - max(row.start_ns, start_ns) for row in silences if row.bus == bus
+    )
+    return max(0, max(shared, default=0))
 
 
 def _doubled(facts: Facts) -> Iterator[Finding]:
@@ -109,7 +126,10 @@ RULES: tuple[Rule, ...] = (
         "sdo.late_answer",
         "A node answered SDO requests only after the client had given up waiting.",
         "The requests and the late answers.",
-        ("A request that follows another within 50 ms comes from a second client, no time-out.",),
+        (
+            "A request that follows another within 50 ms comes from a second client, no time-out.",
+            "Time in which nobody was heard, or which a step of the clock made, is no waiting.",
+        ),
         _late,
     ),
     Rule(

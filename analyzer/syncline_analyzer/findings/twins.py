@@ -2,17 +2,21 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import seconds
 from syncline_analyzer.folds.nmt import NodeKey, NodeNmt
+from syncline_analyzer.folds.nmt_events import Beat, BootUpEvent
 from syncline_analyzer.folds.nmt_timeline import Timeline
 from syncline_analyzer.folds.nmt_timeout import PRODUCER_TIME
-from syncline_analyzer.folds.pace import Halved
+from syncline_analyzer.folds.pace import ENOUGH, Halved
 from syncline_analyzer.results import Finding
 
 FLIPS = 3
 """Returns to OPERATIONAL without a command that no single node makes."""
+TURNS = 5
+"""Returns from empty heartbeats to states that no single node makes."""
 DOUBLED = 10
 """Alternating heartbeat intervals from which on two producers are believed."""
 ANSWERED_TWICE = 5
@@ -23,6 +27,10 @@ ALIKE = 0.1
 """Part by which a measured period may differ from 1017h."""
 BEATS_BEFORE, BEFORE_NS = 20, (2_000_000_000, 10_000_000_000)
 """Heartbeats, and the least and most time, that a second device may be there before it shows."""
+STARTED_TOGETHER_NS = 2_000_000_000
+"""Two devices that are switched on with the machine tell it within this time [ns]."""
+BLURRED = 3
+"""Pairs of intervals by which a pace may reach into the next one."""
 NEVER = 1 << 63
 Place = tuple[str | None, int | None]
 """Bus and node of a finding."""
@@ -57,6 +65,10 @@ class Shared:
 
 def twins(facts: Facts) -> Shared:
     """Where two devices share one number."""
+    return facts.once(_shared)
+
+
+def _shared(facts: Facts) -> Shared:
     since: dict[Place, int] = {}
     for finding in _doubled(facts):
         nmt = facts.control.nmt.nodes[facts.number(finding.bus or ""), finding.node or 0]
@@ -96,7 +108,14 @@ def _sign(facts: Facts, key: NodeKey, nmt: NodeNmt) -> _Sign | None:
         return _Sign(*nmt.twins.span, how, nmt.twins.at)
     if nmt.doubles.count >= DOUBLED and _believed(facts, key, nmt):
         how = f"short and long heartbeat intervals alternate {nmt.doubles.count} times"
-        return _Sign(*nmt.doubles.span, how, nmt.doubles.at)
+        seqs = nmt.doubles.at
+        if starts := _started_twice(timeline):
+            how += (
+                f", and it told {facts.moment(starts[0].t_ns)} and {facts.moment(starts[1].t_ns)}"
+            )
+            how += " that it started, with no reset and no silence between"
+            seqs = [*(start.seq for start in starts), *seqs]
+        return _Sign(*nmt.doubles.span, how, seqs)
     halved = nmt.paces.halved
     if halved is not None and _goes_on(nmt, halved) and not _rewritten(facts, key, *halved[:2]):
         period, half = seconds(halved.period_ns), seconds(halved.period_ns // 2)
@@ -107,6 +126,9 @@ def _sign(facts: Facts, key: NodeKey, nmt: NodeNmt) -> _Sign | None:
     if nmt.guarding.doubled >= ANSWERED_TWICE:
         how = f"{nmt.guarding.doubled} guard requests were answered twice"
         return _Sign(*nmt.guarding.doubled_span, how, nmt.guarding.doubled_at)
+    if turns := _turns(timeline):
+        how = f"states are told between empty heartbeats, {len(turns)} times"
+        return _Sign(turns[0].t_ns, turns[-1].t_ns, how, [beat.seq for beat in turns[:20]])
     if flips := _flips(timeline):
         states = " and ".join(sorted({flip[3] for flip in flips}))
         how = f"{states} are told in turn, {len(flips)} times without any command"
@@ -123,7 +145,39 @@ def _believed(facts: Facts, key: NodeKey, nmt: NodeNmt) -> bool:
             return not _recorded_twice(facts, key[0])
         if abs(pair - 2 * told_ns) <= 2 * ALIKE * told_ns:
             return False
-    return not nmt.doubles.stepped and not _recorded_twice(facts, key[0])
+    if _recorded_twice(facts, key[0]):
+        return False
+    timeline = facts.control.nmt.timelines[key]
+    return not nmt.doubles.stepped or bool(_started_twice(timeline)) or _one_before(facts, key, nmt)
+
+
+def _started_twice(timeline: Timeline) -> list[BootUpEvent]:
+    """Two boot-ups in a row with neither a reset nor a restart's silence between, if there are.
+
+    One reset command may be behind both: each of two devices follows it. Devices that send a pair
+    of boot-ups do so too: it takes another sign beside this one.
+    """
+    for first, second in pairwise(timeline.boot_ups):
+        passed = second.t_ns - first.t_ns
+        reset = second.command_seq is not None and second.command_seq > first.seq
+        silent = any(first.seq <= lost.last_seq < second.seq for lost in timeline.restarts)
+        if 0 <= passed <= STARTED_TOGETHER_NS and not (reset or silent or second.blind):
+            return [first, second]
+    return []
+
+
+def _one_before(facts: Facts, key: NodeKey, nmt: NodeNmt) -> bool:
+    """Whether one of the two cadences was there alone before the other one, or after it."""
+    doubles = nmt.doubles
+    for pace in nmt.paces.paces:
+        alike = abs(pace.median_ns - doubles.pair_ns) <= ALIKE * doubles.pair_ns
+        blurred = BLURRED * doubles.pair_ns
+        before = pace.last_ns <= doubles.span[0] + blurred
+        after = pace.first_ns >= doubles.span[1] - blurred
+        if alike and pace.number >= ENOUGH and (before or after):
+            ends = (pace.first_seq, doubles.at[0]) if before else (doubles.at[0], pace.last_seq)
+            return not _rewritten(facts, key, *ends)
+    return False
 
 
 def _recorded_twice(facts: Facts, bus: int) -> bool:
@@ -150,6 +204,16 @@ def _rewritten(facts: Facts, key: NodeKey, start_seq: int, end_seq: int) -> bool
     return any(start_seq <= seq <= end_seq for seq in changes)
 
 
+def _turns(timeline: Timeline) -> list[Beat]:
+    """States told although heartbeats are empty since a remote frame, which lasts until a reset."""
+    found = [
+        beat
+        for before, beat in pairwise(timeline.history.beats)
+        if (before.kind, beat.kind) == ("empty", "heartbeat")
+    ]
+    return found if len(found) >= TURNS else []
+
+
 def _flips(timeline: Timeline) -> list[tuple[int, int, str, str]]:
     """Changes to and fro that no single node makes: back in OPERATIONAL without a command."""
     back = [change for change in timeline.changes if change[3] == "OPERATIONAL"]
@@ -165,7 +229,8 @@ RULES = (
         (
             (
                 "Jitter of one producer, heartbeats on the grid of a slow task, a reset or a changed"
-                " 1017h is none."
+                " 1017h is none; two boot-ups without a reset, or one of the cadences alone"
+                " before or after, tell two devices from such a task."
             ),
             "Where the heartbeats of all nodes come twice it is the recorder.",
         ),

@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from syncline_analyzer.echo import COPY
 from syncline_analyzer.fold import IndexedBatch
 from syncline_schemas.batch import FrameBatch, FrameFlag
 from syncline_schemas.wire_length import wire_bits
@@ -71,13 +72,21 @@ class Block:
 
     @cached_property
     def wire_bits(self) -> NDArray[np.int64]:
-        """(n,) length on the wire with intermission [bit]; at most for FD frames, 0 for errors."""
-        return wire_bits(self.frames)
+        """(n,) length on the wire with intermission [bit].
+
+        At most for FD frames; 0 for errors, and for what the recorder wrote down twice.
+        """
+        bits = wire_bits(self.frames)
+        bits[(self.frames.flags & COPY) != 0] = 0
+        return bits
 
     @cached_property
     def by_bus(self) -> dict[int, NDArray[np.intp] | slice]:
-        """Rows of each bus; a slice when there is only one."""
+        """Rows of each bus but copies; a slice when there is only one."""
         bus = self.frames.bus
+        real = (self.frames.flags & COPY) == 0
+        if not real.all():
+            return {int(one): np.flatnonzero((bus == one) & real) for one in np.unique(bus[real])}
         if not len(bus) or bool((bus == bus[0]).all()):
             return {int(bus[0]): slice(None)} if len(bus) else {}
         return {int(one): np.flatnonzero(bus == one) for one in np.unique(bus)}

@@ -19,6 +19,10 @@ KEPT_DOUBLES = 10
 """Heartbeats in two interleaved cadences whose `seq` is kept."""
 STEP_TOLERANCE = 0.01
 """Part of a pair of intervals by which a stepped one may be off."""
+SLOWEST_TASK_NS = 250_000_000
+"""No task that sends heartbeats runs less often than this [ns]."""
+EVEN_SHARE = 0.445
+"""Intervals this alike may be any task's: k and k + 1 of its many steps."""
 TWIN_WINDOWS = (36, 96)
 """Heartbeats in a row that must part into two regular series: soon, and for unlike periods."""
 TWIN_SERIES = 5
@@ -118,12 +122,13 @@ class Doubles:
             return
         length, even = rows[0], rows[1] != 0
         pair = (length[:-2] + length[1:-1]).astype(np.float64)
+        off, differ = np.abs(length[2:] - length[:-2]), np.abs(length[1:-1] - length[:-2])
         alternating = (
             even[:-2]
             & even[1:-1]
             & even[2:]
-            & (np.abs(length[2:] - length[:-2]) < 0.05 * pair)
-            & (np.abs(length[1:-1] - length[:-2]) > 0.1 * pair)
+            & (off < 0.05 * pair)
+            & ((differ > 0.1 * pair) | ((differ > 0.02 * pair) & (differ > 2 * off)))
         )
         window = np.ones(DOUBLE_WINDOW, np.int64)
         sums = np.convolve(alternating.astype(np.int64), window)[: len(alternating)]
@@ -162,22 +167,52 @@ class Doubles:
         first, last = (sum(s) / len(s) for s in (self.first_shares, self.last_shares))
         if abs(first - last) > STEP_TOLERANCE:
             return False
-        return any(abs(last - k / (2 * k + 1)) <= STEP_TOLERANCE for k in range(1, 5))
+        return last > EVEN_SHARE or any(
+            abs(last - k / (2 * k + 1)) <= STEP_TOLERANCE
+            and self.pair_ns <= (2 * k + 1) * SLOWEST_TASK_NS
+            for k in range(1, 5)
+        )
+
+
+@dataclass(slots=True)
+class _TwoSeries:
+    """What windows of one length show: the periods, the first heartbeats, and their time."""
+
+    periods_ns: tuple[int, int]
+    at: list[int]
+    first_ns: int
+    last_ns: int
 
 
 @dataclass(slots=True)
 class Twins:
     """Two producers of different periods under one number: two regular series, interleaved."""
 
-    periods_ns: tuple[int, int] | None = None
-    """Of the two series, once they were found."""
-    at: list[int] = field(default_factory=list)
-    """`seq` of the first heartbeats found so."""
-    span: tuple[int, int] = (0, 0)
-    """Time of the first and the last of them."""
+    _found: dict[int, _TwoSeries] = field(default_factory=dict)
+    """By length of the window."""
     _rows: dict[int, Int64s] = field(default_factory=dict)
     """(seq, t_ns) of heartbeats that are not decided yet, by length of the window."""
-    _tries: int = 0
+    _tries: dict[int, int] = field(default_factory=dict)
+
+    @property
+    def periods_ns(self) -> tuple[int, int] | None:
+        """Of the two series, once they were found."""
+        return self._first.periods_ns if self._first else None
+
+    @property
+    def at(self) -> list[int]:
+        """`seq` of the first heartbeats found so."""
+        return self._first.at if self._first else []
+
+    @property
+    def span(self) -> tuple[int, int]:
+        """Time of the first and the last of them."""
+        found = self._found.values()
+        return min(f.first_ns for f in found), max(f.last_ns for f in found)
+
+    @property
+    def _first(self) -> _TwoSeries | None:
+        return next((self._found[n] for n in TWIN_WINDOWS if n in self._found), None)
 
     def note(self, seq: Int64s, t_ns: Int64s, regular: Mask) -> None:
         """Take in further heartbeats; one that is not `regular` begins anew."""
@@ -194,7 +229,9 @@ class Twins:
         self._rows.clear()
 
     def _follow(self, rows: Int64s) -> None:
-        for length in TWIN_WINDOWS if self._tries < TWIN_TRIES else ():
+        for length in TWIN_WINDOWS:
+            if self._tries.get(length, 0) >= TWIN_TRIES:
+                continue
             held = self._rows.get(length, rows[:, :0])
             self._rows[length] = self._slide(np.concatenate((held, rows), axis=1), length)
 
@@ -211,14 +248,16 @@ class Twins:
         return rows[:, begins[-1] + length // 3 :]
 
     def _look(self, window: Int64s) -> None:
-        self._tries += 1
-        found = _two_series(window[1])
-        if found is None:
+        length = window.shape[1]
+        self._tries[length] = self._tries.get(length, 0) + 1
+        periods = _two_series(window[1])
+        if periods is None:
             return
-        if self.periods_ns is None:
-            self.periods_ns, self.at = found, window[0, :KEPT_DOUBLES].tolist()
-            self.span = (int(window[1, 0]), int(window[1, -1]))
-        self.span = (self.span[0], int(window[1, -1]))
+        first_ns, last_ns = int(window[1, 0]), int(window[1, -1])
+        if length not in self._found:
+            at = window[0, :KEPT_DOUBLES].tolist()
+            self._found[length] = _TwoSeries(periods, at, first_ns, last_ns)
+        self._found[length].last_ns = last_ns
 
 
 def _two_series(t_ns: Int64s) -> tuple[int, int] | None:

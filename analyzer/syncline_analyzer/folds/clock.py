@@ -26,7 +26,10 @@ class ClockStep(NamedTuple):
 
 
 class BusSilence(NamedTuple):
-    """A stretch (start_ns, end_ns) without a frame of a bus; no frame ends it before a gap."""
+    """A stretch (start_ns, end_ns) without a frame of a bus; no frame ends it before a gap.
+
+    The last one of a bus that was heard no more, while another was, lasts to the capture's end.
+    """
 
     start_ns: int
     end_ns: int
@@ -35,11 +38,15 @@ class BusSilence(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class ClockTable:
-    """Steps back in order of `seq`, their number, and the longest silences by bus number."""
+    """Steps back in order of `seq`, their number, and the longest silences by bus number.
+
+    `ended_ns` holds when each bus was heard last, unless a gap came after that.
+    """
 
     steps: list[ClockStep] = field(default_factory=list)
     step_count: int = 0
     silences: dict[int, list[BusSilence]] = field(default_factory=dict)
+    ended_ns: dict[int, int] = field(default_factory=dict)
 
     def silence_within(self, bus: int, start_ns: int, end_ns: int) -> BusSilence | None:
         """The longest silence of the whole bus that overlaps a stretch, cut to it."""
@@ -77,9 +84,13 @@ class ClockFold:
                 kept = self._silences.setdefault(bus, [])
                 kept.append(BusSilence(last_ns, gap.start_ns, None))
 
-    def finish(self) -> ClockTable:
-        """Everything seen."""
-        return ClockTable(self._steps, self._step_count, self._silences)
+    def finish(self, end_ns: int) -> ClockTable:
+        """Everything seen; `end_ns` is the end of the capture, of all buses."""
+        silences = {bus: list(kept) for bus, kept in self._silences.items()}
+        for bus, last_ns in self._last.items():
+            if end_ns > last_ns:
+                silences.setdefault(bus, []).append(BusSilence(last_ns, end_ns, None))
+        return ClockTable(self._steps, self._step_count, silences, dict(self._last))
 
     def _follow(self, bus: int, t_ns: NDArray[np.int64], seq: NDArray[np.intp]) -> None:
         last = self._last.get(bus)

@@ -71,7 +71,7 @@ class ControlFold:
 
         On a bus without any sign of CANopen its identifiers mean something else: no rows.
         """
-        clock = self._clock.finish()
+        clock = self._clock.finish(end_ns)
         sdo = self._sdo.finish(end_ns)
         answering = {bus for (bus, _), count in sdo.counts.items() if count.confirmed}
         nmt = self._nmt.finish(end_ns, clock, answering, self._emcy.communication_errors())

@@ -108,6 +108,14 @@ class DoubleSync:
         if len(self._found) < MAX_ROWS:
             self._found.append(row)
 
+    def within(self, t_ns: Ints) -> NDArray[np.bool_]:
+        """(n,) which SYNCs lie in a stretch that is known by now to have two producers."""
+        found = np.zeros(len(t_ns), np.bool_)
+        for row in self._found:
+            if self._seen_alone(row.period_us * 1000):
+                found |= (t_ns >= row.start_ns) & (t_ns <= row.end_ns)
+        return found
+
     def rows(self, bus: str, cob_id: int) -> list[SyncDoubleRow]:
         """The stretches whose period was also seen with one producer alone."""
         return [

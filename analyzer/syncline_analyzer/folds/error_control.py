@@ -145,6 +145,8 @@ class ErrorControl:
     _remote_seq: int = -1
     _since_remote: int = 0
     """States told since the last remote frame."""
+    _empty_seq: int = -1
+    """`seq` of the last empty heartbeat."""
     _reset_seq: int = -1
     _resets: list[int] = field(default_factory=list)
     """`seq` of resets that the rows taken in may not have reached yet."""
@@ -216,9 +218,12 @@ class ErrorControl:
         return self._periods.median_ns()
 
     def slowest_ns(self) -> int | None:
-        """The same, but the slower one of two periods [ns]."""
+        """The same, but the longer one of two periods or intervals that alternate [ns]."""
         if self.twins.periods_ns:
             return self.twins.periods_ns[1]
+        if self.doubles.count:
+            doubles = self.doubles
+            return doubles.pair_ns - (doubles.short_ns if doubles.stepped else 0)
         return self.paces.halved.period_ns if self.paces.halved else self.median_ns()
 
     @property
@@ -280,6 +285,8 @@ class ErrorControl:
         self._tell_zeros(rows, kinds, np.flatnonzero(one_byte & (rows.byte == 0)), since)
         if rows.remote.any():
             self._remote_seq = max(self._remote_seq, int(rows.seq[rows.remote][-1]))
+        if (blank := np.flatnonzero(kinds == _EMPTY)).size:
+            self._empty_seq = max(self._empty_seq, int(rows.seq[blank[-1]]))
         self._since_remote = int(since[-1])
         self._pass_resets()
         return kinds
@@ -346,7 +353,8 @@ class ErrorControl:
         """A byte 00h: a boot-up, unless a remote frame has emptied the heartbeats of the node.
 
         One after others that came with a state since that frame, or a single one between others,
-        is a boot-up all the same: the effect begins at once and lasts until a reset.
+        is a boot-up all the same: the effect begins at once and lasts until a reset. Once it is
+        there, states in between are those of another device.
         """
         if not len(zeros):
             return
@@ -357,20 +365,22 @@ class ErrorControl:
         before = self._last is not None and self._last[2] in (_HEARTBEAT, _ANSWER)
         answers = np.cumsum(kinds == _ANSWER) + self.counts.guard_answers
         empties = np.cumsum(kinds == _EMPTY) + self.counts.empty
-        emptied = 0
+        last_empty = np.maximum.accumulate(np.where(kinds == _EMPTY, rows.seq, self._empty_seq))
         for row, at in zip(zeros.tolist(), np.searchsorted(data, zeros).tolist(), strict=True):
             seq = int(rows.seq[row])
             last_reset = max([self._reset_seq, *(r for r in self._resets if r < seq)])
-            silent = answers[row] and not (empties[row] + emptied)
-            immune = since[row] >= STATES_SINCE
+            last_empty[row] = max(last_empty[row], self._empty_seq)
+            silent = answers[row] and not empties[row] and last_empty[row] < 0
+            spoiled = last_empty[row] > last_reset
             single = at + 1 < len(byte) and byte[at + 1] != 0
             single = single and (bool(byte[at - 1] != 0) if at else before)
-            if asked[row] <= last_reset or silent or not talked[row] or single or immune:
+            single = (single or since[row] >= STATES_SINCE) and not spoiled
+            if asked[row] <= last_reset or silent or not talked[row] or single:
                 self._reset_seq = seq
                 kinds[row] = _BOOT_UP
             else:
                 kinds[row] = _EMPTY
-                emptied += 1
+                self._empty_seq = seq
 
     def _count(self, kinds: NDArray[np.int8], beats: Columns, beat_kinds: NDArray[np.int8]) -> None:
         number = np.bincount(kinds, minlength=6)

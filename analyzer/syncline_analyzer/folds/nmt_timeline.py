@@ -53,6 +53,8 @@ TOLD_LATE_NS = 1_000_000_000
 """A node that was bus-off can tell it this long after its first message [ns]."""
 ALIKE = 3
 """So many long intervals of one length in a row are a period, not silences."""
+FADE_NS = 3_000_000_000
+"""Nodes of a machine that is switched off fall silent within this time of one another [ns]."""
 BUS_SHARE = 0.8
 """Part of a node's silence during which the whole bus was silent that makes it the bus's."""
 
@@ -450,13 +452,14 @@ class Timeline:
     def _whole_bus(self, silence: Silence, timeout_ns: int, anew: bool) -> bool:
         """Whether a silence is that of everybody, and no restart of this node alone.
 
-        The machine was off if nobody was heard for long enough, from about the moment on at which
-        the node was heard last: some nodes, the master above all, take longer to start.
+        The machine was off if nobody was heard for long enough, from soon after the node was heard
+        last: supplies hold some nodes up for seconds, and some, the master above all, take longer
+        to start.
         """
         if not anew or self.history.alone:
             return self._of_the_bus(silence, timeout_ns)
         off_ns = self.quiet.off(silence.start_ns, silence.end_ns)
-        return off_ns is not None and off_ns - silence.start_ns <= timeout_ns
+        return off_ns is not None and off_ns - silence.start_ns <= max(timeout_ns, FADE_NS)
 
     def _of_the_bus(self, silence: Silence, timeout_ns: int) -> bool:
         """Whether nobody was heard for most of a silence, or for what makes it too long."""

@@ -59,6 +59,8 @@ class PdoState:
     device_low: Distribution = field(default_factory=Distribution)
     device_high: Distribution = field(default_factory=Distribution)
     extra: int = 0
+    extra_alone: int = 0
+    """Those beside which no SYNC went unanswered, so that none is a late or early answer."""
     late: int = 0
     rhythm: Rhythm = field(default_factory=Rhythm)
     overdue: Missed = field(default_factory=Missed)
@@ -76,7 +78,7 @@ class PdoState:
     pauses: list[Pause] = field(default_factory=list)
     extra_seq: list[int] = field(default_factory=list)
     extra_ns: list[int] = field(default_factory=list)
-    """Stamps of the first and the last of them."""
+    """Stamps of the first and the last of these."""
     too_soon: int = 0
     too_soon_seq: list[int] = field(default_factory=list)
     too_soon_ns: list[int] = field(default_factory=list)
@@ -329,9 +331,11 @@ class PdoFold:
         # Where a SYNC may be lost, two frames in one period prove nothing.
         extra = np.flatnonzero(~first & sync.whole[sync.before[rows]])
         state.extra += len(extra)
-        more = rows[extra[: MAX_EVIDENCE - len(state.extra_seq)]]
+        alone = extra[state.rhythm.beside_answers(ordinal[first], ordinal[extra], _kind(state))]
+        state.extra_alone += len(alone)
+        more = rows[alone[: MAX_EVIDENCE - len(state.extra_seq)]]
         state.extra_seq.extend((passing.block.batch.seq0 + more).tolist())
-        _span(state.extra_ns, passing.block.frames.t_ns[rows[extra]])
+        _span(state.extra_ns, passing.block.frames.t_ns[rows[alone]])
         rows, ordinal = rows[first], ordinal[first]
         if self._context.timed and len(rows):
             self._respond(passing, state, rows, sync)
@@ -435,6 +439,12 @@ def _count_repeats(state: PdoState, block: Block, rows: NDArray[np.intp]) -> Non
 def _spread(values: Distribution) -> float:
     """Interquartile range."""
     return values.quantile(0.75) - values.quantile(0.25)
+
+
+def _kind(state: PdoState) -> int:
+    """n of a PDO that answers every n-th SYNC by its settings, 1 where they do not tell."""
+    kind = _value(state.transmission.type) if state.transmission else None
+    return kind if isinstance(kind, int) and 1 <= kind <= 0xF0 else 1
 
 
 def _value(known: object) -> object:

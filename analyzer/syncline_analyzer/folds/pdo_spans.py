@@ -89,7 +89,7 @@ class Quietness:
         if not len(seq):
             return []
         passed = np.diff(t_ns, prepend=t_ns[0] if self._last_ns is None else self._last_ns)
-        number = np.cumsum(beat) - beat
+        number: Int64s = np.cumsum(beat) - beat
         rows = np.flatnonzero(~beat & (passed > self._limits(t_ns, beat)[number]))
         found = []
         edges = np.concatenate(([-1], np.flatnonzero(beat), [len(seq)]))

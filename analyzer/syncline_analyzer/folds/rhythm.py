@@ -175,6 +175,24 @@ class Rhythm:
         first: NDArray[np.bool_] = np.diff(ordinal, prepend=before) != 0
         return first
 
+    def beside_answers(
+        self, answered: NDArray[np.int64], extra: NDArray[np.int64], every: int
+    ) -> NDArray[np.bool_]:
+        """(m,) beside which second frames the due SYNCs before and after were answered, too.
+
+        Args:
+            answered: (n,) numbers of the SYNCs that the next call of `answered` takes in.
+            extra: (m,) number of the SYNC that each second frame follows.
+            every: that many SYNCs lie between two answers.
+        """
+        line = answered if self._last is None else np.concatenate(([self._last], answered))
+        if not len(line):
+            return np.ones(len(extra), np.bool_)
+        place = np.searchsorted(line, extra)
+        before, after = line[np.maximum(place - 1, 0)], line[np.minimum(place + 1, len(line) - 1)]
+        near: NDArray[np.bool_] = (extra - before <= every) & (after - extra <= every)
+        return near
+
     def answered(self, ordinal: NDArray[np.int64]) -> None:
         """Take in the numbers of the SYNCs that were answered, each once."""
         self._fresh = ordinal

@@ -13,6 +13,8 @@ from syncline_analyzer.folds.block import Block
 MAX_SILENCES = 1000
 _MANY = 10.0
 """So many times the usual distance between frames make a silence."""
+_BRIEF = 3.0
+"""So many times make a stretch that may be a step of the clock, if no silence."""
 _OVERDUE = 1.5
 """A heartbeat is overdue after so many of its periods."""
 _STEADY = 0.25
@@ -72,6 +74,8 @@ class _Bus:
     silences: list[Silence] = field(default_factory=list)
     others: list[int] = field(default_factory=list)
     """Identifiers beside the heartbeats that may witness a step of the clock."""
+    brief: list[Silence] = field(default_factory=list)
+    """Stretches too short for a silence, in which the clock may have been set."""
     waiting: list[Silence] = field(default_factory=list)
     """Silences that not every identifier has been heard after."""
     backs: list[Silence] = field(default_factory=list)
@@ -120,15 +124,16 @@ class SilenceFold:
         _add_across(state.waiting, stamps)
         state.waiting.clear()
         usual_ns = state.apart.quantile(0.98) if state.apart.count else 0.0
-        for row in np.flatnonzero(apart > _MANY * usual_ns)[:MAX_SILENCES].tolist():
-            if usual_ns > 0 and len(state.silences) < MAX_SILENCES:
+        for row in np.flatnonzero(apart > _BRIEF * usual_ns)[:MAX_SILENCES].tolist():
+            kept = state.silences if apart[row] > _MANY * usual_ns else state.brief
+            if usual_ns > 0 and len(kept) < MAX_SILENCES:
                 end = int(seq[row + 1])
                 before = state.heard_ns | _heard_until(stamps, end)
                 heard = {can_id: ns for can_id, ns in before.items() if can_id in _HEARTBEATS}
                 silence = Silence(
                     int(t_ns[row]), int(t_ns[row + 1]), int(seq[row]), end, heard, before
                 )
-                state.silences.append(silence)
+                kept.append(silence)
                 _add_across([silence], stamps)
                 state.waiting.append(silence)
         for can_id, (_, times) in stamps.items():
@@ -165,7 +170,8 @@ class SilenceFold:
             and period.quantile(0.75) - period.quantile(0.25) <= _STEADY * period.quantile(0.5)
         }
         stepped = {step.end_seq for step in self.steps(bus)}
-        return [
+        brief = [silence for silence in state.brief if silence.end_seq in stepped]
+        return brief + [
             silence
             for silence in state.silences
             if silence.end_seq in stepped
@@ -177,21 +183,21 @@ class SilenceFold:
             )
         ]
 
-    def unsure(self, bus: int) -> list[Silence]:
-        """Silences of a bus, and the times that its stamps go through twice.
-
-        Where the clock was set back a stamp does not tell in which state a node was.
-        """
+    def backs(self, bus: int) -> list[Silence]:
+        """Times that the stamps of a bus go through twice: the clock was set back."""
         state = self._buses.get(bus)
-        return self.of(bus) + (state.backs if state is not None else [])
+        return state.backs if state is not None else []
 
     def steps(self, bus: int) -> list[ForwardStep]:
         """Silences in which every period is too long by the same time: the clock was set."""
         state = self._buses.get(bus)
-        if state is None or not state.silences:
+        if state is None or not (state.silences or state.brief):
             return []
         witnesses = _witnesses(state)
-        found = [_forward_step(silence, witnesses) for silence in state.silences]
+        found = [
+            _forward_step(silence, witnesses)
+            for silence in sorted([*state.silences, *state.brief], key=lambda each: each.end_seq)
+        ]
         return [step for step in found if step is not None]
 
 

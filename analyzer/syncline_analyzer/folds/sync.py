@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from syncline_analyzer.context import Context
 from syncline_analyzer.distribution import Distribution
 from syncline_analyzer.folds.backlog import PAUSE, TOO_SHORT, backlog
+from syncline_analyzer.folds.bundles import bundled, lacking, paced
 from syncline_analyzer.folds.block import Block
 from syncline_analyzer.folds.double_sync import DoubleSync
 from syncline_analyzer.folds.unsteady import OFF, Unsteady
@@ -24,7 +25,7 @@ _MISSING = 1.5
 _LEARN = 16
 """Periods from which a block's own median is taken."""
 _AROUND = 33
-"""So many pairs of periods tell the cycle of the one in their middle."""
+"""So many periods, or pairs of them, tell what is usual for the one in their middle."""
 _REGIME = 8
 """This many long periods in a row are a slower SYNC, not missing ones."""
 
@@ -144,7 +145,7 @@ class SyncFold:
         state.bundled += int(index.bundled.sum())
         self._measure(state, bus, index)
         lost = self._lost_by_counter(block, bus, state, index)
-        unsent = self._missing_by_time(state, index)
+        unsent = self._missing_by_time(state, index, bundled(block, bus))
         _add_holes(state, index, np.where(lost > 0, lost, unsent))
         state.count += len(rows)
         if len(rows):
@@ -239,8 +240,8 @@ class SyncFold:
         state.over_time.add(
             {"t_ns": t_ns[forward], "value": periods[forward].astype(np.float64) / 1000}
         )
-        self._find_jitter(state, bus, t_ns, seq, periods)
         state.double.add(t_ns, seq, periods)
+        self._find_jitter(state, bus, t_ns, seq, periods)
 
     def _find_jitter(
         self,
@@ -260,18 +261,27 @@ class SyncFold:
         cycles = np.full(len(periods), median)
         cycles[whole] = _cycles(periods[whole])
         limits = np.maximum(OFF * cycles, max(in_the_way, 3.0 * self._context.resolution_ns))
-        off = whole & (np.abs(periods - cycles) > limits)
+        off = whole & (np.abs(periods - cycles) > limits) & ~state.double.within(t_ns)
         state.unsteady.add(t_ns, seq, periods, off, cycles)
 
-    def _missing_by_time(self, state: _State, index: SyncIndex) -> NDArray[np.int64]:
-        """SYNCs that are missing in each period: one per whole median (analysis.md section 5)."""
+    def _missing_by_time(self, state: _State, index: SyncIndex, bundled: bool) -> NDArray[np.int64]:
+        """SYNCs that are missing in each period: one per whole median (analysis.md section 5).
+
+        Those that come late and are made up for at once are not; where a recorder hands over frames
+        in `bundled` form, only those count that the time of many periods has no room for.
+        """
         periods = index.periods
         median = _median(state, periods) if self._context.timed else 0.0
         if not len(periods) or not median > 0:
             return np.zeros(len(periods), np.int64)
-        long = (periods > _MISSING * median) & ~index.bundled[index.first : -1]
-        missing = np.rint(periods / median).astype(np.int64) - 1
-        return np.where(long & ~_sustained(long), missing, 0)
+        cycle = max(median, paced(periods)) if bundled else median
+        long = (periods > _MISSING * cycle) & ~index.bundled[index.first : -1]
+        missing = np.rint(periods / cycle).astype(np.int64) - 1
+        missing = np.where(long & ~_sustained(long), missing, 0)
+        if not missing.any():
+            return missing
+        blur = float(np.quantile(periods, 0.95)) if bundled else 0.0
+        return np.minimum(missing, lacking(periods, cycle, blur))
 
     def _lost_by_counter(
         self, block: Block, bus: int, state: _State, index: SyncIndex
@@ -321,13 +331,18 @@ class SyncFold:
             else None
         )
         doubles = state.double.rows(name, cob_id)
-        # Two rhythms are no jitter of either.
         jitter = [
             each
             for each in state.unsteady.rows(name, cob_id)
-            if not any(d.start_ns <= each.end_ns and each.start_ns <= d.end_ns for d in doubles)
+            if not any(_mostly_within(each, double) for double in doubles)
         ]
         return SyncTable(row, state.holes, series, jitter, doubles)
+
+
+def _mostly_within(jitter: SyncJitterRow, double: SyncDoubleRow) -> bool:
+    """Whether a stretch of jitter is one of two producers: two rhythms are no jitter of either."""
+    both_ns = min(jitter.end_ns, double.end_ns) - max(jitter.start_ns, double.start_ns)
+    return 2 * both_ns > jitter.end_ns - jitter.start_ns
 
 
 def _median(state: _State, periods: NDArray[np.int64]) -> float:
@@ -346,10 +361,29 @@ def _cycles(periods: NDArray[np.int64]) -> NDArray[np.float64]:
     pairs = (periods[1:] + periods[:-1]) / 2
     if len(pairs) < _AROUND:
         return np.full(len(periods), mean)
-    around = np.pad(pairs, (_AROUND // 2, _AROUND // 2 + 1), mode="symmetric")
-    cycles: NDArray[np.float64] = np.median(sliding_window_view(around, _AROUND), axis=1)
+    cycles = _around(pairs, 1)
     same = bool((np.abs(cycles - mean) <= OFF * mean).all())
     return np.full(len(periods), mean) if same else cycles
+
+
+def _usual(periods: NDArray[np.int64], median: float) -> NDArray[np.float64]:
+    """(n,) the median of the periods around each one; `median` where there are too few of them."""
+    if len(periods) < _AROUND or float(periods.max()) <= _MISSING * _low(periods):
+        return np.full(len(periods), median)
+    return _around(periods.astype(np.float64), 0)
+
+
+def _low(periods: NDArray[np.int64]) -> float:
+    """A period that a tenth of them are shorter than."""
+    place = len(periods) // 10
+    return float(np.partition(periods, place)[place])
+
+
+def _around(values: NDArray[np.float64], more: int) -> NDArray[np.float64]:
+    """(n + more,) median of the values around each one."""
+    padded = np.pad(values, (_AROUND // 2, _AROUND // 2 + more), mode="symmetric")
+    medians: NDArray[np.float64] = np.median(sliding_window_view(padded, _AROUND), axis=1)
+    return medians
 
 
 def _add_holes(state: _State, index: SyncIndex, missing: NDArray[np.int64]) -> None:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from syncline_analyzer.context import Context
 from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.folds.block import BLOCK_FRAMES, Block, Blocks
+from syncline_analyzer.folds.held import held
 from syncline_analyzer.folds.load import LoadFold
 from syncline_analyzer.folds.pause import pauses
 from syncline_analyzer.folds.pdo import PdoFold, PdoState
@@ -22,6 +23,7 @@ from syncline_analyzer.results import (
     BusSilenceRow,
     ClockStepRow,
     HoleRow,
+    NmtCommandRow,
     NmtStateRow,
     OverloadRow,
     PdoPauseRow,
@@ -99,8 +101,16 @@ class TimingFold:
         self._load.gap(gap.bus)
         self._silence.gap(gap.bus)
 
-    def finish(self, end_ns: int, nmt_states: Sequence[NmtStateRow] | None = None) -> TimingTables:
-        """All tables; a PDO is missed only while `nmt_states` say OPERATIONAL (None: always)."""
+    def finish(
+        self,
+        end_ns: int,
+        nmt_states: Sequence[NmtStateRow] | None = None,
+        commands: Sequence[NmtCommandRow] = (),
+    ) -> TimingTables:
+        """All tables; a PDO is missed only while `nmt_states` say OPERATIONAL (None: always).
+
+        `commands` are those of the master, which may switch SYNC off while it holds all nodes.
+        """
         self._flush()
         self._end_ns = end_ns
         load, load_series = self._load.finish()
@@ -114,7 +124,8 @@ class TimingFold:
         )
         self._add_silences(tables)
         for table in syncs:
-            judged = _judged(table, nmt_states or (), self._silences(table.row.bus))
+            silences = self._silences(table.row.bus)
+            judged = _judged(table, nmt_states or (), silences, commands)
             tables.sync.append(judged.row)
             tables.holes.extend(_sync_holes(judged))
         for (bus, can_id), state in sorted(self._pdo.states.items()):
@@ -170,7 +181,8 @@ class TimingFold:
         sync_ns = self._sync.median_ns(bus, state.sync_cob_id)
         sending = _sending(state, sync_ns, self._context)
         missed = self._missed(bus, state, sending, sync_ns, nmt_states)
-        if silences := self._silence.unsure(bus):
+        silences = [*self._silence.of(bus), *self._unsure(bus, state, nmt_states)]
+        if silences:
             step_ns = _due_step_ns(state, sending, sync_ns)
             after_ns = step_ns if sending.every > 1 else 0.0
             missed = missed.without(within_silence(missed.t_ns, silences, step_ns, after_ns))
@@ -181,6 +193,24 @@ class TimingFold:
         tables.holes.extend(_pdo_holes(row, missed, _due_step_ns(state, sending, sync_ns)))
         if sending.synchronous and state.response.count:
             tables.responses.append(_responses(row, state))
+
+    def _unsure(
+        self, bus: int, state: PdoState, nmt_states: Sequence[NmtStateRow] | None
+    ) -> list[Silence]:
+        """Times that the stamps go through twice, and not both times in OPERATIONAL."""
+        name = self._context.bus_name(bus)
+        if state.owner is None or nmt_states is None:
+            return []
+        others = [
+            (min(row.start_ns, row.end_ns), max(row.start_ns, row.end_ns))
+            for row in nmt_states
+            if (row.bus, row.node) == (name, state.owner.node) and row.state != "OPERATIONAL"
+        ]
+        return [
+            back
+            for back in self._silence.backs(bus)
+            if any(start <= back.end_ns and back.start_ns <= end for start, end in others)
+        ]
 
     def _pauses(
         self,
@@ -373,6 +403,7 @@ def _pdo_row(
         late=state.late if answers else 0,
         missed_seq=missed.seq[:MAX_EVIDENCE].tolist(),
         too_soon=state.too_soon,
+        extra_alone=state.extra_alone if answers else 0,
         extra_seq=state.extra_seq if answers else [],
         extra_first_ns=state.extra_ns[0] if answers and state.extra_ns else None,
         extra_last_ns=state.extra_ns[-1] if answers and state.extra_ns else None,
@@ -407,7 +438,10 @@ def _responses(row: PdoRow, state: PdoState) -> Responses:
 
 
 def _judged(
-    table: SyncTable, nmt_states: Sequence[NmtStateRow], silences: Sequence[Silence]
+    table: SyncTable,
+    nmt_states: Sequence[NmtStateRow],
+    silences: Sequence[Silence],
+    commands: Sequence[NmtCommandRow],
 ) -> SyncTable:
     """The table without the holes in which the producer itself may have been off, or unheard."""
     bus = table.row.bus
@@ -416,8 +450,14 @@ def _judged(
         for row in nmt_states
         if row.bus == bus and row.state in ("LOST", "INITIALISING", "UNKNOWN")
     ]
+    mine = [command for command in commands if command.bus == bus]
+    period_ns = table.row.period_us.median * 1000 if table.row.period_us else 0.0
     holes = [
-        hole for hole in table.holes if not _explained(hole, off) and not _unheard(hole, silences)
+        hole
+        for hole in table.holes
+        if not _explained(hole, off)
+        and not _unheard(hole, silences)
+        and not held(hole, mine, period_ns)
     ]
     missing = (
         table.row.missing - sum(h.missing for h in table.holes) + sum(h.missing for h in holes)

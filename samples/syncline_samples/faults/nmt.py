@@ -156,11 +156,14 @@ class LeavesOperational:
 
     def arm(self, machine: Machine) -> None:
         """Change the state without a command."""
-        machine.at(self.at_s, machine.nodes[self.node].enter, self.to)
+        machine.at(self.at_s, self._leave, machine)
         machine.at(self.at_s + self.for_s, machine.master.command, START, self.node)
-        looks_like_boot_up = (
-            self.to is State.PRE_OPERATIONAL and machine.nodes[self.node].boot_up_byte() == 0x7F
-        )
+
+    def _leave(self, machine: Machine) -> None:
+        """What was stored meanwhile tells what the fall looks like."""
+        node = machine.nodes[self.node]
+        node.enter(self.to)
+        looks_like_boot_up = self.to is State.PRE_OPERATIONAL and node.boot_up_byte() == 0x7F
         machine.expect(
             "nmt.left_operational",
             self.node,
@@ -226,10 +229,11 @@ class HeartbeatPeriod:
                 what=f"{self.percent} % of 1017h",
                 or_as=("nmt.node_lost",),
             )
-            machine.expect("nmt.node_lost", self.node, self.at_s, self.for_s, required=False)
         elif self.percent < 70:
             fast = "nmt.heartbeat_fast"
             machine.expect(fast, self.node, self.at_s, self.for_s, required=False)
+        # The timer begins anew at both ends, so that one interval is longer than 1.5 periods.
+        machine.expect("nmt.node_lost", self.node, self.at_s, self.for_s, required=False)
 
     def _set(self, control: ErrorControl, percent: int) -> None:
         control.percent = percent

@@ -1,0 +1,302 @@
+"""Frames that a recorder wrote down twice, recognised before the analyses count them twice."""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from syncline_analyzer.deafness import Numbered
+from syncline_analyzer.results import DoubledRow
+from syncline_schemas.batch import FrameBatch, FrameFlag
+
+COPY = np.uint16(1 << 15)
+"""Bit of the `flags` column, within the analyses only: the frame stands in the capture twice."""
+LONGEST_NS = 1_000_000
+"""A copy comes within this time of its frame [ns]."""
+MIN_PAIRS = 5
+"""So many frames of an identifier stand twice before it is taken for doubled."""
+_PAIRED = 0.95
+"""Share of an identifier's frames that stand twice, from the first to the last that does."""
+_WHOLE = 0.9
+"""The same of all frames of a bus that was recorded twice."""
+_APART = 4
+"""Frames come at least so many times further apart than a copy from its frame."""
+_COPIES = 2
+"""No frame is written down more often beside itself; more equal frames are a fast producer's."""
+_SHORTEST_BITS = 44
+"""An empty frame without stuff bits and intermission, the shortest there is [bit]."""
+_BIT_NS = 1000
+"""A bit at 1 Mbit/s, the fastest a bus can be [ns]."""
+_BUNDLED = 0.2
+"""With this share of frames closer than the wire allows, the stamps are those of bundles."""
+_MIN_FRAMES = 200
+"""With fewer frames of its bus a batch is judged as the one before."""
+_FINE_NS = 10_000
+"""Stamps of coarser steps do not tell whether the wire could carry both frames [ns]."""
+_MAX_IDS = 4096
+_EVIDENCE = 20
+_SDO_REQUEST = range(0x601, 0x680)
+_REMOTE_KEY = 1 << 11
+
+Ints = NDArray[np.int64]
+
+
+@dataclass(slots=True)
+class _Bus:
+    """What was doubled on a bus so far: keys by the rule that tells it, counts and delays."""
+
+    whole: bool = False
+    own: bool = False
+    keys: set[int] = field(default_factory=set)
+    limit_ns: int = 0
+    copies: int = 0
+    start_ns: int = 0
+    end_ns: int = 0
+    delay_ns: int = 0
+    told: set[int] = field(default_factory=set)
+    evidence: list[int] = field(default_factory=list)
+
+    def takes(self, key: int) -> bool:
+        """Whether equal frames of an identifier that was too rare to judge are copies."""
+        return self.whole or (self.own and _is_own(key)) or key in self.keys
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Group:
+    """The frames of one identifier in order: rows, stamps, and which equal the one before."""
+
+    key: int
+    rows: NDArray[np.intp]
+    t_ns: Ints
+    equal: NDArray[np.bool_]
+    dlc: int
+
+    def copies(self, limit_ns: float) -> NDArray[np.bool_]:
+        """(n,) which frames repeat the one before within a time."""
+        near = self.equal.copy()
+        near[1:] &= np.diff(self.t_ns) <= limit_ns
+        return near
+
+    @property
+    def limit_ns(self) -> float:
+        """How far behind its frame a copy may come, by how far apart the frames are."""
+        if len(self.t_ns) < 4:
+            return 0.0
+        return min(float(LONGEST_NS), float(np.median(self.t_ns[2:] - self.t_ns[:-2])) / _APART)
+
+
+class Echoes:
+    """Marks the copies in a stream; `rows` tells what was found, once the stream is read.
+
+    Args:
+        resolution_ns: step of the stamps, as far as it is known when a batch has been read.
+    """
+
+    def __init__(self, resolution_ns: Callable[[], int] = lambda: 1) -> None:
+        self._resolution_ns = resolution_ns
+        self._buses: dict[int, _Bus] = {}
+        self._last: FrameBatch = FrameBatch.empty()
+
+    def marked(self, stream: Iterable[Numbered]) -> Iterator[Numbered]:
+        """The stream with `COPY` set on every frame that is a copy; `seq` stays as it is."""
+        for seq, item in stream:
+            if isinstance(item, FrameBatch):
+                yield seq, self._mark(seq, item)
+            else:
+                yield seq, item
+
+    def rows(self, buses: list[str]) -> list[DoubledRow]:
+        """One row per bus with copies."""
+        return [
+            DoubledRow(
+                buses[number] if number < len(buses) else str(number),
+                "all" if bus.whole else "own" if bus.own else "some",
+                sorted({key & 0x7FF for key in bus.told}),
+                bus.copies,
+                bus.start_ns,
+                bus.end_ns,
+                bus.delay_ns / 1000,
+                bus.evidence,
+            )
+            for number, bus in sorted(self._buses.items())
+            if bus.copies
+        ]
+
+    def _mark(self, seq: int, batch: FrameBatch) -> FrameBatch:
+        before = len(self._last)
+        frames = FrameBatch.concat([self._last, batch]) if before else batch
+        rows = np.flatnonzero((frames.flags & (FrameFlag.EXTENDED | FrameFlag.ERROR)) == 0)
+        remote = ((frames.flags[rows] & FrameFlag.REMOTE) != 0).astype(np.uint32)
+        key = (frames.bus[rows].astype(np.uint32) << 12) | (remote << 11) | frames.can_id[rows]
+        small = int(key.max(initial=0)) < 1 << 16
+        order = np.argsort(key.astype(np.uint16) if small else key, kind="stable")
+        rows, key = rows[order], key[order]
+        last = np.flatnonzero(np.diff(key, append=np.uint32(0xFFFFFFFF)))
+        self._last = frames[np.sort(rows[last[:_MAX_IDS]])]
+        equal = _equal(frames, rows, key)
+        if np.count_nonzero(equal) < (1 if self._buses else MIN_PAIRS):
+            return batch
+        copy = np.zeros(len(frames), np.bool_)
+        for number in np.unique(key[equal] >> 12).tolist():
+            first, stop = np.searchsorted(key, [number << 12, (number + 1) << 12])
+            groups = _groups(frames, rows[first:stop], key[first:stop], equal[first:stop])
+            state = self._buses.get(number, _Bus())
+            _judge(state, frames, groups, self._resolution_ns())
+            found = _copies(state, groups)
+            if found:
+                self._buses[number] = state
+                _count(state, frames, found, seq - before)
+                for _, chosen in found:
+                    copy[chosen] = True
+        copy = copy[before:]
+        if not copy.any():
+            return batch
+        return replace(batch, flags=np.where(copy, batch.flags | COPY, batch.flags))
+
+
+def hidden(batch: FrameBatch) -> FrameBatch:
+    """The batch as the analyses see it: a copy is an empty 29-bit frame, which is no service."""
+    copy = (batch.flags & COPY) != 0
+    if not copy.any():
+        return batch
+    return replace(
+        batch,
+        flags=np.where(copy, COPY | np.uint16(FrameFlag.EXTENDED), batch.flags),
+        dlc=np.where(copy, np.uint8(0), batch.dlc),
+        data=np.where(copy[:, np.newaxis], np.uint8(0), batch.data),
+    )
+
+
+def _equal(
+    frames: FrameBatch, rows: NDArray[np.intp], key: NDArray[np.uint32]
+) -> NDArray[np.bool_]:
+    """(n,) which frames repeat the one before of their identifier at once."""
+    equal = np.zeros(len(rows), np.bool_)
+    if len(rows) < 2:
+        return equal
+    apart = np.diff(frames.t_ns[rows])
+    near = np.flatnonzero((key[1:] == key[:-1]) & (apart >= 0) & (apart <= LONGEST_NS))
+    one, other = rows[near], rows[near + 1]
+    same = frames.dlc[one] == frames.dlc[other]
+    same &= (frames.data[one] == frames.data[other]).all(axis=1)
+    equal[near[same] + 1] = True
+    return equal
+
+
+def _groups(
+    frames: FrameBatch,
+    rows: NDArray[np.intp],
+    key: NDArray[np.uint32],
+    equal: NDArray[np.bool_],
+) -> list[_Group]:
+    cuts = np.flatnonzero(np.diff(key)) + 1
+    edges = [0, *cuts.tolist(), len(key)]
+    return [
+        _Group(
+            int(key[a]) & 0xFFF,
+            rows[a:b],
+            frames.t_ns[rows[a:b]],
+            equal[a:b],
+            int(frames.dlc[rows[a:b]].min()),
+        )
+        for a, b in zip(edges[:-1], edges[1:], strict=True)
+        if b > a
+    ]
+
+
+def _judge(state: _Bus, frames: FrameBatch, groups: list[_Group], resolution_ns: int) -> None:
+    """What of a bus is doubled in this batch."""
+    frequent = [group for group in groups if len(group.rows) >= 2 * MIN_PAIRS]
+    if state.copies and sum(len(group.rows) for group in groups) < _MIN_FRAMES:
+        return
+    state.whole, state.own, state.keys = False, False, set()
+    doubled = [group for group in frequent if _is_doubled(group)]
+    if not doubled or _bundled(frames, groups, doubled):
+        return
+    delays = np.concatenate([_delays(group) for group in doubled])
+    state.limit_ns = min(LONGEST_NS, 20_000 + int(1.5 * np.quantile(delays, 0.99)))
+    keys = {group.key for group in doubled}
+    own = {group.key for group in frequent if _is_own(group.key)}
+    state.whole = (
+        len(keys) >= 3
+        and len({key & 0x7F for key in keys}) >= 2
+        and sum(len(g.rows) for g in doubled) >= _WHOLE * sum(len(g.rows) for g in frequent)
+        and len(keys) >= _WHOLE * len(frequent)
+    )
+    if resolution_ns > _FINE_NS:
+        return
+    state.own = not state.whole and len(own) >= 2 and own <= keys
+    state.keys = {
+        group.key
+        for group in doubled
+        if group.key in _SDO_REQUEST or _too_close(group, _delays(group))
+    }
+
+
+def _is_doubled(group: _Group) -> bool:
+    """Whether an identifier's frames stand in pairs, from the first pair to the last."""
+    copy = group.copies(group.limit_ns)
+    at = np.flatnonzero(copy)
+    if len(at) < MIN_PAIRS:
+        return False
+    paired = copy.copy()
+    paired[at - 1] = True
+    span = paired[at[0] - 1 : at[-1] + 1]
+    runs = np.diff(np.flatnonzero(~copy), append=len(copy))
+    return bool(span.mean() >= _PAIRED) and int(runs.max()) <= _COPIES + 1
+
+
+def _delays(group: _Group) -> Ints:
+    at = np.flatnonzero(group.copies(group.limit_ns))
+    return group.t_ns[at] - group.t_ns[at - 1]
+
+
+def _too_close(group: _Group, delays: Ints) -> bool:
+    """Whether no wire can carry the second frame so soon after the first."""
+    shortest_ns = (_SHORTEST_BITS + 8 * group.dlc * (group.key < _REMOTE_KEY)) * _BIT_NS
+    return float(np.quantile(delays, 0.95)) < shortest_ns
+
+
+def _bundled(frames: FrameBatch, groups: list[_Group], doubled: list[_Group]) -> bool:
+    """Whether the stamps of different frames are closer than the wire allows, so tell nothing."""
+    keys = {group.key for group in doubled}
+    alone = [
+        group.rows[~group.copies(group.limit_ns)] if group.key in keys else group.rows
+        for group in groups
+    ]
+    originals = np.sort(np.concatenate(alone))
+    apart = np.diff(frames.t_ns[originals])
+    close = (apart >= 0) & (apart < _SHORTEST_BITS * _BIT_NS)
+    return bool(len(apart)) and float(close.mean()) > _BUNDLED
+
+
+def _is_own(key: int) -> bool:
+    """Whether only a master sends it: NMT, SYNC, TIME, SDO requests and remote frames."""
+    return key >= _REMOTE_KEY or key in (0x000, 0x080, 0x100) or key in _SDO_REQUEST
+
+
+def _copies(state: _Bus, groups: list[_Group]) -> list[tuple[_Group, NDArray[np.intp]]]:
+    """(identifier, rows of its copies) of those that are doubled."""
+    found = []
+    for group in groups:
+        if state.takes(group.key) and group.equal.any():
+            chosen = group.rows[group.copies(state.limit_ns)]
+            if len(chosen):
+                found.append((group, chosen))
+    return found
+
+
+def _count(
+    state: _Bus, frames: FrameBatch, found: list[tuple[_Group, NDArray[np.intp]]], seq0: int
+) -> None:
+    rows = np.sort(np.concatenate([chosen for _, chosen in found]))
+    if not state.copies:
+        state.start_ns = int(frames.t_ns[rows[0]])
+        delays = [group.t_ns[1:] - group.t_ns[:-1] for group, _ in found]
+        near = [each[group.equal[1:]] for each, (group, _) in zip(delays, found, strict=True)]
+        state.delay_ns = int(np.median(np.concatenate(near)))
+        state.evidence.extend((rows[:_EVIDENCE] + seq0).tolist())
+    state.copies += len(rows)
+    state.end_ns = int(frames.t_ns[rows[-1]])
+    state.told.update(group.key for group, _ in found)

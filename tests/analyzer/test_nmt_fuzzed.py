@@ -1,0 +1,366 @@
+"""What random scenarios found on NMT: each case small, written by hand."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from syncline_analyzer.folds.cadence import Twins
+from syncline_analyzer.results import Finding
+from syncline_schemas.batch import Gap
+from syncline_schemas.devices import load_device
+from tests.analyzer.control_runs import MS, Row, Run, frame, remote, run
+from tests.analyzer.test_nmt_findings import NODE, boot, one, others, shifted, written
+from tests.analyzer.test_nmt_fold import guarding, heartbeats, ordered
+
+JN2100 = {NODE: load_device("jn2100")}
+LIR = {NODE: load_device("lir-da158a")}
+
+
+def accusing(result: Run) -> list[str]:
+    """Ids of findings above info that name a node."""
+    return [f.id for f in result.findings() if f.severity != "info" and f.node is not None]
+
+
+# -- the whole machine is off ----------------------------------------------------------------------
+
+
+@pytest.mark.near_miss("nmt.unexpected_reset", "nmt.node_lost")
+def test_a_master_that_starts_later_than_the_nodes_was_off_with_them() -> None:
+    """Off for 3 s; the nodes boot at once, the master 850 ms later: its own silence is longer."""
+    before = ordered(
+        heartbeats(0, 1000), heartbeats(0, 1000, node=9), heartbeats(0, 1000, every_ms=500, node=1)
+    )
+    after = ordered(
+        [boot(4000), boot(4007, 9), boot(4850, 1)],
+        heartbeats(4100, 9000),
+        heartbeats(4107, 9000, node=9),
+        heartbeats(5350, 9000, every_ms=500, node=1),
+    )
+    assert run(*before, *after).ids() == ["nmt.bus_silent"]
+
+
+@pytest.mark.near_miss("nmt.unexpected_reset", "nmt.node_lost")
+def test_a_guarded_node_was_off_with_the_machine() -> None:
+    """The guard requests come again before it boots: its silence has another length."""
+    before = ordered(guarding(0, 1000), others(1000))
+    after = ordered(
+        [boot(4000, 9)],
+        heartbeats(4100, 8000, node=9),
+        guarding(4200, 4600, answers=False),
+        [boot(4650)],
+        guarding(4700, 8000),
+    )
+    assert accusing(run(*before, *after)) == []
+
+
+@pytest.mark.triggers("nmt.boot_loop")
+@pytest.mark.near_miss("nmt.bus_silent")
+def test_nobody_switches_a_machine_off_for_a_fifth_of_a_second() -> None:
+    """A node loops, and the bus is else silent but for the master."""
+    loop = [boot(2200 + 900 * n) for n in range(4)]
+    states = [
+        row for n in range(4) for row in heartbeats(2300 + 900 * n, 2900 + 900 * n, state="7F")
+    ] + heartbeats(5600, 7000, state="7F")
+    master = heartbeats(0, 7000, every_ms=1000, node=1)
+    result = run(*ordered(heartbeats(10, 2000), loop, states, master))
+    assert result.ids() == ["nmt.boot_loop"]
+
+
+@pytest.mark.near_miss("nmt.node_lost")
+def test_a_machine_switched_off_before_a_gap_accuses_no_node() -> None:
+    before = ordered(heartbeats(0, 1000), others(1000))
+    gap = Gap(3000 * MS, 3500 * MS, "adapter lost", 0, 0)
+    after = ordered([boot(3600), boot(3605, 9)], heartbeats(3700, 5000), others(0))
+    result = run(*before, gap, *after, *[r for r in others(5000) if r[0] > 3700 * MS])
+    assert accusing(result) == []
+
+
+@pytest.mark.triggers("nmt.node_lost")
+def test_a_node_lost_before_a_gap_was_lost_up_to_the_gap() -> None:
+    gap = Gap(3000 * MS, 3500 * MS, "adapter lost", 0, 0)
+    before = ordered(heartbeats(0, 1000), others(3000))
+    after = [row for row in ordered(heartbeats(0, 5000), others(5000)) if row[0] >= 3500 * MS]
+    text = one(run(*before, gap, *after), "nmt.node_lost").text
+    assert "2.1 s up to the gap in the capture at +3.000 s" in text
+    assert "the end" not in text
+
+
+# -- restarts that were asked for ------------------------------------------------------------------
+
+
+@pytest.mark.near_miss("nmt.node_lost", "nmt.unexpected_reset")
+def test_a_write_that_resets_the_device_is_a_reset_command() -> None:
+    """2002h = 1 of the JN2100; the node is back 255 ms later and was asked twice meanwhile."""
+    reset = written(1050, 0x2002, 1, size=1)
+    silent = guarding(1100, 1300, answers=False)
+    rows = ordered(
+        guarding(0, 1050), reset, silent, [boot(1306)], guarding(1310, 3000), others(3000)
+    )
+    result = run(*rows, devices=JN2100)
+    assert accusing(result) == []
+    (started,) = [
+        row
+        for row in result.analysis.nmt_states
+        if row.node == NODE and row.state == "INITIALISING"
+    ]
+    assert started.cause.startswith("reset by SDO (2002h)")
+    assert accusing(run(*rows)) != []
+
+
+@pytest.mark.near_miss("nmt.node_lost")
+def test_one_unanswered_guard_request_is_no_loss() -> None:
+    single = guarding(1000, 1100, answers=False)
+    result = run(*ordered(guarding(0, 1000), single, guarding(1100, 3000), others(3000)))
+    assert "nmt.node_lost" not in result.ids()
+
+
+@pytest.mark.near_miss("nmt.unexpected_reset")
+def test_a_first_boot_up_is_none_though_the_clock_steps_back_before_it() -> None:
+    rows = ordered(heartbeats(100, 6000, node=9), [boot(3000)], heartbeats(3100, 6000))
+    assert "nmt.unexpected_reset" not in run(*shifted(rows, -2500, after_ms=2999)).ids()
+
+
+@pytest.mark.near_miss("nmt.unexpected_reset")
+def test_a_reset_less_than_10_s_before_explains_it_though_the_clock_steps_forward() -> None:
+    """The first of two boot-ups answers it; the second comes 7 s after it, by the stamps 14 s."""
+    reset = [frame(1000, 0x000, "8105"), boot(1500)]
+    rows = ordered(heartbeats(0, 1000), reset, heartbeats(1600, 7900), [boot(8000)], others(9000))
+    stepped = shifted(rows, 7000, after_ms=4000)
+    assert "nmt.unexpected_reset" not in run(*rows).ids()
+    assert "nmt.unexpected_reset" not in run(*stepped).ids()
+
+
+def test_the_first_7fh_after_a_reset_of_all_is_the_boot_up_of_a_lir() -> None:
+    """The recording begins after its last heartbeat: it is silent for 4 s."""
+    reset = [frame(1000, 0x000, "8200")]
+    rows = ordered(others(7000), reset, heartbeats(5000, 7000, state="7F"))
+    assert run(*rows, devices=LIR).nodes[NODE].boot_ups == 1
+    assert run(*rows).nodes[NODE].boot_ups == 0
+
+
+@pytest.mark.triggers("nmt.left_operational")
+@pytest.mark.near_miss("nmt.unexpected_reset")
+def test_a_lir_that_booted_with_00h_falls_to_7fh_by_itself() -> None:
+    """1017h was written and not stored: its boot-up would carry 00h (trap 1)."""
+    start = [boot(0), *written(10, 0x1017, 100), frame(105, 0x000, "0105")]
+    beats = ordered(heartbeats(110, 2000), heartbeats(2050, 5000, state="7F"), others(5000))
+    saved = [
+        frame(30, 0x605, "23101001" + "73617665"),
+        frame(31, 0x585, "60101001" + "00000000"),
+    ]
+    assert run(*ordered(start, beats), devices=LIR).ids() == ["nmt.left_operational"]
+    stored = run(*ordered(start, saved, beats), devices=LIR)
+    assert [i for i in stored.ids() if i.startswith("nmt.")] == ["nmt.unexpected_reset"]
+
+
+def test_00h_long_after_a_remote_frame_that_changed_nothing_is_a_boot_up() -> None:
+    """States went on after the remote frame; then the machine was off."""
+    before = ordered(heartbeats(0, 3000), [remote(1050, 0x705)], others(3000))
+    after = ordered([boot(6000), boot(6004, 9)], heartbeats(6100, 8000, state="7F"))
+    result = run(*before, *after, end_ms=8000)
+    assert result.nodes[NODE].boot_ups == 1
+    assert result.tables.nmt.nodes[0, NODE].counts.empty == 0
+
+
+# -- states ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.near_miss("nmt.left_operational")
+def test_operational_that_only_a_pdo_implied_after_a_gap_is_not_left() -> None:
+    """Node 5 was commanded to PRE-OPERATIONAL in the gap, and sends PDOs nevertheless."""
+    gap = Gap(2000 * MS, 3000 * MS, "adapter lost", 0, 0)
+    before = ordered(heartbeats(0, 2000), others(2000))
+    pdo = [frame(3010, 0x185, "0102")]
+    after = [r for r in ordered(heartbeats(0, 6000, state="7F"), others(6000)) if r[0] > 3010 * MS]
+    assert accusing(run(*before, gap, *pdo, *after)) == []
+
+
+@pytest.mark.near_miss("nmt.command_ignored")
+def test_a_master_that_always_says_operational_does_not_follow_its_commands() -> None:
+    """It says 05h 70 ms after "start": it never was anything else."""
+    commands = [
+        frame(1600, 0x000, "8000"),
+        frame(1750, 0x000, "0100"),
+        frame(3000, 0x000, "0200"),
+    ]
+    rows = ordered(heartbeats(0, 9000, every_ms=500, node=1), commands)
+    assert run(*rows).ids() == []
+
+
+@pytest.mark.triggers("nmt.command_ignored")
+def test_what_a_node_ignored_before_its_number_was_taken_twice_is_told() -> None:
+    command = [frame(2010, 0x000, "0205")]
+    second = heartbeats(30_000, 60_000, every_ms=170, state="7F")
+    rows = ordered(heartbeats(0, 60_000), command, second, others(60_000))
+    assert {"nmt.command_ignored", "nmt.duplicate_node_id"} <= set(run(*rows).ids())
+
+
+@pytest.mark.triggers("nmt.pdo_outside_operational")
+def test_pdos_long_after_a_story_of_guarding_are_told_by_themselves() -> None:
+    emcy = [frame(1400, 0x085, "3081110000000000")]
+    slave = [
+        *heartbeats(50, 1450),
+        *heartbeats(1450, 4000, state="7F"),
+        frame(4005, 0x000, "0105"),
+        *heartbeats(4050, 10_000),
+        frame(10_005, 0x000, "8005"),
+        *heartbeats(10_050, 20_000, state="7F"),
+    ]
+    bound = written(20, 0x1800, 0x185, size=4, sub=1)
+    pdos = [frame(15_000 + 50 * n, 0x185, "01") for n in range(10)]
+    rows = ordered(bound, heartbeats(0, 1000, node=1), slave, emcy, pdos, others(20_000))
+    assert {"nmt.guarding_lost", "nmt.pdo_outside_operational"} <= set(run(*rows).ids())
+
+
+# -- guarding and heartbeats -----------------------------------------------------------------------
+
+
+def stuck(rows: list[Row], first: int, count: int) -> list[Row]:
+    """Guard answers of which so many do not change their toggle bit, and the rest goes on so."""
+    answers = [at for at, row in enumerate(rows) if not row[3]]
+    found, toggle = list(rows), 0
+    for number, at in enumerate(answers):
+        toggle ^= not first <= number < first + count and number > 0
+        found[at] = (*rows[at][:5], bytes([rows[at][5][0] & 0x7F | toggle << 7]))
+    return found
+
+
+@pytest.mark.triggers("nmt.guard_toggle")
+@pytest.mark.parametrize("count", [2, 3, 5])
+def test_writes_that_began_the_toggle_bit_anew_excuse_no_later_repeats(count: int) -> None:
+    """100Ch and 100Dh are written once, before guarding begins: each repeat counts."""
+    life = [*written(1, 0x100C, 100), *written(3, 0x100D, 3, 1)]
+    rows = ordered(life, stuck(guarding(10, 4000), 12, count), others(4000))
+    result = run(*rows, devices=LIR)
+    assert result.nodes[NODE].toggle_errors == count
+    assert f"{count} times" in one(result, "nmt.guard_toggle").text
+
+
+@pytest.mark.near_miss("nmt.guard_toggle")
+def test_a_write_between_two_answers_excuses_a_repeated_toggle_bit() -> None:
+    writes = [row for n in range(3) for row in written(1350 + 400 * n, 0x100C, 100)]
+    rows = guarding(0, 1300)
+    for n in range(4):
+        rows += guarding(1400 + 400 * n, 1800 + 400 * n)
+    plain = run(*ordered(rows, others(3000)), devices=LIR)
+    excused = run(*ordered(rows, writes, others(3000)), devices=LIR)
+    assert (plain.nodes[NODE].toggle_errors, excused.nodes[NODE].toggle_errors) == (1, 0)
+
+
+@pytest.mark.near_miss("nmt.guard_unanswered")
+def test_requests_to_a_node_that_was_off_while_the_clock_stepped_back() -> None:
+    off = guarding(2000, 6000, answers=False)
+    rows = ordered(guarding(0, 2000), off, [boot(6010)], guarding(6100, 9000), others(9000))
+    assert "nmt.guard_unanswered" not in run(*shifted(rows, -3900, after_ms=4000)).ids()
+
+
+@pytest.mark.triggers("config.rtr_on_heartbeat_node")
+def test_remote_frames_to_a_heartbeat_node_are_told_up_to_the_last() -> None:
+    ask = [remote(2050, 0x705), remote(3050, 0x705)]
+    finding = one(run(*ordered(heartbeats(0, 4000), ask)), "config.rtr_on_heartbeat_node")
+    assert (finding.start_ns, finding.end_ns) == (2050 * MS, 3050 * MS)
+    assert len(finding.evidence) == 2
+
+
+@pytest.mark.triggers("nmt.heartbeat_slow")
+@pytest.mark.parametrize("shift", range(8))
+def test_six_slow_heartbeats_between_regular_ones(shift: int) -> None:
+    """660 ms instead of 300 ms for 4 s, wherever it begins."""
+    slow_ms = 3000 + 300 * shift
+    rows = ordered(
+        written(1, 0x1017, 300),
+        heartbeats(300, slow_ms + 300, every_ms=300),
+        heartbeats(slow_ms + 660, slow_ms + 4620, every_ms=660),
+        heartbeats(slow_ms + 4260, slow_ms + 9000, every_ms=300),
+        others(14_000),
+    )
+    finding = one(run(*rows), "nmt.heartbeat_slow")
+    assert "every 660 ms although 1017h is 300 ms" in finding.text
+
+
+@pytest.mark.near_miss("nmt.duplicate_node_id")
+def test_a_heartbeat_of_half_its_period_for_a_while_is_one_device() -> None:
+    """A tool on no record set it and set it back; a second device stays."""
+    fast = heartbeats(10_000, 14_000, every_ms=250)
+    rows = ordered(
+        heartbeats(0, 10_000, every_ms=500), fast, heartbeats(14_000, 30_000, every_ms=500)
+    )
+    assert run(*ordered(rows, others(30_000))).ids() == []
+
+
+@pytest.mark.triggers("nmt.duplicate_node_id")
+def test_states_between_empty_heartbeats_are_those_of_a_second_device() -> None:
+    """A remote frame has emptied the heartbeats of a LIR; then a second device comes."""
+    rows = ordered(
+        heartbeats(0, 3000, every_ms=150),
+        [remote(2960, 0x705)],
+        heartbeats(3000, 15_000, every_ms=150, state="00"),
+        heartbeats(6020, 15_000, every_ms=280),
+        others(15_000),
+    )
+    result = run(*rows, devices=LIR)
+    assert "nmt.duplicate_node_id" in result.ids()
+    assert result.nodes[NODE].boot_ups == 0
+
+
+def test_a_second_device_just_in_between_is_not_called_certain() -> None:
+    first, second = heartbeats(0, 30_000, every_ms=500), heartbeats(10_255, 30_000, every_ms=500)
+    found: Finding = one(run(*ordered(first, second, others(30_000))), "nmt.duplicate_node_id")
+    assert found.severity == "warning"
+
+
+# -- batches ---------------------------------------------------------------------------------------
+
+_SPOILED = ordered(
+    [boot(0), *written(10, 0x1017, 100), *written(30, 0x1029, 1, 1, sub=1)],
+    heartbeats(110, 1000),
+    [remote(930, 0x705)],
+    heartbeats(1010, 1900, state="00"),
+    [frame(2000 + 40 * n, 0x185, "01") for n in range(8)],
+    [frame(2410, 0x000, "8105"), boot(2600), *written(2620, 0x1017, 100)],
+    heartbeats(2750, 3500, state="7F"),
+    [frame(3520, 0x000, "0105")],
+    heartbeats(3550, 4500),
+    [remote(4510, 0x705), boot(4610), *written(4640, 0x1017, 100)],
+    [frame(4650 + 30 * n, 0x185, "01") for n in range(20)],
+    heartbeats(5500, 6500, state="7F"),
+    [remote(6700, 0x185), frame(6701, 0x185, "01"), frame(7900, 0x185, "01")],
+    [boot(8000)],
+    heartbeats(8100, 9000),
+    heartbeats(9050, 10_000, state="7F"),
+    guarding(10_050, 12_000),
+    others(12_000),
+)
+
+
+@pytest.mark.parametrize("device", ["lir-da158a", "jn2100", None])
+@pytest.mark.parametrize("batch", [1, 2, 3, 7, 11, 50])
+def test_the_way_a_stream_is_cut_changes_nothing(batch: int, device: str | None) -> None:
+    devices = {NODE: load_device(device)} if device else None
+    whole, pieces = (run(*_SPOILED, devices=devices, batch=size) for size in (1 << 20, batch))
+    for name in ("nmt_states", "nmt_commands", "nodes", "sdo", "emcy", "errors"):
+        assert getattr(pieces.analysis, name) == getattr(whole.analysis, name), name
+    assert pieces.findings() == whole.findings()
+    for index in (0x1017, 0x1029):
+        for sub in (0, 1):
+            spans = [r.context.shadow.spans(0, NODE, index, sub) for r in (whole, pieces)]
+            assert spans[0] == spans[1]
+    found = [result.tables.nmt.nodes[0, NODE].violations for result in (whole, pieces)]
+    assert found[0] == found[1]
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 60))
+@settings(max_examples=60, deadline=None)
+def test_two_cadences_are_found_however_the_heartbeats_are_cut(seed: int, size: int) -> None:
+    rng = np.random.default_rng(seed)
+    t_ns = np.sort(np.concatenate((np.arange(200) * 100, 33 + np.arange(30) * 703))) * MS
+    seq = np.arange(len(t_ns))
+    regular = rng.uniform(0, 1, len(t_ns)) > 0.01
+    once, pieces = Twins(), Twins()
+    once.note(seq, t_ns, regular)
+    for at in range(0, len(seq), size):
+        part = slice(at, at + size)
+        pieces.note(seq[part], t_ns[part], regular[part])
+    assert (once.periods_ns, once.at) == (pieces.periods_ns, pieces.at)
+    assert once.periods_ns is None or once.span == pieces.span

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Literal, NamedTuple, Protocol
 
 from syncline_schemas.batch import FrameBatch, Gap
 
@@ -12,6 +12,16 @@ TimeBase = Literal["utc", "relative", "none"]
 
 MAX_KEPT_LINES = 100
 """Unparsed lines kept with their text; the rest is only counted."""
+MAX_UNREAD = 1000
+"""Places of unparsed lines that are kept."""
+
+
+class Unread(NamedTuple):
+    """Lines that could not be read between the frames of these stamps; a frame may be in each."""
+
+    start_ns: int
+    end_ns: int
+    lines: int
 
 
 @dataclass(slots=True)
@@ -32,6 +42,8 @@ class CaptureFacts:
     bitrates: dict[str, int] = field(default_factory=dict)
     unparsed_lines: list[tuple[int, str]] = field(default_factory=list)
     unparsed_count: int = 0
+    unread: list[Unread] = field(default_factory=list)
+    """Where the unparsed lines are, as far as the format tells; the first thousand places."""
     description_toml: str | None = None
     eds_files: dict[str, bytes] = field(default_factory=dict)
     metadata: dict[str, str] = field(default_factory=dict)
@@ -51,6 +63,14 @@ class CaptureFacts:
         self.unparsed_count += 1
         if len(self.unparsed_lines) < MAX_KEPT_LINES:
             self.unparsed_lines.append((line_number, line[:200]))
+
+    def add_unread(self, place: Unread) -> None:
+        """Note where lines could not be read; those between the same frames are one place."""
+        last = self.unread[-1] if self.unread else None
+        if last is not None and last[:2] == place[:2]:
+            self.unread[-1] = place._replace(lines=last.lines + place.lines)
+        elif len(self.unread) < MAX_UNREAD:
+            self.unread.append(place)
 
 
 class CaptureReader(Protocol):

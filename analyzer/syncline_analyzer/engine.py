@@ -75,7 +75,8 @@ def analyze(
     _refresh(context, facts, description, bitrate)
     end_ns = census.end_ns
     controls = control.finish(end_ns)
-    timings = timing.finish(end_ns, controls.nmt.states, controls.nmt.commands)
+    unread = [place for each in facts for place in each.unread]
+    timings = timing.finish(end_ns, controls.nmt.states, controls.nmt.commands, unread)
     starts = [(boot.bus, boot.node, boot.t_ns) for boot in controls.nmt.boot_ups]
     angles = angle.finish(end_ns, starts)
     nodes = node_rows(context, controls, timings.pdos)
@@ -113,6 +114,10 @@ def analyze(
     )
     if unlisted := controls.sdo.unlisted:
         analysis.capture.notes.append(f"{unlisted} more SDO transfers are counted, but not listed")
+    for bus in sorted(controls.nmt.foreign):
+        analysis.capture.notes.append(
+            f"{context.bus_name(bus)} shows no CANopen: another protocol uses its identifiers"
+        )
     bus_states = controls.bus_errors.states
     analysis.emcy_context.extend(emcy_context(analysis, bus_states, timed=context.timed))
     analysis.error_history.extend(error_history(controls, context, analysis.capture.gaps))

@@ -166,6 +166,9 @@ class SyncRow:
     counter_jumps: int
     backlog: int = 0
     """Periods that count nowhere: the recorder had kept these frames and delivered them at once."""
+    last_ns: int | None = None
+    """Time of the last one, None where a gap came after it or there are no times."""
+    last_seq: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,6 +11,7 @@ from random import Random
 from syncline_samples.faults import (
     BlockCrcWrong,
     BlockSegmentsLost,
+    PdoRequests,
     RecordingBegins,
     RemoteOnHeartbeat,
 )
@@ -74,13 +75,13 @@ def random_scenario(random: Random, *, most_faults: int = 3) -> Scenario:
         seed=random.randint(1, 1_000_000),
         stamp_jitter_ns=random.choice((0, 0, 20_000)),
         stamp_resolution_ns=random.choice((1, 1, 1000, 10_000)),
-        remote_as_data=random.random() < _AS_DATA_SHARE and not _remote_to_heartbeats(plan),
+        remote_as_data=random.random() < _AS_DATA_SHARE and not _remote_frames(plan),
     )
 
 
-def _remote_to_heartbeats(plan: Plan) -> bool:
-    """Whether remote frames hit nodes with heartbeats: as data frames they look like empty ones."""
-    return any(isinstance(fault, RemoteOnHeartbeat) for fault in plan.faults)
+def _remote_frames(plan: Plan) -> bool:
+    """Whether remote frames, stored as data frames, would look like empty heartbeats or PDOs."""
+    return any(isinstance(fault, RemoteOnHeartbeat | PdoRequests) for fault in plan.faults)
 
 
 def _begin_late(plan: Plan) -> None:

@@ -39,7 +39,7 @@ def doubled(rows: list[Row], by_us: float, *cob_ids: int) -> list[Row]:
     for row in rows:
         told.append(row)
         if not cob_ids or row[2] in cob_ids:
-            told.append((row[0] + round(by_us * 1000), *row[1:]))  # type: ignore[arg-type]
+            told.append((row[0] + round(by_us * 1000), *row[1:]))
     return told
 
 

@@ -8,6 +8,7 @@ from syncline_schemas.batch import Gap
 from syncline_schemas.description import BusDescription
 from syncline_schemas.devices import load_device
 from tests.analyzer.control_runs import MS, Row, Run, frame, run
+from tests.analyzer.whole_run import beats, whole
 
 ALIVE = frame(0, 0x705, "05")
 POSITION_ERROR = "2073010100000000"
@@ -101,6 +102,54 @@ def test_after_a_gap_an_error_may_be_over() -> None:
         heartbeats(100, 1100), emcy(1010, VOLTAGE), gap, heartbeats(2500, 4000), emcy(3000, VOLTAGE)
     )
     assert one(again, "emcy.active").severity == "error"
+
+
+@pytest.mark.near_miss("emcy.active")
+@pytest.mark.parametrize(
+    "word", [read(3000, 0x1001, 0, 0, 1), read(3000, 0x1003, 0, 0, 1)], ids=["1001h", "1003h"]
+)
+def test_the_node_itself_says_in_a_read_that_its_error_is_over(word: list[Row]) -> None:
+    result = node_5(heartbeats(100, 5000), emcy(1010, VOLTAGE), word)
+    finding = one(result, "emcy.active")
+    assert finding.severity == "warning"
+    assert "cleared after 1.991 s (the node said so when its 1001h or 1003h" in finding.text
+    (error,) = result.analysis.errors
+    assert (error.status, error.cleared_ns) == ("cleared", 3001 * MS)
+    assert error.evidence[-1] == finding.evidence[-1]
+    assert error.evidence[-1] in {row.seq for row in result.analysis.sdo}
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [
+        read(3000, 0x1001, 0, 5, 1),
+        read(1000, 0x1001, 0, 0, 1),
+        [*written(2000, 0x1003, 0, size=1), *read(3000, 0x1003, 0, 0, 1)],
+        [*read(2000, 0x1001, 0, 5, 1), *read(3000, 0x1003, 0, 0, 1)],
+        [*read(3000, 0x1001, 0, 0, 1), emcy(3500, VOLTAGE)],
+    ],
+    ids=["not 0", "before it", "list emptied by a write", "register not 0", "told again"],
+)
+def test_reads_that_do_not_say_that_an_error_is_over(rows: list[Row]) -> None:
+    result = node_5(heartbeats(100, 5000), emcy(1010, VOLTAGE), rows)
+    assert [error.status for error in result.analysis.errors] == ["still active"]
+
+
+def test_a_register_that_the_error_did_not_set_and_one_that_a_read_clears_say_nothing() -> None:
+    word = read(3000, 0x1001, 0, 0, 1)
+    unset = node_5(heartbeats(100, 5000), emcy(1010, "0031000000000000"), word)
+    assert [error.status for error in unset.analysis.errors] == ["still active"]
+    latched = node_5(heartbeats(100, 5000), emcy(1010, POSITION_ERROR), word, device="lir-da158")
+    assert [error.status for error in latched.analysis.errors] == ["still active"]
+
+
+def test_an_error_may_be_over_where_the_whole_bus_was_silent_after_it() -> None:
+    rows = [*beats(5, 0, 2000), *beats(6, 30, 2000), *beats(5, 4000, 8000), *beats(6, 4030, 8000)]
+    raised = [emcy(1010, VOLTAGE)]
+    found = whole(sorted([*rows, *raised], key=lambda row: row[0])).findings
+    (finding,) = [each for each in found if each.id == "emcy.active"]
+    assert finding.severity == "warning"
+    assert "nothing at all was heard on the bus for 2." in finding.text
 
 
 def test_a_node_that_fell_silent_did_not_clear_its_error() -> None:

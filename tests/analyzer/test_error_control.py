@@ -128,6 +128,7 @@ def test_paces_do_not_depend_on_batches(periods: list[float], size: int) -> None
     once.finish()
     pieces.finish()
     assert (once.paces, once.late, once.halved) == (pieces.paces, pieces.late, pieces.halved)
+    assert once.stretches == pieces.stretches
     assert once.quantiles(once.late) == pieces.quantiles(pieces.late)
 
 

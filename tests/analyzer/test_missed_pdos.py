@@ -90,6 +90,18 @@ def test_what_was_due_while_the_clock_was_set_back_is_not_told() -> None:
     assert missed(timing(told(1), frames, states=states)) == 0
 
 
+def test_a_state_that_the_clock_was_set_back_over_may_be_lost() -> None:
+    """PRE-OPERATIONAL began and ended at the same stamp, or so it seems."""
+    answers = [t + MS for t in [*regular(80, PERIOD), *regular(60, PERIOD, 5 * SECOND)]]
+    frames = ordered(syncs(regular(160, PERIOD)), pdos(answers))
+    frames = shifted(frames, 4800 * MS, -2 * SECOND)
+    states = [
+        state(1, "OPERATIONAL", 0, 4 * SECOND),
+        state(1, "OPERATIONAL", 4 * SECOND, 6 * SECOND),
+    ]
+    assert missed(timing(told(1), frames, states=states)) == 0
+
+
 def test_a_clock_that_is_set_back_hides_nothing_of_a_node_that_runs_all_along() -> None:
     answers = [t + MS for k, t in enumerate(regular(199, PERIOD)) if k not in (110, 111)]
     frames = shifted(ordered(syncs(regular(200, PERIOD)), pdos(answers)), 5 * SECOND, -2 * SECOND)

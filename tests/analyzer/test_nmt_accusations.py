@@ -5,9 +5,9 @@ import random
 
 import pytest
 
-from tests.analyzer.control_runs import Row, frame, remote, run
-from tests.analyzer.test_nmt_findings import boot, one, others
-from tests.analyzer.test_nmt_fold import ordered
+from tests.analyzer.control_runs import Row, Run, frame, remote, run
+from tests.analyzer.test_nmt_findings import boot, one, others, written
+from tests.analyzer.test_nmt_fold import heartbeats, ordered
 
 PHASES = (0.001, 0.05, 0.2, 0.3, 0.33, 0.4, 0.43, 0.45, 0.48, 0.6, 0.75, 0.99)
 
@@ -80,6 +80,11 @@ def uneven(late_ms: float, end_ms: float = 20_000) -> list[Row]:
     return rows
 
 
+def busy(end_ms: float) -> list[Row]:
+    """A node that is heard all the time."""
+    return heartbeats(0, end_ms, node=9, every_ms=20)
+
+
 def allowed(ms: int) -> list[Row]:
     """Node 9 is told how long node 5 may be silent."""
     value = (5 << 16 | ms).to_bytes(4, "little").hex()
@@ -92,7 +97,7 @@ def allowed(ms: int) -> list[Row]:
 def test_a_consumer_time_within_the_spread_of_the_heartbeat_is_the_root(
     ms: int, late_ms: int
 ) -> None:
-    found = run(*ordered(allowed(ms), uneven(late_ms), others(20_000)))
+    found = run(*ordered(allowed(ms), uneven(late_ms), busy(20_000)))
     assert "nmt.node_lost" not in found.ids()
     assert f"times took up to {late_ms} ms" in one(found, "nmt.consumer_time").text
 
@@ -100,12 +105,12 @@ def test_a_consumer_time_within_the_spread_of_the_heartbeat_is_the_root(
 @pytest.mark.triggers("nmt.heartbeat_irregular")
 @pytest.mark.near_miss("nmt.node_lost")
 def test_a_heartbeat_that_is_late_again_and_again_is_irregular() -> None:
-    assert run(*ordered(uneven(160), others(20_000))).ids() == ["nmt.heartbeat_irregular"]
+    assert run(*ordered(uneven(160), busy(20_000))).ids() == ["nmt.heartbeat_irregular"]
 
 
 @pytest.mark.triggers("nmt.node_lost")
 def test_heartbeats_that_are_missing_are_a_loss() -> None:
-    assert "nmt.node_lost" in run(*ordered(allowed(150), uneven(260), others(20_000))).ids()
+    assert "nmt.node_lost" in run(*ordered(allowed(150), uneven(260), busy(20_000))).ids()
 
 
 # -- guarding --------------------------------------------------------------------------------------
@@ -135,3 +140,98 @@ def test_single_guard_answers_that_were_not_recorded_are_no_loss() -> None:
     answers = [frame(n * 100 + 1, 0x705, "85" if n % 2 else "05") for n in range(300) if n % 50]
     found = run(*ordered(rows, answers, others(30_000))).ids()
     assert "nmt.node_lost" not in found
+
+
+# -- commands --------------------------------------------------------------------------------------
+
+
+def starting(at_ms: float, end_ms: float = 20_000) -> list[Row]:
+    """Node 5, which is OPERATIONAL from a moment on."""
+    return ordered(
+        heartbeats(600, at_ms, state="7F"), heartbeats(at_ms, end_ms), [boot(500)], busy(end_ms)
+    )
+
+
+@pytest.mark.near_miss("nmt.command_ignored")
+@pytest.mark.parametrize("took_ms", [400, 950])
+def test_a_node_that_takes_its_time_to_start_follows(took_ms: int) -> None:
+    assert run(*ordered([frame(2000, 0, "0105")], starting(2000 + took_ms))).ids() == []
+
+
+@pytest.mark.near_miss("nmt.command_ignored")
+def test_a_log_that_ends_soon_after_a_command_says_nothing_about_it() -> None:
+    beats = heartbeats(600, 2700, state="7F")
+    assert run(*ordered([frame(2000, 0, "0105"), boot(500)], beats, busy(2700))).ids() == []
+
+
+@pytest.mark.triggers("nmt.command_ignored")
+def test_a_command_that_was_followed_when_it_was_repeated() -> None:
+    commands = [frame(2000, 0, "0105"), frame(4960, 0, "0105")]
+    finding = one(run(*ordered(commands, starting(5000))), "nmt.command_ignored")
+    assert finding.text.endswith("It followed when the command was repeated at +4.960 s.")
+    assert "Does it follow" not in finding.check_next
+
+
+@pytest.mark.triggers("nmt.command_ignored")
+def test_a_command_that_was_followed_late() -> None:
+    finding = one(run(*ordered([frame(2000, 0, "0105")], starting(5000))), "nmt.command_ignored")
+    assert finding.text.endswith("It followed 3 s after the command, with no other one between.")
+
+
+@pytest.mark.triggers("nmt.command_ignored")
+@pytest.mark.parametrize("serves", [True, False])
+def test_a_start_of_all_that_one_node_refuses(serves: bool) -> None:
+    """The NMT master refuses its own command as well: a node that serves SDO is none."""
+    answer = frame(702, 0x585, "4318100112000000")
+    read = [frame(700, 0x605, "4018100100000000"), *([answer] if serves else [])]
+    other = [boot(510, 6), *heartbeats(650, 2000, node=6, state="7F")]
+    other += heartbeats(2050, 40_000, node=6)
+    rows = ordered(read, [frame(2000, 0, "0100")], starting(40_000, 40_000), other)
+    assert ("nmt.command_ignored" in run(*rows).ids()) == serves
+
+
+# -- 1017h without effect --------------------------------------------------------------------------
+
+
+@pytest.mark.triggers("nmt.heartbeat_fast")
+@pytest.mark.triggers("nmt.heartbeat_slow")
+@pytest.mark.parametrize(("ms", "rule"), [(500, "fast"), (30, "slow")])
+def test_a_write_of_1017h_without_effect(ms: int, rule: str) -> None:
+    rows = ordered(heartbeats(0, 30_000), written(5003, 0x1017, ms), busy(30_000))
+    finding = one(run(*rows), f"nmt.heartbeat_{rule}")
+    assert f"every 100 ms although 1017h is {ms} ms" in finding.text
+
+
+@pytest.mark.near_miss("nmt.heartbeat_fast")
+@pytest.mark.near_miss("nmt.heartbeat_slow")
+@pytest.mark.parametrize("ms", [500, 30])
+def test_a_write_of_1017h_that_a_reset_makes_good(ms: int) -> None:
+    """Some devices heed it only when they start: it is saved, and the node reset."""
+    save = [frame(5100, 0x605, "2310100173617665"), frame(5110, 0x585, "6010100100000000")]
+    reset = [frame(9000, 0, "8105"), boot(9500)]
+    late = heartbeats(9600, 30_000, every_ms=ms)
+    rows = ordered(heartbeats(0, 9000), written(5003, 0x1017, ms), save, reset, late, busy(30_000))
+    assert run(*rows).ids() == []
+
+
+# -- PDOs whose identifier alone says whose they are -----------------------------------------------
+
+
+def halted(pdos_from_ms: float) -> Run:
+    """Node 5 is started at 2 s and sent back to PRE-OPERATIONAL at 10 s, 185h goes on."""
+    beats = [*heartbeats(600, 2000, state="7F"), *heartbeats(2050, 10_000)]
+    beats += heartbeats(10_050, 30_000, state="7F")
+    pdos = [frame(pdos_from_ms + 20 * n, 0x185, "01") for n in range(1200)]
+    commands = [boot(500), frame(2000, 0, "0105"), frame(10_000, 0, "8005")]
+    return run(*ordered(commands, beats, pdos, busy(30_000)))
+
+
+@pytest.mark.triggers("nmt.pdo_outside_operational")
+def test_pdos_go_on_on_the_predefined_identifier_of_a_node() -> None:
+    finding = one(halted(2300), "nmt.pdo_outside_operational")
+    assert finding.assumed == ["185h is its TPDO1, as predefined"]
+
+
+@pytest.mark.near_miss("nmt.pdo_outside_operational")
+def test_pdos_that_were_there_before_the_node_was_started_may_be_anothers() -> None:
+    assert "nmt.pdo_outside_operational" not in halted(700).ids()

@@ -119,6 +119,18 @@ def test_requests_that_stay_unanswered() -> None:
     assert "within 500 ms" in finding.text
 
 
+@pytest.mark.triggers("sdo.no_answer")
+def test_a_node_that_says_it_is_at_work_is_not_starting_any_more() -> None:
+    """A LIR may keep silent for 4 s after its boot-up, but then it keeps silent altogether."""
+    boot = [frame(100, 0x000, "8205"), frame(1000, 0x705, "00"), frame(1010, 0x000, "0105")]
+    asked = sdo((">", READ), start_ms=2000)
+    lir = {5: load_device("lir-ma158k")}
+    mute = run(*ordered(boot, asked, OTHER), end_ms=4000, devices=lir)
+    assert silent(mute)
+    beating = run(*ordered(boot, asked, heartbeats(1100, 4000), OTHER), devices=lir)
+    assert one(beating, "sdo.no_answer").severity == "warning"
+
+
 @pytest.mark.near_miss("sdo.no_answer")
 @pytest.mark.parametrize("case", ["nobody", "answered", "end", "gap", "off", "boot"])
 def test_silence_that_accuses_nobody(case: str) -> None:

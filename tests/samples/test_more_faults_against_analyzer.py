@@ -127,6 +127,5 @@ def test_one_fault_is_one_story(fault: Fault, tmp_path: Path) -> None:
     told_alone(scenario(fault), tmp_path)
 
 
-@pytest.mark.xfail(reason="a guarded node is accused of a restart", strict=False)
 def test_a_power_cycle_of_the_whole_bus_accuses_nobody(tmp_path: Path) -> None:
     told_alone(scenario(faults.BusPowerOff(AT_S, 3.0)), tmp_path)

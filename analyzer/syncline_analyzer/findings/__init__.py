@@ -1,5 +1,7 @@
 """Rules over the tables, one module per family; what they return is what the report says."""
 
+from collections.abc import Iterable
+
 from syncline_analyzer.context import Context
 from syncline_analyzer.findings import (
     angle,
@@ -17,6 +19,7 @@ from syncline_analyzer.findings import (
     pdo,
     sdo,
     stored,
+    sync_end,
     timing,
 )
 from syncline_analyzer.findings.bounded import bounded
@@ -36,6 +39,7 @@ RULES: tuple[Rule, ...] = (
     *config.RULES,
     *lss.RULES,
     *timing.RULES,
+    *sync_end.RULES,
     *pdo.RULES,
     *angle.RULES,
     *device.RULES,
@@ -45,10 +49,22 @@ RULES: tuple[Rule, ...] = (
 )
 """Every rule, by family."""
 _RANK = {"error": 0, "warning": 1, "info": 2}
+_OF_ANY_BUS = ("bus", "error", "capture", "clock")
+"""Families that judge a bus of any protocol."""
 
 
 def find_all(analysis: Analysis, control: ControlTables, context: Context) -> list[Finding]:
     """Findings of all rules as stories: errors first, then by the time they began."""
     facts = Facts(analysis, control, context)
-    found = joined(bounded(facts, apply(RULES, facts)))
+    found = joined(bounded(facts, _of_canopen(facts, apply(RULES, facts))))
     return sorted(found, key=lambda f: (_RANK[f.severity], f.start_ns, f.id, f.node or 0))
+
+
+def _of_canopen(facts: Facts, findings: Iterable[Finding]) -> list[Finding]:
+    """Without what CANopen would mean on a bus that uses its identifiers for something else."""
+    foreign = {facts.context.bus_name(bus) for bus in facts.control.nmt.foreign}
+    return [
+        each
+        for each in findings
+        if each.bus not in foreign or each.id.partition(".")[0] in _OF_ANY_BUS
+    ]

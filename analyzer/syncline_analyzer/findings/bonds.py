@@ -43,7 +43,7 @@ class Bond:
         """Whether the effect follows from the cause by place, and by time or frames."""
         if (cause.id, effect.id) != (self.cause, self.effect) or cause.bus != effect.bus:
             return False
-        if self.same_node and (cause.node is None or cause.node != effect.node):
+        if self.same_node and (effect.node is None or effect.node not in _nodes(cause)):
             return False
         if self.opens:
             return bool(effect.evidence) and effect.evidence[0] in cause.evidence
@@ -61,6 +61,11 @@ class Bond:
         if effect.start_ns > (cause.start_ns + self.after_ns if gathered else latest_ns):
             return False
         return self.lasting or effect.end_ns <= latest_ns
+
+
+def _nodes(cause: Finding) -> set[int | None]:
+    """Nodes that a finding is about, itself or as a story that several of them share."""
+    return {cause.node, *(link.node for link in cause.chain if link.id == cause.id)}
 
 
 _TRAFFIC = ("pdo.missed", "pdo.stopped", "sdo.no_answer", "sdo.interrupted", "nmt.guard_unanswered")
@@ -149,6 +154,7 @@ BONDS: tuple[Bond, ...] = (
     *_bonds("nmt.unexpected_reset", "nmt.guarding_lost", shared=True, same_node=False),
     *_bonds("nmt.consumer_time", "nmt.guarding_lost", lifelong=True, before_ns=_FOREVER),
     *_bonds("nmt.life_time", "nmt.guarding_lost", lifelong=True, before_ns=_FOREVER),
+    *_bonds("nmt.guarding_lost", "pdo.stopped", before_ns=0, after_ns=2 * _S, lasting=True),
     *_bonds(
         "nmt.guarding_lost", *_TRAFFIC, "nmt.pdo_outside_operational", before_ns=0, after_ns=2 * _S
     ),
@@ -194,6 +200,8 @@ BONDS: tuple[Bond, ...] = (
     *_bonds("clock.step_forward", "clock.time_jump", "sdo.no_answer", same_node=False),
     *_bonds("emcy.active", "angle.jump"),
     *_bonds("config.sync_producers", "sync.two_producers", same_node=False, lifelong=True),
+    *_bonds("nmt.node_lost", "sync.stopped"),
+    *_bonds("sync.stopped", "pdo.stopped", same_node=False, lasting=True),
     *_bonds("sync.two_producers", "sync.jitter", "sync.missing", "sync.period", same_node=False),
     *_bonds("sync.two_producers", "pdo.extra", "pdo.missed", same_node=False),
     *_bonds("config.pdo_left_off", "pdo.silent", "pdo.stopped", lifelong=True),

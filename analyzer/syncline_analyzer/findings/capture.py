@@ -158,8 +158,10 @@ RULES = (
         "The first copies.",
         (
             "Equal frames at most 1 ms apart, in pairs that lie much further apart than their frames.",
-            "One identifier alone only where no wire can carry the second frame so soon: a fast"
-            " producer and two devices with one node id take longer.",
+            (
+                "One identifier alone only where no wire can carry the second frame so soon: a fast"
+                " producer and two devices with one node id take longer."
+            ),
             "Not where the stamps are those of bundles or too coarse to tell.",
         ),
         _doubled,

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import moment, seconds
+from syncline_analyzer.folds.time_stamp import TimeStand
 from syncline_analyzer.results import ClockStepRow, Finding, TimeStampRow
 from syncline_schemas.wording import counted
 
@@ -12,6 +13,8 @@ REORDERED_NS = 1_000_000
 DIFFERS_NS = 60_000_000_000
 """TIME that is off the recorder's clock by less is not worth a word [ns]."""
 MAX_FINDINGS = 20
+STILL_NS = 2_500_000_000
+"""TIME that says the same for so long stands still [ns]."""
 _QUARTER_NS = 900_000_000_000
 _ZONE_NS = 5_000_000_000
 """TIME this close to a whole quarter of an hour off is local time [ns]."""
@@ -131,6 +134,33 @@ def _time_jump(facts: Facts) -> Iterator[Finding]:
         )
 
 
+def _time_still(facts: Facts) -> Iterator[Finding]:
+    """TIME that stands still, by identifier."""
+    groups: dict[tuple[str, int], list[TimeStand]] = {}
+    for stand in facts.control.time.stands:
+        if stand.last.t_ns - stand.first.t_ns >= STILL_NS:
+            groups.setdefault((stand.first.bus, stand.first.cob_id), []).append(stand)
+    for (bus, cob_id), stands in groups.items():
+        longest = max(stands, key=lambda each: each.last.t_ns - each.first.t_ns)
+        often = f", {len(stands)} times in all" if len(stands) > 1 else ""
+        yield Finding(
+            "clock.time_still",
+            "info",
+            bus,
+            None,
+            stands[0].first.t_ns,
+            stands[-1].last.t_ns,
+            f"TIME on the bus ({cob_id:03X}h) stood still{often}: it said {longest.first.text} for"
+            f" {seconds(longest.last.t_ns - longest.first.t_ns)}"
+            f" from {moment(facts.analysis, longest.first.t_ns)} on.",
+            "The clock of the TIME producer does not run (battery, never set), or its program sends"
+            " a fixed value.",
+            "Look at the clock of the node that sends TIME (1012h); logs that take their time from"
+            " it are wrong.",
+            [seq for each in stands[:MAX_FINDINGS] for seq in (each.first.seq, each.last.seq)],
+        )
+
+
 RULES = (
     Rule(
         "clock.step_back",
@@ -166,5 +196,15 @@ RULES = (
         "The TIME messages before and after.",
         ("Not where the recorder's own clock was set, nor over a capture gap.",),
         _time_jump,
+    ),
+    Rule(
+        "clock.time_still",
+        "TIME on the bus stood still while the recorder's clock ran on.",
+        "The first and the last TIME message with the same time.",
+        (
+            "The very same time for 2.5 s and more, in messages that go on.",
+            "Not where the recorder was blind meanwhile.",
+        ),
+        _time_still,
     ),
 )

@@ -59,6 +59,12 @@ def _still_active(facts: Facts, rows: Sequence[ErrorRow], text: str) -> _Told:
         return _Told("warning", end_ns, text)
     if _fell_silent(facts, rows[0]):
         return _Told("error", end_ns, f"{text}; it was not cleared before the node fell silent.")
+    if deaf_ns := _silent_after(facts, rows[-1]):
+        text += (
+            f"; no clear was seen, but nothing at all was heard on the bus for {seconds(deaf_ns)}"
+            " after it, so it may be over."
+        )
+        return _Told("warning", end_ns, text)
     return _Told("error", end_ns, f"{text}; it is still active at the end of the capture.")
 
 
@@ -84,8 +90,22 @@ def _over(facts: Facts, rows: Sequence[ErrorRow], text: str) -> _Told:
         text += f"; {often}cleared"
         text += f" after {seconds(lasted)}" if timed else ""
         text += " altogether" if timed and often else ""
+        read = sum(_cleared_by_read(facts, row) for row in rows)
+        which = f"{read} of them" if read < len(rows) else "the node"
+        text += (
+            f" ({which} said so when its 1001h or 1003h was read, not by an EMCY)" if read else ""
+        )
         text += f" ({lost} of them ended by a restart of the node)." if lost else "."
     return _Told("warning", max(*ends, rows[0].raised_ns), text)
+
+
+def _cleared_by_read(facts: Facts, row: ErrorRow) -> bool:
+    """Whether a read showed that an error is over, and no EMCY."""
+    return row.status == "cleared" and row.evidence[-1] not in facts.once(_emcy_seqs)
+
+
+def _emcy_seqs(facts: Facts) -> frozenset[int]:
+    return frozenset(row.seq for row in facts.analysis.emcy)
 
 
 def _end_ns(facts: Facts, row: ErrorRow) -> int:
@@ -143,12 +163,28 @@ def _around(context: EmcyContextRow | None) -> str:
 
 def _blind_after(facts: Facts, row: ErrorRow) -> int:
     """How long the recorder was blind after the last EMCY of the node [ns]."""
-    last_ns = max(
-        (m.t_ns for m in facts.analysis.emcy if (m.bus, m.node) == (row.bus, row.node)),
-        default=row.raised_ns,
-    )
+    last_ns = facts.once(_last_emcy).get((row.bus, row.node), row.raised_ns)
     gaps = [gap for gap in facts.analysis.capture.gaps if gap.bus in (None, row.bus)]
     return sum(gap.end_ns - gap.start_ns for gap in gaps if gap.start_ns >= last_ns)
+
+
+def _silent_after(facts: Facts, row: ErrorRow) -> int:
+    """How long the whole bus was silent after it, and went on: the recorder may have been off [ns]."""
+    last_ns = facts.once(_last_emcy).get((row.bus, row.node), row.raised_ns)
+    return sum(
+        silence.end_ns - silence.start_ns
+        for silence in facts.analysis.bus_silences
+        if silence.bus == row.bus and last_ns <= silence.start_ns and len(silence.evidence) > 1
+    )
+
+
+def _last_emcy(facts: Facts) -> dict[tuple[str, int], int]:
+    """When the last EMCY of each node came [ns]."""
+    found: dict[tuple[str, int], int] = {}
+    for row in facts.analysis.emcy:
+        key = (row.bus, row.node)
+        found[key] = max(found.get(key, row.t_ns), row.t_ns)
+    return found
 
 
 def _partly_cleared(facts: Facts) -> Iterator[Finding]:

@@ -228,7 +228,10 @@ def _unknown_states(facts: Facts) -> Iterator[Finding]:
 
 _KNOWN = (
     "1017h as it was at that time: read or written on the bus, or described; never an EDS default.",
-    "At least six periods of one pace, none of them across a change of 1017h.",
+    (
+        "At least six periods of one pace, none of them across a change of 1017h, unless the pace"
+        " goes on unchanged for 10 s after it; periods of 0.7 to 1.5 times 1017h are let be."
+    ),
 )
 RULES = (
     Rule(

@@ -12,7 +12,7 @@ from syncline_analyzer.findings.emcy_messages import EMPTY
 from syncline_analyzer.findings.guarding_story import STORY_NS, told_by_guarding
 from syncline_analyzer.findings.identity import absences
 from syncline_analyzer.findings.lateness import late_silences
-from syncline_analyzer.findings.power import power_breaks, told
+from syncline_analyzer.findings.power import power_breaks, told_at_once
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import seconds, several
 from syncline_analyzer.findings.twins import Shared, twins
@@ -89,7 +89,7 @@ def _silent_buses(facts: Facts) -> Iterator[Finding]:
     entries = facts.once(_entries)
     groups = fading(facts, entries)
     yield from (faded(facts, group) for group in groups)
-    yield from (told(facts, each) for each in power_breaks(facts))
+    yield from (told_at_once(facts, each) for each in power_breaks(facts))
     off = {entry[:2] for group in groups for entry in group}
     whole = [entry for entry in entries if entry[2].whole_bus and entry[:2] not in off]
     losses = [_loss(facts, group) for group in _at_once(whole)]

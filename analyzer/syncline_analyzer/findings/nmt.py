@@ -1,6 +1,6 @@
 """Findings on NMT (analysis.md 4): the rules of its parts, causes before what follows from them."""
 
-from syncline_analyzer.findings import guarding, heartbeat, lost, restarts, states, twins
+from syncline_analyzer.findings import guarding, heartbeat, lost, restarts, states, twins, unheard
 
 RULES = (
     *guarding.RULES,
@@ -9,4 +9,5 @@ RULES = (
     *restarts.RULES,
     *states.RULES,
     *heartbeat.RULES,
+    *unheard.RULES,
 )

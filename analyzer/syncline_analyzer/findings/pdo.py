@@ -134,23 +134,34 @@ def _stop(facts: Facts, group: list[PdoPauseRow]) -> Finding:
     due = max(row.due for row in group)
     start_ns, end_ns = min(r.start_ns for r in group), max(r.end_ns for r in group)
     back = all(row.resumed for row in group)
+    stayed = _said_operational(facts, first.bus, first.node, start_ns)
     until = f"came again after {seconds(end_ns - start_ns)}" if back else "did not come again"
     return Finding(
         "pdo.stopped",
-        "warning" if back else "error",
+        "error" if stayed and not back else "warning",
         first.bus,
         first.node,
         start_ns,
         end_ns,
         f"{facts.who(first.bus, first.node)} stopped sending {' and '.join(names)} at"
-        f" {moment(facts.analysis, start_ns)} though it stayed OPERATIONAL: {due} were due by"
-        f" {first.basis}; it {until}.",
+        f" {moment(facts.analysis, start_ns)} though it"
+        f" {'stayed' if stayed else 'had been'} OPERATIONAL: {due} were due by {first.basis}; it"
+        f" {until}.{'' if stayed else ' What state it was in from then on was not heard.'}",
         "The application in the device stopped (the CAN part goes on), its sensor failed, or the PDO"
-        " was switched off in a way that was not recorded.",
-        "Read 1001h, 1003h and 180xh of the node; does it send again after a reset? If not,"
-        " replace it.",
+        " was switched off in a way that was not recorded."
+        if stayed
+        else "It left OPERATIONAL, was switched off, or its application stopped: no heartbeat or"
+        " guard answer after that tells which.",
+        "Read 1001h, 1003h and 180xh of the node, and its state; does it send again after a start"
+        " command, or a reset?",
         sorted({seq for row in group for seq in row.evidence}),
     )
+
+
+def _said_operational(facts: Facts, bus: str, node: int, t_ns: int) -> bool:
+    """Whether the node's error control went on after a moment; a change of state it would tell."""
+    nmt = facts.control.nmt.nodes.get((facts.number(bus), node))
+    return nmt is not None and nmt.told_ns is not None and nmt.told_ns > t_ns + _SAME_MOMENT_NS
 
 
 def _was_set(facts: Facts, pdo: PdoRow | PdoPauseRow, t_ns: int) -> bool:
@@ -309,6 +320,8 @@ RULES = (
                 " sends no event."
             ),
             "Not in a silence of the whole bus, nor where SYNC itself stays away.",
+            "Not a PDO that is sent because remote frames ask for it.",
+            "An error only where the node's error control goes on and tells OPERATIONAL.",
         ),
         _stopped,
     ),

@@ -108,7 +108,7 @@ def _state_at(timeline: Timeline, t_ns: int) -> NmtState:
     )
 
 
-def told(facts: Facts, each: PowerBreak) -> Finding:
+def told_at_once(facts: Facts, each: PowerBreak) -> Finding:
     """One statement on the machine, which accuses no node."""
     names = ", ".join(map(str, each.nodes))
     return Finding(

@@ -74,6 +74,8 @@ def _explained(facts: Facts, key: NodeKey, boot: BootUp) -> bool:
 
 def _first_sign(timeline: Timeline, boot: BootUp) -> bool:
     """Whether nothing was heard of the node before: switched on, not restarted."""
+    if any(earlier.seq < boot.seq for earlier in timeline.boot_ups):
+        return False
     return not any(
         interval.state is not NmtState.UNKNOWN and (interval.evidence or 0) < boot.seq
         for interval in timeline.intervals

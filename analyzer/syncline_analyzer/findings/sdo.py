@@ -1,6 +1,6 @@
 """Findings on SDO requests that were not answered, and all rules on SDO."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from syncline_analyzer.findings import sdo_abort, sdo_answers, sdo_protocol, sdo_writes
 from syncline_analyzer.findings.rule import Facts, Rule
@@ -13,7 +13,9 @@ from syncline_analyzer.findings.sdo_groups import (
     unanswered,
 )
 from syncline_analyzer.findings.stretch import seconds
+from syncline_analyzer.folds.nmt_events import Interval
 from syncline_analyzer.results import Finding, SdoRow
+from syncline_schemas.canopen.nmt import NmtState
 from syncline_schemas.devices import Quirks, quirks
 from syncline_schemas.wording import counted
 
@@ -101,7 +103,18 @@ def _explained(facts: Facts, history: History, row: SdoRow) -> bool:
         interval.state.value == "INITIALISING"
         and interval.start_ns <= row.start_ns < interval.end_ns + quiet_ns
         and not history.answers(node, interval.end_ns, row.start_ns)
+        and not _at_work(timeline.intervals, interval.end_ns, row.start_ns)
         for interval in timeline.intervals
+    )
+
+
+def _at_work(intervals: Sequence[Interval], booted_ns: int, asked_ns: int) -> bool:
+    """Whether a node told between its boot-up and a request that it was OPERATIONAL."""
+    return any(
+        interval.state is NmtState.OPERATIONAL
+        and interval.certainty in ("observed", "implied")
+        and booted_ns <= interval.start_ns < asked_ns
+        for interval in intervals
     )
 
 

@@ -1,7 +1,7 @@
 """NMT commands and states: what a node did not follow, or did without being told."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 
 from syncline_analyzer.findings.bus import tells_bus_off
@@ -10,7 +10,7 @@ from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import LISTED, error_name, seconds, several
 from syncline_analyzer.findings.twins import twins
 from syncline_analyzer.folds.nmt import MAX_NODE, NodeKey
-from syncline_analyzer.folds.nmt_events import Ignored, Violation
+from syncline_analyzer.folds.nmt_events import IN_FLIGHT_NS, Command, Ignored, Violation
 from syncline_analyzer.folds.nmt_timeline import Timeline
 from syncline_analyzer.results import EmcyRow, Finding
 from syncline_schemas.canopen.nmt import COMMANDS, STATE_AFTER_COMMAND, NmtState, command_name
@@ -19,6 +19,11 @@ from syncline_schemas.wording import counted
 EVIDENCE = 40
 STORY_PDOS_NS = 1_000_000_000
 """PDOs this soon after a node fell out of OPERATIONAL belong to the story of its fall [ns]."""
+FAIR_NS = 1_000_000_000
+"""A node may take so long to follow a command, to start above all [ns]."""
+FIRST_TPDO = 0x180
+LONG_OUTSIDE_NS, MANY_OUTSIDE = 5_000_000_000, 20
+"""So long, and so often, PDOs go on whose identifier alone says whose they are."""
 GROUPED = 5
 """More equal findings of one node than these are one finding."""
 SEARCHED = 10
@@ -36,7 +41,9 @@ def _ignored(facts: Facts) -> Iterator[Finding]:
         for ignored in timeline.ignored:
             if doubled.at(bus, key[1], ignored.t_ns):
                 continue
-            if ignored.command.node or timeline.followed:
+            if _in_time(timeline, ignored):
+                continue
+            if ignored.command.node or timeline.followed or _is_slave(facts, key, ignored):
                 found = by_command.setdefault(ignored.command.specifier, [])
                 found.append(_one_ignored(facts, key, timeline, ignored))
         for found in by_command.values():
@@ -47,22 +54,101 @@ def _one_ignored(facts: Facts, key: NodeKey, timeline: Timeline, ignored: Ignore
     bus, node = facts.context.bus_name(key[0]), key[1]
     name = command_name(ignored.command.specifier)
     pdos = [v for v in timeline.violations if not v.guess and _during(v, ignored)]
+    after = _afterwards(facts, timeline, ignored)
     return Finding(
         "nmt.command_ignored",
-        "error",
+        "warning" if "It followed" in after else "error",
         bus,
         node,
         ignored.command.t_ns,
         ignored.t_ns,
         f'{facts.who(bus, node)} did not follow the command "{name}"{facts.at(ignored.command.t_ns)}:'
         f" {seconds(ignored.t_ns - ignored.command.t_ns)} later it still says {ignored.state}"
-        + (f" and goes on sending PDOs ({_identifiers(pdos)})." if pdos else "."),
+        + (f" and goes on sending PDOs ({_identifiers(pdos)})." if pdos else ".")
+        + after,
         "The node did not get the command, refuses it in its present condition, or another node"
         " answers under the same number.",
-        "Does it follow when the command is repeated? Look for an EMCY of the node and for 1F80h,"
-        " 1029h.",
+        ("" if after else "Does it follow when the command is repeated? ")
+        + "Look for an EMCY of the node and for 1F80h, 1029h.",
         [ignored.command.seq, *(v.seq for v in pdos[:10]), ignored.seq],
     )
+
+
+def _obeyed(timeline: Timeline, ignored: Ignored) -> int | None:
+    """When the node came into the state that it was commanded to, None if it never did [ns]."""
+    wanted = STATE_AFTER_COMMAND.get(ignored.command.specifier)
+    return next(
+        (
+            interval.start_ns
+            for interval in timeline.intervals
+            if interval.start_ns >= ignored.t_ns
+            and interval.state is wanted
+            and interval.certainty in ("observed", "implied")
+        ),
+        None,
+    )
+
+
+def _later_commands(timeline: Timeline, ignored: Ignored, until_ns: int) -> list[Command]:
+    """Commands to the node after the one that it did not follow."""
+    return [
+        command
+        for command in timeline.history.commands
+        if command.seq > ignored.command.seq and command.t_ns <= until_ns
+    ]
+
+
+def _in_time(timeline: Timeline, ignored: Ignored) -> bool:
+    """Whether the node followed soon after all, or nothing shows that it did not.
+
+    It may take its time, and what it does then is told up to a period later.
+    """
+    command = ignored.command
+    until = command.t_ns + FAIR_NS + (timeline.history.period_ns or 0)
+    obeyed = _obeyed(timeline, ignored)
+    if obeyed is not None and obeyed <= until:
+        return not _later_commands(timeline, ignored, obeyed)
+    return timeline.history.end_ns - command.t_ns < FAIR_NS
+
+
+def _afterwards(facts: Facts, timeline: Timeline, ignored: Ignored) -> str:
+    """What became of a command that was not followed, as far as the log tells it."""
+    obeyed = _obeyed(timeline, ignored)
+    later = _later_commands(timeline, ignored, timeline.history.end_ns)
+    again = [c for c in later if c.specifier == ignored.command.specifier]
+    if obeyed is None:
+        times = counted(len(again), "more time")
+        return f" It was commanded {times} and did not follow then either." if again else ""
+    before = [c for c in later if c.t_ns <= obeyed + IN_FLIGHT_NS]
+    if not before:
+        passed = seconds(obeyed - ignored.command.t_ns)
+        return f" It followed {passed} after the command, with no other one between."
+    if before[-1].specifier == ignored.command.specifier:
+        return f" It followed when the command was repeated{facts.at(before[-1].t_ns)}."
+    return ""
+
+
+def _is_slave(facts: Facts, key: NodeKey, ignored: Ignored) -> bool:
+    """Whether a node is none that commands the others: it serves SDO, and another one follows.
+
+    The NMT master does not follow its own commands to all.
+    """
+    bus = facts.context.bus_name(key[0])
+    timelines = facts.control.nmt.timelines
+    booted = any(boot.seq < ignored.command.seq for boot in timelines[key].boot_ups)
+    serves = any(
+        (row.bus, row.node) == (bus, key[1]) and row.result in ("ok", "abort")
+        for row in facts.analysis.sdo
+    )
+    wanted = STATE_AFTER_COMMAND.get(ignored.command.specifier)
+    others = any(
+        interval.evidence == ignored.command.seq and interval.certainty == "observed"
+        for other, timeline in timelines.items()
+        if other[0] == key[0] and other != key
+        for interval in timeline.intervals
+        if interval.state is wanted
+    )
+    return booted and serves and others
 
 
 def _merged(facts: Facts, found: list[Finding]) -> list[Finding]:
@@ -95,10 +181,11 @@ def _pdo_outside(facts: Facts) -> Iterator[Finding]:
     stories, doubled = guarding_stories(facts), twins(facts)
     for (number, node), timeline in facts.control.nmt.timelines.items():
         bus = facts.context.bus_name(number)
+        owned = _owned(timeline, node)
         found = [
             violation
             for violation in timeline.violations
-            if not violation.guess
+            if owned(violation)
             and not any(_during(violation, ignored) for ignored in timeline.ignored)
             and not doubled.at(bus, node, violation.end_ns)
             and not _after_story(stories, bus, node, violation)
@@ -120,7 +207,38 @@ def _pdo_outside(facts: Facts) -> Iterator[Finding]:
             " command that it did not follow.",
             "Switch the node off: do the PDOs stop? Compare with its heartbeat.",
             [v.seq for v in found[:20]],
+            assumed=sorted(
+                {f"{v.can_id:03X}h is its TPDO1, as predefined" for v in found if v.guess}
+            ),
         )
+
+
+def _owned(timeline: Timeline, node: int) -> Callable[[Violation], bool]:
+    """Tells PDOs that are known to be a node's, or likely are, from those that may be another's."""
+    likely = _sends_first_tpdo(timeline, node)
+    return lambda v: not v.guess or (likely and v.can_id == FIRST_TPDO + node)
+
+
+def _sends_first_tpdo(timeline: Timeline, node: int) -> bool:
+    """Whether PDOs on its predefined identifier are a node's: they began while it was OPERATIONAL.
+
+    They go on for long against its own word; those of another device would have been there before
+    the node was started.
+    """
+    can_id = FIRST_TPDO + node
+    same = [v for v in timeline.violations if v.can_id == can_id and v.guess]
+    if not same:
+        return False
+    began = min(s.first_ns for s in timeline.history.spans if s.can_id == can_id and s.count)
+    state = next((i for i in timeline.intervals if i.start_ns <= began < i.end_ns), None)
+    return (
+        state is not None
+        and state.state is NmtState.OPERATIONAL
+        and state.certainty == "observed"
+        and any(v.certainty == "observed" for v in same)
+        and sum(v.end_ns - v.start_ns for v in same) >= LONG_OUTSIDE_NS
+        and sum(v.number for v in same) >= MANY_OUTSIDE
+    )
 
 
 def _after_story(stories: list[Finding], bus: str, node: int, violation: Violation) -> bool:
@@ -339,6 +457,7 @@ RULES = (
         "The command and the message that contradicts it.",
         (
             "Judged only one error-control period after the command, gaps and clock steps left out.",
+            "A node that follows within a second, and the period that tells it, only took its time.",
             "The NMT master does not follow its own commands to all.",
         ),
         _ignored,
@@ -349,7 +468,11 @@ RULES = (
         "These PDOs.",
         (
             "Frames in flight within 10 ms of the change are none, nor PDOs asked by remote frames.",
-            "Only PDOs of which the bus or the description says whose they are.",
+            (
+                "Only PDOs of which the bus or the description says whose they are; those on its"
+                " predefined identifier where they began after it was started and go on for 5 s"
+                " against its own word, which is said."
+            ),
         ),
         _pdo_outside,
     ),

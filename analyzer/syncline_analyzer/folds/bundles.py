@@ -19,7 +19,9 @@ Ints = NDArray[np.int64]
 
 def bundled(block: Block, bus: int) -> bool:
     """Whether the frames of a bus are stamped closer than any wire can carry them."""
-    apart = np.diff(block.frames.t_ns[block.by_bus[bus]]) if bus in block.by_bus else []
+    if bus not in block.by_bus:
+        return False
+    apart = np.diff(block.frames.t_ns[block.by_bus[bus]])
     if not len(apart):
         return False
     return float(np.mean((apart >= 0) & (apart < CLOSER_NS))) > _SHARE
@@ -34,14 +36,18 @@ def paced(periods: Ints) -> float:
     return float(np.median(total[count:] - total[:-count])) / count
 
 
-def lacking(periods: Ints, cycle_ns: float, blur_ns: float = 0.0) -> Ints:
+def lacking(cycles: NDArray[np.float64], blur: float = 0.0) -> Ints:
     """(n,) how many more cycles the time around each period holds than there are periods.
 
-    >>> lacking(np.array([10, 10, 30, 10]), 10.0), lacking(np.array([10, 28, 2, 0, 10]), 10.0)
-    (array([2, 2, 2, 2]), array([0, 0, 0, 0]))
+    Args:
+        cycles: (n,) periods in cycles.
+        blur: how many cycles the first and the last stamp may be off.
+
+    >>> lacking(np.array([1, 1, 3, 1.0])), lacking(np.array([1, 2.8, 0.2, 0, 1]))
+    (array([2, 2, 2, 2]), array([0, 0, 0, 0, 0]))
     """
-    at = np.arange(len(periods))
-    first, stop = np.maximum(at - _BESIDE, 0), np.minimum(at + _BESIDE + 1, len(periods))
-    total = np.concatenate(([0], np.cumsum(periods)))
-    more = (total[stop] - total[first] - blur_ns) / cycle_ns - (stop - first)
-    return np.maximum(np.rint(more), 0).astype(np.int64)
+    at = np.arange(len(cycles))
+    first, stop = np.maximum(at - _BESIDE, 0), np.minimum(at + _BESIDE + 1, len(cycles))
+    total = np.concatenate(([0.0], np.cumsum(cycles)))
+    more: Ints = np.rint(total[stop] - total[first] - blur).astype(np.int64) - (stop - first)
+    return np.maximum(more, 0)

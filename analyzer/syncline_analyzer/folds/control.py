@@ -7,6 +7,7 @@ from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.folds.bus_errors import BusErrorFold, BusErrorTable
 from syncline_analyzer.folds.clock import ClockFold, ClockTable
 from syncline_analyzer.folds.emcy import EmcyFold, EmcyTable
+from syncline_analyzer.folds.emcy_reads import no_error_reads
 from syncline_analyzer.folds.lss import LssFold, LssTable
 from syncline_analyzer.folds.nmt import NmtFold, NmtTable
 from syncline_analyzer.folds.pdo_length import PdoLengthFold, WrongLength
@@ -76,10 +77,15 @@ class ControlFold:
         answering = {bus for (bus, _), count in sdo.counts.items() if count.confirmed}
         nmt = self._nmt.finish(end_ns, clock, answering, self._emcy.communication_errors())
         buses = {self._context.bus_name(bus) for bus in nmt.canopen}
-        sdo = replace(sdo, rows=[row for row in sdo.rows if row.bus in buses])
+        sdo = replace(
+            sdo,
+            rows=[row for row in sdo.rows if row.bus in buses],
+            counts={key: count for key, count in sdo.counts.items() if key[0] not in nmt.foreign},
+        )
         alive = {key for key, count in sdo.counts.items() if count.confirmed}
         alive |= {key for key, node in nmt.nodes.items() if node.alive or node.pdos == "bound"}
-        emcy = self._emcy.finish(nmt.boot_ups, nmt.canopen, alive)
+        reads = no_error_reads(sdo.rows, self._context)
+        emcy = self._emcy.finish(nmt.boot_ups, nmt.canopen, alive, reads)
         return ControlTables(
             nmt,
             sdo,

@@ -1,7 +1,8 @@
 """EMCY messages, the transitions they make, and the errors they tell of (analysis.md section 6)."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from syncline_analyzer.folds.emcy_rates import (
     storms,
     too_soon,
 )
+from syncline_analyzer.folds.emcy_reads import NoError
 from syncline_analyzer.folds.emcy_rpdo import Suspect, Suspects
 from syncline_analyzer.folds.emcy_story import Before, Message, Story
 from syncline_analyzer.folds.nmt import BootUp
@@ -108,8 +110,10 @@ class EmcyFold:
         boot_ups: Sequence[BootUp],
         buses: Collection[int],
         alive: Collection[NodeKey] = frozenset(),
+        reads: Mapping[tuple[str, int], Sequence[NoError]] = MappingProxyType({}),
     ) -> EmcyTable:
-        """All rows and errors on these buses; a boot-up ends what was active on its node.
+        """All rows and errors on these buses; a boot-up ends what was active on its node,
+        and so does a read of it that says so (`reads`, by bus name and node).
 
         Frames without content in a steady rhythm are no EMCYs of a number that is not `alive`
         otherwise: most likely a SYNC that was moved before the capture.
@@ -121,7 +125,8 @@ class EmcyFold:
         for (bus, node), messages in self._messages.items():
             if bus in buses and ((bus, node) in alive or not _rhythmic(messages)):
                 name = self._context.bus_name(bus)
-                story = Story(name, node, self._context.shadow.device(bus, node))
+                device = self._context.shadow.device(bus, node)
+                story = Story(name, node, device, reads.get((name, node), ()))
                 story.tell(messages, starts.get((name, node), []))
                 self._add(table, bus, node, story, messages)
         table.rows.sort(key=lambda row: row.seq)

@@ -1,5 +1,6 @@
 """The error state machine of a node: what each EMCY does to its errors (CiA 301 7.2.7.2)."""
 
+from bisect import bisect_right
 from collections.abc import Sequence
 from typing import Any, Literal, NamedTuple
 
@@ -10,6 +11,7 @@ from syncline_analyzer.folds.emcy_left import (
     gone_errors,
     words_of,
 )
+from syncline_analyzer.folds.emcy_reads import NoError
 from syncline_analyzer.folds.nmt import BootUp
 from syncline_analyzer.results import EmcyRow, ErrorRow
 from syncline_schemas.canopen.emcy import EMCY_BYTES, short_message
@@ -52,12 +54,17 @@ class Before(NamedTuple):
 class Story:
     """Follows the errors of one node through its EMCYs and boot-ups.
 
+    A read that says "no error" ends errors as well (`reads`), unless they are told again after it.
+
     Attributes:
         rows: one per message, and one per boot-up that takes errors with it.
         before: messages that tell of errors from before the capture; at most one per start.
     """
 
-    def __init__(self, bus: str, node: int, device: Device | None) -> None:
+    def __init__(
+        self, bus: str, node: int, device: Device | None, reads: Sequence[NoError] = ()
+    ) -> None:
+        self._reads = reads
         self._bus = bus
         self._node = node
         self._device = device
@@ -82,7 +89,29 @@ class Story:
 
     def errors(self) -> list[ErrorRow]:
         """All errors, also those that are still active."""
-        return self._over + [self._row_of(error, None, "still active") for error in self._active]
+        left = []
+        for error in self._active:
+            read = self._read_after(error, None)
+            if read is None:
+                left.append(self._row_of(error, None, "still active"))
+            else:
+                left.append(self._read_row(error, read))
+        return self._over + left
+
+    def _read_after(self, error: ActiveError, end_seq: int | None) -> NoError | None:
+        """The first read after an error, and before a frame, that says that it is over."""
+        first, last = error.evidence[0], error.evidence[-1]
+        start = bisect_right(self._reads, last, key=lambda read: read.seq)
+        for read in self._reads[start:]:
+            if end_seq is not None and read.seq >= end_seq:
+                return None
+            if read.ends(first, last, error.register):
+                return read
+        return None
+
+    def _read_row(self, error: ActiveError, read: NoError) -> ErrorRow:
+        _note(error.evidence, read.seq)
+        return self._row_of(error, read.t_ns, "cleared")
 
     def _message(self, message: Message) -> None:
         data = message.data
@@ -200,8 +229,12 @@ class Story:
 
     def _end(self, errors: Sequence[ActiveError], t_ns: int, seq: int, status: _Ended) -> None:
         for error in list(errors):
-            _note(error.evidence, seq)
-            self._over.append(self._row_of(error, t_ns, status))
+            read = self._read_after(error, seq)
+            if read is not None:
+                self._over.append(self._read_row(error, read))
+            else:
+                _note(error.evidence, seq)
+                self._over.append(self._row_of(error, t_ns, status))
             self._active.remove(error)
         self._list()
 

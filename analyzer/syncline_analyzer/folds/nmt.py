@@ -1,5 +1,6 @@
 """NMT: commands, and the state timeline of every node (analysis.md section 4)."""
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field
@@ -73,6 +74,10 @@ class BootUp(NamedTuple):
     blind: bool
 
 
+FOREIGN = 10
+"""So many frames that CANopen does not know on its identifiers mean another protocol."""
+
+
 @dataclass(slots=True)
 class NodeNmt:
     """What one node's error control and states come to."""
@@ -98,6 +103,8 @@ class NodeNmt:
     violations: list[Violation] = field(default_factory=list)
     heard_ns: int | None = None
     """Time of its last frame."""
+    told_ns: int | None = None
+    """Time of its last heartbeat or guard answer."""
     off_pace: list[OffPace] = field(default_factory=list)
     """Stretches in which the heartbeat comes more slowly or faster than 1017h says."""
     pdos: Literal["no", "guess", "bound"] = "no"
@@ -118,6 +125,8 @@ class NmtTable:
     """Time of the end."""
     canopen: frozenset[int] = frozenset()
     """Numbers of the buses on which something shows CANopen."""
+    foreign: frozenset[int] = frozenset()
+    """Numbers of the buses that use CANopen's identifiers for something else."""
     malformed: int = 0
     """Frames on 000h that are no NMT command: length, specifier or node number."""
     odd: list[OddCommand] = field(default_factory=list)
@@ -142,6 +151,8 @@ class NmtFold:
         self._pdos: dict[NodeKey, PdoSpans] = {}
         self._gaps: dict[int | None, list[tuple[int, Gap]]] = {}
         self._synced: set[int] = set()
+        self._foreign: Counter[int] = Counter()
+        """By bus number: frames on 000h and 080h that have another length than CANopen's."""
         self._cut_beats: dict[NodeKey, int] = {}
         self._cut_commands: dict[NodeKey, int] = {}
         self._found_cuts: dict[NodeKey, list[tuple[int, int]]] = {}
@@ -201,13 +212,16 @@ class NmtFold:
         for control in self._control.values():
             control.finish(end_ns, self._next_seq)
         alive = {key for key, control in self._control.items() if control.alive}
-        shown = set(canopen) | {bus for bus, _ in alive} | self._commanded_buses() | self._synced
+        own = {bus for bus, _ in alive} | self._commanded_buses() | self._synced
+        foreign = self._foreign_buses() - own
+        shown = (set(canopen) - foreign) | own
         table = NmtTable(
             first_ns=self._first_ns or 0,
             end_ns=end_ns,
             malformed=self._malformed,
             odd=self._odd,
             canopen=frozenset(shown),
+            foreign=frozenset(foreign),
         )
         spans = self._spans(shown)
         told = sorted(alive | set(spans))
@@ -232,6 +246,16 @@ class NmtFold:
                     spans.setdefault((bus, pdo.node), []).append(span)
         return {key: sorted(found, key=lambda s: s.first_seq) for key, found in spans.items()}
 
+    def _foreign_buses(self) -> set[int]:
+        """Buses with many frames on 000h, 080h and 701h to 77Fh that no CANopen device sends.
+
+        What looks like an answered SDO request there is chance.
+        """
+        found = Counter(self._foreign)
+        for (bus, _), control in self._control.items():
+            found[bus] += control.counts.odd
+        return {bus for bus, number in found.items() if number >= FOREIGN}
+
     def _commanded_buses(self) -> set[int]:
         return {
             bus
@@ -242,13 +266,17 @@ class NmtFold:
     def _take_commands(self, batch: IndexedBatch) -> list[Reset]:
         resets = []
         for bus, can_id in batch.ids():
-            if can_id == SYNC_ID and (batch.frames.dlc[batch.rows(bus, can_id)] <= 1).all():
-                self._synced.add(bus)
+            if can_id == SYNC_ID:
+                long = int(np.count_nonzero(batch.frames.dlc[batch.rows(bus, can_id)] > 1))
+                self._foreign[bus] += long
+                if not long:
+                    self._synced.add(bus)
             if can_id != 0:
                 continue
             rows = batch.rows(bus, 0)
             good = rows[batch.frames.dlc[rows] == 2]
             self._take_odd(batch, bus, rows)
+            self._foreign[bus] += len(rows) - len(good)
             kept = self._commands.setdefault(bus, [])
             for row in good.tolist():
                 specifier, node = batch.frames.data[row, :2].tolist()
@@ -460,6 +488,7 @@ class NmtFold:
             toggles=toggles,
             violations=timeline.violations,
             heard_ns=control.heard_last_ns,
+            told_ns=control.last_beat_ns,
             off_pace=timeline.off_pace,
             pdos="no" if not spans else "guess" if all(s.guess for s in spans) else "bound",
         )

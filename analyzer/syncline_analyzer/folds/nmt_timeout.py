@@ -12,6 +12,8 @@ LOST_FACTOR = 1.5
 """Producer heartbeat times without a message after which a node is LOST (analysis.md 4)."""
 FAST_FACTOR = 0.7
 """A heartbeat whose period is a smaller part of 1017h is too fast."""
+NO_EFFECT_NS = 10_000_000_000
+"""A heartbeat that goes on as before for so long after a write of 1017h does not heed it [ns]."""
 MISSED_GUARDS = 2
 """Guard requests in a row without an answer that make a node lost; a single one may go astray."""
 PRODUCER_TIME = 0x1017
@@ -144,14 +146,19 @@ def off_pace(context: Context, history: NodeHistory) -> list[OffPace]:
 
 def _off_pace(context: Context, history: NodeHistory, pace: Pace) -> OffPace | None:
     shadow, place = context.shadow, (history.bus, history.node, PRODUCER_TIME, 0)
-    known = shadow.get(*place, pace.first_seq)
-    changed = any(pace.first_seq < seq <= pace.last_seq for seq in shadow.changes(*place))
-    if known is None or changed or known.source == "eds-default":
+    changes = [seq for seq in shadow.changes(*place) if pace.first_seq < seq <= pace.last_seq]
+    known = shadow.get(*place, changes[-1] if changes else pace.first_seq)
+    if known is None or known.source == "eds-default":
         return None
+    start = (pace.first_seq, pace.first_ns)
+    if changes:
+        if known.t_ns is None or pace.last_ns - known.t_ns < NO_EFFECT_NS:
+            return None
+        start = (changes[-1], known.t_ns)
     value = _number(known)
     if not value or FAST_FACTOR <= pace.median_ns / (value * 1e6) <= LOST_FACTOR:
         return None
-    ends = (pace.first_seq, pace.last_seq, pace.first_ns, pace.last_ns)
+    ends = (start[0], pace.last_seq, start[1], pace.last_ns)
     return OffPace(value, pace.median_ns, known.source, *ends)
 
 

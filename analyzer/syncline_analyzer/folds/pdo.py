@@ -75,6 +75,8 @@ class PdoState:
     last_data: bytes = b""
     repeats: int = 0
     """Frames with the same data as the one before: no change of the value made the device send."""
+    asked: int = 0
+    """Remote frames that asked for it, or empty frames as which some loggers write these down."""
     pauses: list[Pause] = field(default_factory=list)
     extra_seq: list[int] = field(default_factory=list)
     extra_ns: list[int] = field(default_factory=list)
@@ -90,6 +92,10 @@ class PdoState:
             return None
         value = inhibit.value
         return value * 100_000 if isinstance(value, int) and value else None
+
+    def polled(self) -> bool:
+        """Whether it is sent because it is asked for: then nothing is due without a request."""
+        return 2 * self.asked >= self.frames > 0
 
     def sent_by_timer(self) -> bool:
         """Whether most frames bring nothing new, so that no change of the value sends them."""
@@ -162,6 +168,7 @@ class PdoFold:
         first_seq, last_seq = block.batch.seq0, block.batch.seq0 + len(block.batch) - 1
         for can_id, state in self._states_of(bus):
             self._rebind(state, bus, can_id, first_seq, last_seq)
+        self._count_requests(block, bus)
         bitrate = self._context.bitrates.get(self._context.bus_name(bus))
         sent = self._sent_bits(block, bus)
         syncs = {
@@ -180,6 +187,16 @@ class PdoFold:
             if bus in (None, state_bus):
                 state.last_ns = None
                 state.rhythm.restart()
+
+    def _count_requests(self, block: Block, bus: int) -> None:
+        """How often somebody asked for each PDO (CiA 301 7.2.2.5.2)."""
+        asked = block.frames.can_id[block.batch.remote & (block.frames.bus == bus)]
+        for can_id, state in self._states_of(bus):
+            rows = block.batch.rows(bus, can_id)
+            empty = np.count_nonzero(block.frames.dlc[rows] == 0)
+            state.asked += int(np.count_nonzero(asked == can_id)) + (
+                int(empty) if empty < len(rows) else 0
+            )
 
     def _states_of(self, bus: int) -> list[tuple[int, PdoState]]:
         return [(can_id, state) for (b, can_id), state in self.states.items() if b == bus]

@@ -245,7 +245,8 @@ class Rhythm:
 def _syncs_before(index: SyncIndex, position: NDArray[np.int64], every: int) -> NDArray[np.int64]:
     """Stamps of the SYNCs `every` before: a node that starts after them counts from another one."""
     before = position - every
-    estimate = index.t_ns[position] - round(every * index.cycle_ns)
+    cycle_ns = index.cycle_ns if index.cycle_ns > 0 else 0.0
+    estimate = index.t_ns[position] - round(every * cycle_ns)
     return np.where(before >= index.first, index.t_ns[np.maximum(before, 0)], estimate)
 
 

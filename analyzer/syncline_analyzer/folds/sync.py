@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from syncline_analyzer.context import Context
 from syncline_analyzer.distribution import Distribution
 from syncline_analyzer.folds.backlog import PAUSE, TOO_SHORT, backlog
-from syncline_analyzer.folds.bundles import bundled, lacking, paced
 from syncline_analyzer.folds.block import Block
+from syncline_analyzer.folds.bundles import bundled, lacking, paced
 from syncline_analyzer.folds.double_sync import DoubleSync
 from syncline_analyzer.folds.unsteady import OFF, Unsteady
 from syncline_analyzer.results import Series, SyncDoubleRow, SyncJitterRow, SyncRow
@@ -26,6 +26,9 @@ _LEARN = 16
 """Periods from which a block's own median is taken."""
 _AROUND = 33
 """So many periods, or pairs of them, tell what is usual for the one in their middle."""
+_STEADY = 0.02
+_MOSTLY = 0.75
+"""Where more than this share of the periods are as close to the median as that, it is the cycle."""
 _REGIME = 8
 """This many long periods in a row are a slower SYNC, not missing ones."""
 
@@ -143,9 +146,10 @@ class SyncFold:
         state = self._states.setdefault(key, _State())
         index = self._index(block, bus, state, rows, sent_bits)
         state.bundled += int(index.bundled.sum())
-        self._measure(state, bus, index)
+        in_bundles = bundled(block, bus)
+        self._measure(state, bus, index, in_bundles)
         lost = self._lost_by_counter(block, bus, state, index)
-        unsent = self._missing_by_time(state, index, bundled(block, bus))
+        unsent = self._missing_by_time(state, index, in_bundles)
         _add_holes(state, index, np.where(lost > 0, lost, unsent))
         state.count += len(rows)
         if len(rows):
@@ -226,8 +230,8 @@ class SyncFold:
             resolution_ns=self._context.resolution_ns,
         )
 
-    def _measure(self, state: _State, bus: int, index: SyncIndex) -> None:
-        """Periods and their jitter."""
+    def _measure(self, state: _State, bus: int, index: SyncIndex, in_bundles: bool) -> None:
+        """Periods, and their jitter where the stamps are not those of bundles."""
         if not self._context.timed:
             return
         true = ~index.bundled[index.first : -1]
@@ -240,8 +244,9 @@ class SyncFold:
         state.over_time.add(
             {"t_ns": t_ns[forward], "value": periods[forward].astype(np.float64) / 1000}
         )
-        state.double.add(t_ns, seq, periods)
-        self._find_jitter(state, bus, t_ns, seq, periods)
+        if not in_bundles:
+            state.double.add(t_ns, seq, periods)
+            self._find_jitter(state, bus, t_ns, seq, periods)
 
     def _find_jitter(
         self,
@@ -264,24 +269,32 @@ class SyncFold:
         off = whole & (np.abs(periods - cycles) > limits) & ~state.double.within(t_ns)
         state.unsteady.add(t_ns, seq, periods, off, cycles)
 
-    def _missing_by_time(self, state: _State, index: SyncIndex, bundled: bool) -> NDArray[np.int64]:
+    def _missing_by_time(
+        self, state: _State, index: SyncIndex, in_bundles: bool
+    ) -> NDArray[np.int64]:
         """SYNCs that are missing in each period: one per whole median (analysis.md section 5).
 
         Those that come late and are made up for at once are not; where a recorder hands over frames
-        in `bundled` form, only those count that the time of many periods has no room for.
+        in bundles, only those count that the time of many periods has no room for.
         """
         periods = index.periods
         median = _median(state, periods) if self._context.timed else 0.0
         if not len(periods) or not median > 0:
             return np.zeros(len(periods), np.int64)
-        cycle = max(median, paced(periods)) if bundled else median
-        long = (periods > _MISSING * cycle) & ~index.bundled[index.first : -1]
-        missing = np.rint(periods / cycle).astype(np.int64) - 1
+        usual = _usual(periods, median)
+        if in_bundles:
+            usual = np.full(len(periods), max(median, paced(periods)))
+        cycles = periods / usual
+        blur = float(np.quantile(cycles, 0.95)) if in_bundles else 1.0
+        long = (cycles > _MISSING) & ~index.bundled[index.first : -1]
+        missing = np.maximum(np.rint(cycles - blur), 0).astype(np.int64)
         missing = np.where(long & ~_sustained(long), missing, 0)
         if not missing.any():
             return missing
-        blur = float(np.quantile(periods, 0.95)) if bundled else 0.0
-        return np.minimum(missing, lacking(periods, cycle, blur))
+        if in_bundles:
+            return np.minimum(missing, lacking(cycles, blur))
+        whole = (cycles >= TOO_SHORT) & (cycles <= _MISSING)
+        return np.minimum(missing, lacking(np.where(whole, 1.0, cycles)))
 
     def _lost_by_counter(
         self, block: Block, bus: int, state: _State, index: SyncIndex
@@ -323,6 +336,8 @@ class SyncFold:
             state.missing,
             state.jumps,
             state.bundled,
+            state.last_ns if self._context.timed else None,
+            state.last_seq if state.last_ns is not None else None,
         )
         columns = state.over_time.columns()
         series = (
@@ -355,7 +370,9 @@ def _cycles(periods: NDArray[np.int64]) -> NDArray[np.float64]:
 
     The mean of a late period and the early one beside it is the cycle; a median may be either.
     """
-    mean = float(periods.mean())
+    usual = float(np.median(periods))
+    steady = float(np.mean(np.abs(periods - usual) <= _STEADY * usual))
+    mean = usual if steady > _MOSTLY else float(periods.mean())
     if float(np.abs(periods - mean).max()) <= OFF * mean:
         return np.full(len(periods), mean)
     pairs = (periods[1:] + periods[:-1]) / 2

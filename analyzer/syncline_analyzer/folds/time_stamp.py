@@ -35,12 +35,21 @@ class TimeJump:
     by_ns: int
 
 
+@dataclass(slots=True)
+class TimeStand:
+    """TIME said the same from one message to another, while the recorder's clock ran on."""
+
+    first: TimeStampRow
+    last: TimeStampRow
+
+
 @dataclass(frozen=True, slots=True)
 class TimeTable:
     """Kept messages, jumps in order of `seq`, and the number of messages by (bus, identifier)."""
 
     rows: list[TimeStampRow] = field(default_factory=list)
     jumps: list[TimeJump] = field(default_factory=list)
+    stands: list[TimeStand] = field(default_factory=list)
     counts: dict[tuple[str, int], int] = field(default_factory=dict)
 
 
@@ -54,6 +63,7 @@ class _State:
     """Nothing to compare with: the first message, or the first after a gap."""
     rows: list[TimeStampRow] = field(default_factory=list)
     jumps: list[TimeJump] = field(default_factory=list)
+    stands: list[TimeStand] = field(default_factory=list)
 
 
 class TimeFold:
@@ -90,6 +100,7 @@ class TimeFold:
                 for row in state.rows
             )
             table.jumps.extend(state.jumps)
+            table.stands.extend(state.stands)
         return table
 
     def _identifiers(self, bus: int) -> set[int]:
@@ -153,7 +164,10 @@ class TimeFold:
         if row.offset_ns is not None:
             if last is not None and last.offset_ns is not None and not state.fresh:
                 by_ns = row.offset_ns - last.offset_ns
-                jumped = abs(by_ns) > JUMP_NS
+                stands = row.utc_ns == last.utc_ns
+                jumped = abs(by_ns) > JUMP_NS and not stands
+                if stands and by_ns < -JUMP_NS:
+                    _stand(state, last, row)
                 if jumped and len(state.jumps) < MAX_JUMPS:
                     state.jumps.append(TimeJump(last, row, by_ns))
             state.last, state.fresh = row, False
@@ -161,6 +175,14 @@ class TimeFold:
         if (far or jumped or row.utc_ns is None) and len(state.rows) < MAX_ROWS:
             state.rows.append(row)
             state.kept_ns = row.t_ns
+
+
+def _stand(state: _State, last: TimeStampRow, row: TimeStampRow) -> None:
+    """Go on with a stretch in which TIME stands still, or begin one."""
+    if state.stands and state.stands[-1].last is last:
+        state.stands[-1].last = row
+    elif len(state.stands) < MAX_JUMPS:
+        state.stands.append(TimeStand(last, row))
 
 
 def _text(utc_ns: int) -> str:

@@ -7,6 +7,7 @@ from itertools import groupby, pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from syncline_analyzer.capture import Unread
 from syncline_analyzer.context import Context
 from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.folds.block import BLOCK_FRAMES, Block, Blocks
@@ -85,6 +86,7 @@ class TimingFold:
         self._load = LoadFold(context)
         self._silence = SilenceFold()
         self._gap_starts: set[int] = set()
+        self._unread: list[Silence] = []
         self._end_ns = 0
 
     def update(self, batch: IndexedBatch) -> None:
@@ -106,11 +108,14 @@ class TimingFold:
         end_ns: int,
         nmt_states: Sequence[NmtStateRow] | None = None,
         commands: Sequence[NmtCommandRow] = (),
+        unread: Sequence[Unread] = (),
     ) -> TimingTables:
         """All tables; a PDO is missed only while `nmt_states` say OPERATIONAL (None: always).
 
-        `commands` are those of the master, which may switch SYNC off while it holds all nodes.
+        `commands` are those of the master, which may switch SYNC off while it holds all nodes. Where
+        lines are `unread`, what is missing may be in them.
         """
+        self._unread = [Silence(each.start_ns, each.end_ns, 0, 0, {}) for each in unread]
         self._flush()
         self._end_ns = end_ns
         load, load_series = self._load.finish()
@@ -125,7 +130,7 @@ class TimingFold:
         self._add_silences(tables)
         for table in syncs:
             silences = self._silences(table.row.bus)
-            judged = _judged(table, nmt_states or (), silences, commands)
+            judged = _judged(table, nmt_states or (), silences, commands, unread)
             tables.sync.append(judged.row)
             tables.holes.extend(_sync_holes(judged))
         for (bus, can_id), state in sorted(self._pdo.states.items()):
@@ -181,7 +186,11 @@ class TimingFold:
         sync_ns = self._sync.median_ns(bus, state.sync_cob_id)
         sending = _sending(state, sync_ns, self._context)
         missed = self._missed(bus, state, sending, sync_ns, nmt_states)
-        silences = [*self._silence.of(bus), *self._unsure(bus, state, nmt_states)]
+        silences = [
+            *self._silence.of(bus),
+            *self._unsure(bus, state, nmt_states),
+            *self._unread,
+        ]
         if silences:
             step_ns = _due_step_ns(state, sending, sync_ns)
             after_ns = step_ns if sending.every > 1 else 0.0
@@ -197,19 +206,19 @@ class TimingFold:
     def _unsure(
         self, bus: int, state: PdoState, nmt_states: Sequence[NmtStateRow] | None
     ) -> list[Silence]:
-        """Times that the stamps go through twice, and not both times in OPERATIONAL."""
+        """Times that the stamps go through twice, unless the node was OPERATIONAL all along."""
         name = self._context.bus_name(bus)
         if state.owner is None or nmt_states is None:
             return []
-        others = [
-            (min(row.start_ns, row.end_ns), max(row.start_ns, row.end_ns))
+        whole = [
+            (row.start_ns, row.end_ns)
             for row in nmt_states
-            if (row.bus, row.node) == (name, state.owner.node) and row.state != "OPERATIONAL"
+            if (row.bus, row.node, row.state) == (name, state.owner.node, "OPERATIONAL")
         ]
         return [
             back
             for back in self._silence.backs(bus)
-            if any(start <= back.end_ns and back.start_ns <= end for start, end in others)
+            if not any(start <= back.start_ns and back.end_ns <= end for start, end in whole)
         ]
 
     def _pauses(
@@ -238,7 +247,7 @@ class TimingFold:
 
     def _rhythm(self, bus: int, state: PdoState, sending: "_Sending") -> tuple[float, str] | None:
         """Time between due frames [ns] and what says so; None where a change may send them."""
-        if state.off:
+        if state.off or state.polled():
             return None
         if sending.synchronous:
             sync_ns = self._sync.median_ns(bus, state.sync_cob_id)
@@ -262,7 +271,7 @@ class TimingFold:
     ) -> MissedList:
         nothing = MissedList(np.zeros(0, np.int64), np.zeros(0, np.int64))
         counter = self._bindings.repeat_counter(state.owner) if state.owner else None
-        if counter is not None and counter.value:
+        if state.polled() or (counter is not None and counter.value):
             return nothing
         intervals = None
         if nmt_states is not None and state.owner is not None and self._context.timed:
@@ -288,7 +297,8 @@ class _Sending:
 
 def _sending(state: PdoState, sync_ns: float, context: Context) -> _Sending:
     """The transmission type as told; a mere default only where the frames do not contradict it."""
-    inferred = _inferred(state, sync_ns) if context.timed else _Sending(None, "unknown")
+    judged = context.timed and not state.polled()
+    inferred = _inferred(state, sync_ns) if judged else _Sending(None, "unknown")
     known = state.transmission.type if state.transmission else None
     if known is None or not isinstance(known.value, int):
         return inferred
@@ -442,6 +452,7 @@ def _judged(
     nmt_states: Sequence[NmtStateRow],
     silences: Sequence[Silence],
     commands: Sequence[NmtCommandRow],
+    unread: Sequence[Unread],
 ) -> SyncTable:
     """The table without the holes in which the producer itself may have been off, or unheard."""
     bus = table.row.bus
@@ -458,6 +469,7 @@ def _judged(
         if not _explained(hole, off)
         and not _unheard(hole, silences)
         and not held(hole, mine, period_ns)
+        and hole.missing > _unread_within(hole, unread)
     ]
     missing = (
         table.row.missing - sum(h.missing for h in table.holes) + sum(h.missing for h in holes)
@@ -475,6 +487,15 @@ def _explained(hole: SyncHole, off: Sequence[NmtStateRow]) -> bool:
         2 * (min(row.end_ns, hole.end_ns) - max(row.start_ns, hole.start_ns)) > length
         and (row.state != "UNKNOWN" or row.start_ns > hole.start_ns)
         for row in off
+    )
+
+
+def _unread_within(hole: SyncHole, unread: Sequence[Unread]) -> int:
+    """How many lines of the log could not be read around a hole."""
+    return sum(
+        each.lines
+        for each in unread
+        if each.start_ns <= hole.end_ns and hole.start_ns <= each.end_ns
     )
 
 

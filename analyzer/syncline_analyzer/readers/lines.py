@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from syncline_analyzer.capture import CaptureFacts
+from syncline_analyzer.capture import CaptureFacts, Unread
 from syncline_analyzer.readers.layout import (
     FrameLayout,
     LineBatch,
@@ -121,6 +121,7 @@ class TextReader:
         self._pending: list[LostFrames] = []
         self._resolution = Resolution()
         self._line_number = 1
+        self._unread: list[int] = []
 
     def batches(self) -> Iterator[FrameBatch | Gap]:
         """Batches in file order, with a Gap between them where frames were lost."""
@@ -170,6 +171,7 @@ class TextReader:
         left = self._read_known(batch, lengths)
         lost = self._read_singly(part, batch, lengths, left)
         self._finish_times(batch)
+        self._place_unread(batch)
         self._line_number += len(starts)
         yield from self._deliver(batch, lost)
 
@@ -225,13 +227,28 @@ class TextReader:
                 batch.put_row(line, parsed.row, timed=parsed.timed)
             elif isinstance(parsed, FrameLayout):
                 if not self._put_layout(parsed, text, batch, line):
-                    self.facts.add_unparsed(self._line_number + line, _shown(text))
+                    self._add_unparsed(line, text)
                 elif poor < MAX_POOR_LAYOUTS:
                     same = left[(lengths[left] == len(text)) & ~batch.read[left]]
                     poor += len(same) > 0 and self._learn(parsed, text, batch, same)
             elif text.strip():
-                self.facts.add_unparsed(self._line_number + line, _shown(text))
+                self._add_unparsed(line, text)
         return lost
+
+    def _add_unparsed(self, line: int, text: bytes) -> None:
+        self.facts.add_unparsed(self._line_number + line, _shown(text))
+        self._unread.append(line)
+
+    def _place_unread(self, batch: LineBatch) -> None:
+        """Note between which frames the unparsed lines of a part are."""
+        unread, self._unread = self._unread, []
+        read = np.flatnonzero(batch.read)
+        for line in unread if len(read) else []:
+            at = int(np.searchsorted(read, line))
+            start_ns = int(batch.t_ns[read[at - 1]]) if at else self._last_ns
+            end_ns = int(batch.t_ns[read[min(at, len(read) - 1)]])
+            start_ns = end_ns if start_ns is None else start_ns
+            self.facts.add_unread(Unread(start_ns, max(start_ns, end_ns), 1))
 
     def _parsed(self, text: bytes) -> Parsed:
         parsed = self._form.parse(text) if len(text) <= MAX_PARSED_LINE else None

@@ -1,0 +1,144 @@
+"""What stops with a PDO: its master's guarding, the requests for it, SYNC, or a node's heartbeat."""
+
+import pytest
+
+from syncline_schemas.batch import Gap
+from tests.analyzer.control_runs import MS, Row, frame, remote
+from tests.analyzer.whole_run import beats, every, found, ids, whole, write
+
+COUNTING = b"\x01\x02"
+
+
+def asked(start_ms: float, stop_ms: float, can_id: int = 0x185) -> list[Row]:
+    """Remote frames for a PDO, and the answers."""
+    requests = [remote(row[0] / MS, can_id) for row in every(can_id, start_ms, stop_ms, 200)]
+    return [*requests, *every(can_id, start_ms + 1, stop_ms, 200, COUNTING)]
+
+
+@pytest.mark.near_miss("pdo.stopped")
+@pytest.mark.parametrize("sync", [False, True])
+def test_a_pdo_that_remote_frames_ask_for_is_never_due(sync: bool) -> None:
+    syncs = every(0x080, 0, 60_000, 20) if sync else []
+    analysis = whole(beats(5, 0, 60_000), beats(6, 7, 60_000), syncs, asked(2_000, 30_000))
+    assert analysis.findings == []
+
+
+@pytest.mark.triggers("pdo.stopped")
+def test_a_pdo_that_was_asked_for_once_and_comes_by_itself_is_due() -> None:
+    rows = [remote(5_010, 0x185), *every(0x185, 0, 30_000, 50, COUNTING)]
+    analysis = whole(beats(5, 0, 60_000), beats(6, 7, 60_000), rows)
+    assert [f.id for f in analysis.findings] == ["pdo.stopped"]
+
+
+@pytest.mark.near_miss("pdo.stopped")
+def test_pdos_that_stop_after_the_life_guarding_error_are_part_of_that_story() -> None:
+    life = [*write(600, 5, 0x100C, 0, 100, 2), *write(610, 5, 0x100D, 0, 3, 1)]
+    guarding = [remote(t, 0x705) for t in range(1_000, 30_000, 100)]
+    answers = [
+        frame(t + 1, 0x705, "85" if (t // 100) % 2 else "05") for t in range(1_000, 30_000, 100)
+    ]
+    pdos = every(0x185, 2_000, 30_400, 50, COUNTING)
+    error = [frame(30_200, 0x085, "3081110000000000")]
+    analysis = whole(
+        [frame(500, 0x705, "00"), frame(900, 0x000, "0105")],
+        *(life, guarding, answers, pdos, error, beats(6, 7, 90_000)),
+    )
+    assert found(analysis, "pdo.stopped") == []
+    (story,) = found(analysis, "nmt.guarding_lost")
+    (link,) = [link for link in story.chain if link.id == "pdo.stopped"]
+    assert "stayed OPERATIONAL" not in link.text
+    assert "was not heard" in link.text
+
+
+@pytest.mark.triggers("pdo.stopped")
+def test_no_state_is_claimed_for_a_node_that_tells_none() -> None:
+    start = [frame(500, 0x705, "00"), frame(900, 0x000, "0105")]
+    pdos = every(0x185, 1_000, 30_000, 50, COUNTING)
+    (finding,) = found(whole(start, pdos, beats(6, 7, 60_000)), "pdo.stopped")
+    assert finding.severity == "warning"
+    assert "stayed" not in finding.text
+    assert "replace" not in finding.check_next
+    assert "nmt.node_lost" not in ids(whole(start, pdos, beats(6, 7, 60_000)))
+
+
+def running(stop_ms: float, sync_stop_ms: float) -> list[Row]:
+    """Nodes 5 and 6 that answer SYNC, and tell OPERATIONAL."""
+    syncs = every(0x080, 0, sync_stop_ms, 20)
+    answers = [
+        row for node in (5, 6) for row in every(0x180 + node, node / 10, sync_stop_ms, 20, COUNTING)
+    ]
+    return [*syncs, *answers, *beats(5, 1, stop_ms), *beats(6, 7, stop_ms)]
+
+
+@pytest.mark.triggers("sync.stopped")
+def test_sync_that_ends_for_good_is_one_finding() -> None:
+    analysis = whole(running(60_000, 30_000))
+    (finding,) = analysis.findings
+    assert (finding.id, finding.severity, finding.node) == ("sync.stopped", "warning", None)
+    assert "nodes 5, 6 stayed OPERATIONAL" in finding.text
+    assert "185h, 186h" in finding.text
+
+
+@pytest.mark.triggers("sync.stopped")
+def test_the_producer_that_is_lost_with_sync_is_the_root() -> None:
+    analysis = whole(running(60_000, 30_000), beats(1, 3, 30_000))
+    (finding,) = analysis.findings
+    assert (finding.id, finding.node) == ("nmt.node_lost", 1)
+    assert [(link.id, link.node) for link in finding.chain] == [("sync.stopped", 1)]
+    assert any("only the common moment" in text for text in finding.assumed)
+
+
+@pytest.mark.near_miss("sync.stopped")
+@pytest.mark.parametrize("command", ["0200", "8000", "8100"])
+def test_sync_may_end_with_a_command_to_all_nodes(command: str) -> None:
+    rows = running(60_000, 30_000)
+    analysis = whole(rows, [frame(29_990, 0x000, command)])
+    assert "sync.stopped" not in ids(analysis)
+
+
+@pytest.mark.near_miss("sync.stopped")
+def test_sync_that_ends_with_the_capture_or_its_setting_is_no_fault() -> None:
+    assert whole(running(60_000, 57_000)).findings == []
+    assert "sync.stopped" not in ids(whole(running(60_000, 30_000), write(29_995, 1, 0x1006, 0, 0)))
+
+
+@pytest.mark.triggers("nmt.heartbeat_ended")
+def test_a_heartbeat_that_ends_while_the_pdos_go_on_is_told() -> None:
+    pdos = every(0x185, 0, 60_000, 50, COUNTING)
+    (finding,) = whole(beats(5, 0, 30_000), beats(6, 7, 60_000), pdos).findings
+    assert (finding.id, finding.severity, finding.node) == ("nmt.heartbeat_ended", "warning", 5)
+    assert "went on for 30.05 s" in finding.text
+    assert finding.assumed
+
+
+@pytest.mark.near_miss("nmt.heartbeat_ended")
+def test_a_heartbeat_that_somebody_ended_is_no_fault() -> None:
+    pdos = every(0x185, 0, 60_000, 50, COUNTING)
+    rows = [*beats(5, 0, 30_000), *beats(6, 7, 60_000), *pdos]
+    assert "nmt.heartbeat_ended" not in ids(whole(rows, write(29_950, 5, 0x1017, 0, 0, 2)))
+    again = [frame(30_500, 0x705, "00")]
+    assert "nmt.heartbeat_ended" not in ids(whole(rows, again))
+    gap = Gap(29_980 * MS, 31_000 * MS, "overrun", 0, None)
+    assert "nmt.heartbeat_ended" not in ids(whole(outside(rows, gap), gap))
+
+
+def outside(rows: list[Row], gap: Gap) -> list[Row]:
+    return [row for row in rows if not gap.start_ns <= row[0] < gap.end_ns]
+
+
+@pytest.mark.triggers("nmt.missing_after_gap")
+def test_a_node_that_is_not_heard_after_a_gap_is_told() -> None:
+    gap = Gap(30_000 * MS, 35_000 * MS, "adapter lost", 0, None)
+    rows = outside([*beats(5, 0, 32_000), *beats(6, 7, 60_000)], gap)
+    (finding,) = found(whole(rows, gap), "nmt.missing_after_gap")
+    assert (finding.severity, finding.node) == ("warning", 5)
+    assert "lies in the gap" in finding.text
+
+
+@pytest.mark.near_miss("nmt.missing_after_gap")
+def test_nobody_is_missed_after_a_gap_where_nobody_is_heard_or_it_was_silent_before() -> None:
+    gap = Gap(30_000 * MS, 35_000 * MS, "adapter lost", 0, None)
+    short = outside([*beats(5, 0, 32_000), *beats(6, 7, 38_000)], gap)
+    assert found(whole(short, gap), "nmt.missing_after_gap") == []
+    before = outside([*beats(5, 0, 20_000), *beats(6, 7, 60_000)], gap)
+    assert found(whole(before, gap), "nmt.missing_after_gap") == []

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
 from syncline_schemas.canopen.services import Service, service_of
 
-_DATA_11_BIT = np.uint16(FrameFlag.EXTENDED | FrameFlag.ERROR | FrameFlag.REMOTE)
+_DATA_11_BIT = np.uint16(FrameFlag.EXTENDED | FrameFlag.ERROR | FrameFlag.REMOTE | FrameFlag.FD)
 
 
 class IndexedBatch:

@@ -2,6 +2,7 @@
 
 import pytest
 
+from syncline_schemas.batch import FrameFlag
 from tests.analyzer.control_runs import Row, frame
 from tests.analyzer.whole_run import beats, whole
 
@@ -33,6 +34,15 @@ def test_a_canopen_bus_stays_one_whatever_else_is_on_it() -> None:
     told = whole(sorted(alone, key=lambda row: row[0]))
     assert [finding.id for finding in told.findings] == ["nmt.malformed_command"]
     assert told.capture.notes == []
+
+
+def test_can_fd_frames_on_canopen_identifiers_are_none_of_a_device() -> None:
+    """705#05 as CAN FD between two heartbeats is no second device."""
+    flagged = [frame(25 + 100 * k, 0x705, "05", flags=int(FrameFlag.FD)) for k in range(200)]
+    rows = [*beats(5, 0, 20_000), *flagged, *beats(6, 50, 20_000)]
+    told = whole(sorted(rows, key=lambda row: row[0]))
+    assert told.findings == []
+    assert {row.node: row.heartbeats for row in told.nodes} == {5: 200, 6: 200}
 
 
 def test_few_odd_frames_do_not_hide_an_sdo_server() -> None:

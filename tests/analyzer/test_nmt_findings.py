@@ -491,6 +491,16 @@ def test_remote_frames_to_a_heartbeat_node() -> None:
     assert run(*ordered(guarding(0, 4000), OTHER)).ids() == []
 
 
+def test_one_remote_frame_to_a_heartbeat_node_is_no_guarding() -> None:
+    """A warning only where the master goes on, or the node's heartbeats are empty since."""
+    rule = "config.rtr_on_heartbeat_node"
+    once = one(run(*ordered(heartbeats(0, 4000), [remote(2050, 0x705)], OTHER)), rule)
+    assert (once.severity, "asked once" in once.text) == ("info", True)
+    assert "master guards" not in once.cause
+    asked = [remote(2050, 0x705), remote(2550, 0x705)]
+    assert one(run(*ordered(heartbeats(0, 4000), asked, OTHER)), rule).severity == "warning"
+
+
 @pytest.mark.parametrize("batch", [1, 5, 1 << 20])
 def test_heartbeats_emptied_by_a_request_that_was_stored_without_rtr(batch: int) -> None:
     """LB04 in a log that knows no remote frames: the node is alive, and its state unknown."""
@@ -629,6 +639,17 @@ def test_the_master_is_the_node_that_is_watched_not_whoever_else_is_lost() -> No
     gone = heartbeats(30, 1100, node=9)
     rows = ordered(watch, heartbeats(0, 1000, node=1), slave, emcy, gone, OTHER)
     assert one(run(*rows), "nmt.guarding_lost").text.startswith("Master (node 1) silent")
+
+
+def test_a_master_that_comes_later_than_its_nodes_is_a_warning_with_its_end() -> None:
+    """8130h at power-up, cleared 0.8 s later: no silence stands in the capture."""
+    told = [frame(300, 0x085, "3081110000000000"), frame(1100, 0x085, "0000000000000000")]
+    finding = one(run(*ordered(heartbeats(0, 4000), told, OTHER)), "nmt.guarding_lost")
+    assert finding.severity == "warning"
+    assert "cleared by the node 800 ms later" in finding.text
+    assert len(finding.evidence) == 2
+    left = one(run(*ordered(heartbeats(0, 4000), told[:1], OTHER)), "nmt.guarding_lost")
+    assert (left.severity, "cleared" in left.text) == ("error", False)
 
 
 def missing_a_node(*rows: list[Row]) -> Run:

@@ -104,3 +104,40 @@ def test_over_a_gap_nothing_jumps() -> None:
     early = [*[stamp(1000 * k) for k in range(50)], *beats(9, 0, 50_500)]
     late = [*[stamp(1000 * k, 30) for k in range(61, 90)], *beats(9, 60_600, 90_000)]
     assert ids(whole(early, gap, late)) == {"capture.gap"}
+
+
+def still(from_ms: int, stop_ms: int, every_ms: int) -> list[Row]:
+    """TIME that says the time of the first message over and over."""
+    _, *rest = stamp(from_ms)
+    return [(k * MS, *rest) for k in range(from_ms, stop_ms, every_ms)]  # type: ignore[misc]
+
+
+@pytest.mark.triggers("clock.time_still")
+@pytest.mark.parametrize("batch", [3, 10_000])
+@pytest.mark.parametrize("every_ms", [1000, 5000])
+def test_time_that_stands_still_is_told_once(every_ms: int, batch: int) -> None:
+    told = whole(
+        beats(9, 0, 60_000),
+        [stamp(1000 * k) for k in range(1, 5)],
+        still(5000, 45_001, every_ms),
+        [stamp(1000 * k) for k in range(46, 60)],
+        batch=batch,
+    )
+    (finding,) = found(told, "clock.time_still")
+    assert "stood still: it said 2026-09-21 14:13:25.000 for 40 s" in finding.text
+    assert (finding.start_ns - T0, finding.end_ns - T0) == (5 * S, 45 * S)
+    (jump,) = found(told, "clock.time_jump")
+    assert "forward by 40 s" in jump.text
+
+
+@pytest.mark.near_miss("clock.time_still")
+def test_time_that_is_read_once_a_second_or_not_heard_does_not_stand_still() -> None:
+    slow = [stamp(1000 * (k // 4)) for k in range(4, 240)]
+    told = whole(
+        beats(9, 0, 60_000),
+        [(k * 250 * MS, *row[1:]) for k, row in enumerate(slow, 4)],
+    )
+    assert found(told, "clock.time_still") == []
+    gap = Gap(2500 * MS, 20_500 * MS, "restart", None, None)
+    told = whole(beats(9, 0, 60_000), gap, still(1000, 2001, 1000), [stamp(1000 * 21)])
+    assert found(told, "clock.time_still") == []

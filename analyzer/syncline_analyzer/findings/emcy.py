@@ -141,7 +141,19 @@ def _error_finding(
         f"{likely_cause(first.code)}{_around(context)}",
         check_next(first.code),
         [seq for row in rows for seq in row.evidence][:20],
+        assumed=_assumed(context),
     )
+
+
+def _assumed(context: EmcyContextRow | None) -> list[str]:
+    """Settings that the values around an error rest on and that were only assumed."""
+    values = list(context.values.values())[:3] if context is not None else []
+    return [
+        f"scale of {value['name']}: {name}"
+        for value in values
+        if value["before"] is not None
+        for name in value.get("assumed", ())
+    ]
 
 
 def _around(context: EmcyContextRow | None) -> str:
@@ -156,7 +168,9 @@ def _around(context: EmcyContextRow | None) -> str:
         told.append(f"the recorder's controller was {context.bus_state}")
     for value in list(context.values.values())[:3]:
         if value["before"] is not None:
-            told.append(f"its {value['name']} was {value['before']:.10g} {value['unit']}".rstrip())
+            sure = " (by an assumed scale)" if value.get("assumed") else ""
+            was = f"its {value['name']} was {value['before']:.10g} {value['unit']}".rstrip()
+            told.append(was + sure)
     listed = ", ".join(told[:-1]) + " and " + told[-1] if len(told) > 1 else "".join(told)
     return f" When it came, {listed}." if told else ""
 

@@ -107,18 +107,26 @@ def _both(facts: Facts) -> Iterator[Finding]:
         empty = nmt.counts.empty
         effect = f" Since then {counted(empty, 'heartbeat')} carried no state." if empty else ""
         name = facts.context.bus_name(bus)
+        once = seq == last_seq and not empty
         yield Finding(
             "config.rtr_on_heartbeat_node",
-            "warning",
+            "info" if once else "warning",
             name,
             node,
             t_ns,
             max(t_ns, last_ns),
-            f"{facts.who(name, node)} sends heartbeats and is asked by remote frames as well.{effect}",
-            "The master guards a node whose heartbeat (1017h) is on; only one of both is allowed"
-            " (CiA 301 7.2.8.3.2.2).",
-            "Switch node guarding off in the master for this node, or 1017h to 0; after that reset"
-            " the node.",
+            f"{facts.who(name, node)} sends heartbeats and was asked once by a remote frame as well."
+            if once
+            else f"{facts.who(name, node)} sends heartbeats and is asked by remote frames as"
+            f" well.{effect}",
+            "A service tool or a master asked for the node's state; one request is no guarding yet."
+            if once
+            else "The master guards a node whose heartbeat (1017h) is on; only one of both is"
+            " allowed (CiA 301 7.2.8.3.2.2).",
+            "Who asked? Some devices send heartbeats without a state from such a request on."
+            if once
+            else "Switch node guarding off in the master for this node, or 1017h to 0; after that"
+            " reset the node.",
             sorted({seq, last_seq}),
         )
 

@@ -10,7 +10,7 @@ from syncline_analyzer.findings.rule import Facts
 from syncline_analyzer.findings.stretch import Stretch, seconds
 from syncline_analyzer.folds.nmt import NodeKey
 from syncline_analyzer.folds.nmt_timeout import life_time_ns
-from syncline_analyzer.results import EmcyRow, Finding, Link
+from syncline_analyzer.results import EmcyRow, ErrorRow, Finding, Link
 
 STORY_NS = 10_000_000_000
 """Events this close to an EMCY belong to its story [ns]."""
@@ -153,9 +153,14 @@ def _story(facts: Facts, bus: str, node: int, told: list[EmcyRow]) -> _Story:
     if fall is not None:
         pieces.append(f"node {node} goes {fall[1]} and its PDOs stop")
         evidence.append(fall[0])
+    cleared = _cleared(facts, bus, node, first, last)
+    if cleared is not None and cleared.cleared_ns is not None:
+        pieces.append(f"cleared by the node {seconds(cleared.cleared_ns - first.t_ns)} later")
+        evidence.append(cleared.evidence[-1])
+    harmless = cleared is not None and silent is None and fall is None
     finding = Finding(
         "nmt.guarding_lost",
-        "error",
+        "warning" if harmless else "error",
         bus,
         node,
         silent.last_ns if silent else first.t_ns,
@@ -171,6 +176,26 @@ def _story(facts: Facts, bus: str, node: int, told: list[EmcyRow]) -> _Story:
         assumed=[silent.assumed] if silent and silent.assumed else [],
     )
     return _Story(finding, silent, first.t_ns)
+
+
+def _cleared(facts: Facts, bus: str, node: int, first: EmcyRow, last: EmcyRow) -> ErrorRow | None:
+    """The last error of a story where the node said of all of them that they are over."""
+    told = [
+        row
+        for row in facts.once(_guard_errors).get((bus, node), [])
+        if first.seq <= row.evidence[0] <= last.seq
+    ]
+    over = bool(told) and all(row.status == "cleared" for row in told)
+    return max(told, key=lambda row: row.cleared_ns or 0) if over else None
+
+
+def _guard_errors(facts: Facts) -> dict[tuple[str, int], list[ErrorRow]]:
+    """Errors 8130h of each node."""
+    found: dict[tuple[str, int], list[ErrorRow]] = {}
+    for row in facts.analysis.errors:
+        if row.code == LIFE_GUARD:
+            found.setdefault((row.bus, row.node), []).append(row)
+    return found
 
 
 def _check(silent: _Silent | None, what: str) -> str:

@@ -185,5 +185,6 @@ def _around(trace: Trace, emcy: EmcyRow) -> dict[str, Any]:
             "low": float(value[near].min()),
             "high": float(value[near].max()),
             "samples": int(near.sum()),
+            "assumed": list(trace.assumed),
         }
     }

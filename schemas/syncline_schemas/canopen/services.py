@@ -40,11 +40,11 @@ def _service_table() -> NDArray[np.uint8]:
 SERVICE_OF_ID = _service_table()
 """(2048,) uint8, `Service` by 11-bit identifier."""
 
-_NOT_STANDARD = np.uint16(FrameFlag.EXTENDED | FrameFlag.ERROR)
+_NOT_STANDARD = np.uint16(FrameFlag.EXTENDED | FrameFlag.ERROR | FrameFlag.FD)
 
 
 def service_of(batch: FrameBatch) -> NDArray[np.uint8]:
-    """Service of each row, data and remote frames alike; NONE for 29-bit and error frames.
+    """Service of each row, data and remote frames alike; NONE for 29-bit, CAN FD and error frames.
 
     Returns: (n,) uint8 of `Service`.
     """

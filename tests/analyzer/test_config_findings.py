@@ -127,6 +127,19 @@ def test_frames_of_the_old_mapping_and_longer_rpdos() -> None:
     silent(script.told())
 
 
+@pytest.mark.near_miss("config.pdo_length")
+def test_two_frames_that_do_not_fit_their_mapping_are_a_chance() -> None:
+    script = mapped(running()).every(4 * S, 5 * S, 100, "185#01020304")
+    silent(script.every(4150, 4350, 100, "185#0102030405060708").told())
+
+
+@pytest.mark.near_miss("config.pdo_left_off")
+def test_a_configuration_that_the_end_of_the_capture_cuts_off() -> None:
+    """OPERATIONAL for 0.5 s only: the last step may come yet."""
+    script = Script(None, 5).boot(10).heartbeat(100, 3 * S, 0x7F).nmt(3 * S, 1)
+    silent(mapped(script.heartbeat(3100, 3600), last=None).told())
+
+
 @pytest.mark.triggers("config.inhibit_time")
 def test_an_inhibit_time_longer_than_the_event_timer() -> None:
     script = running().read(300, 0x1800, 1, 0x185).write(400, 0x1800, 2, 255)

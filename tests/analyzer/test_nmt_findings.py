@@ -82,6 +82,34 @@ def test_restarts_far_apart_are_no_loop() -> None:
     assert result.ids() == ["nmt.unexpected_reset"] * 3
 
 
+@pytest.mark.triggers("nmt.reset_again")
+@pytest.mark.near_miss("nmt.reset_again")
+@pytest.mark.parametrize(("number", "told"), [(8, ["nmt.reset_again"]), (5, [])])
+def test_a_master_that_resets_everybody_again_and_again(number: int, told: list[str]) -> None:
+    rows = [
+        row
+        for n in range(number)
+        for row in [
+            frame(10_000 * n + 10, 0x000, "8100"),
+            frame(10_000 * n + 20, 0x000, "8200"),
+            boot(10_000 * n + 500),
+            *heartbeats(10_000 * n + 600, 10_000 * n + 10_000, state="7F"),
+        ]
+    ]
+    result = run(*ordered(rows))
+    assert result.ids() == told
+    for finding in result.findings():
+        assert (finding.severity, finding.node) == ("info", None)
+        assert "reset all nodes 8 times within 70 s" in finding.text
+
+
+@pytest.mark.near_miss("nmt.boot_loop")
+def test_two_restarts_soon_after_one_another_are_no_loop() -> None:
+    beats = [*heartbeats(0, 1000), *heartbeats(1050, 20_000), *heartbeats(20_050, 40_000)]
+    result = run(*ordered(beats, [boot(1000), boot(20_000)], others(40_000)))
+    assert result.ids() == ["nmt.unexpected_reset"] * 2
+
+
 def test_many_single_restarts_are_one_finding() -> None:
     rows = [
         row
@@ -255,6 +283,12 @@ def test_a_heartbeat_that_is_set_up_is_neither_off_nor_lost() -> None:
     assert result.ids() == []
     slower = [*written(1000, 0x1017, 5000), *heartbeats(6000, 40_000, every_ms=5000)]
     assert run(*ordered(heartbeats(0, 1000), slower, others(40_000))).ids() == []
+
+
+@pytest.mark.near_miss("nmt.heartbeat_stopped")
+def test_a_heartbeat_that_was_off_for_a_few_seconds_may_be_set_up_still() -> None:
+    rows = ordered(heartbeats(0, 1030), written(1000, 0x1017, 0), others(6000))
+    assert "nmt.heartbeat_stopped" not in run(*rows).ids()
 
 
 @pytest.mark.near_miss("nmt.node_lost")
@@ -450,6 +484,13 @@ def test_a_toggle_bit_that_is_stuck() -> None:
     stuck = [row if row[3] else frame(row[0] / MS, 0x705, "05") for row in guarding(0, 2000)]
     finding = one(run(*ordered(stuck, others(2000))), "nmt.guard_toggle")
     assert "always had the same toggle bit (20 of them)" in finding.text
+
+
+@pytest.mark.near_miss("nmt.guard_toggle")
+def test_one_toggle_bit_that_repeats_is_not_told() -> None:
+    rows = ordered(guarding(0, 1000), guarding(1000, 2000, toggle=1), others(2000))
+    assert run(*rows).nodes[NODE].toggle_errors == 1
+    assert "nmt.guard_toggle" not in run(*rows).ids()
 
 
 @pytest.mark.near_miss("nmt.guard_toggle")

@@ -373,6 +373,12 @@ def test_a_frame_that_can_repeats_and_a_log_with_every_frame_twice() -> None:
     assert silent(run(*ordered(rows, doubled, ALIVE)))
 
 
+@pytest.mark.near_miss("sdo.doubled_answer")
+def test_two_requests_with_two_equal_answers_are_a_chance() -> None:
+    alike = ((">", READ), ("<", VALUE), (">", "60"), ("<", VALUE))
+    assert "sdo.doubled_answer" not in run(*ordered(every(2, 500, *alike), ALIVE)).ids()
+
+
 @pytest.mark.triggers("sdo.wrong_answer")
 def test_answers_of_another_object() -> None:
     wrong = ((">", READ), ("<", "4F 0110 00 00000000"), ("<", VALUE))

@@ -109,3 +109,24 @@ def test_a_short_silence_of_the_sync_producer_is_no_step() -> None:
     told = whole(nodes(), away(30_000, 30_130), every(0x186, 2.3, STOP_MS, 20.003, b"\1"))
     assert "clock.step_forward" not in ids(told)
     assert "sync.missing" in ids(told)
+
+
+@pytest.mark.near_miss("bus.silent")
+@pytest.mark.parametrize("syncs", [True, False])
+def test_a_host_that_stalls_and_delivers_all_of_it_is_no_silence(syncs: bool) -> None:
+    """Frames 30 us apart: no wire carries them so fast, the recorder had kept them."""
+    rows: list[Row] = []
+    last = 0
+    for t_ns, *rest in sorted([*nodes(), *(away(0, 0) if syncs else [])], key=lambda row: row[0]):
+        stalled = (t_ns // (7000 * MS)) * 7000 * MS
+        at = stalled + 450 * MS if stalled and t_ns - stalled < 450 * MS else t_ns
+        last = max(last + 30_000, at)
+        rows.append((last, *rest))  # type: ignore[arg-type]
+    assert ids(whole(rows, in_order=False)) & {"bus.silent", "clock.step_forward"} == set()
+
+
+@pytest.mark.triggers("bus.silent")
+def test_a_bus_that_goes_on_where_it_is_was_silent() -> None:
+    rows = [*nodes(), *away(0, 0)]
+    told = whole([row for row in rows if not 30_000 * MS <= row[0] < 31_530 * MS])
+    assert "bus.silent" in ids(told)

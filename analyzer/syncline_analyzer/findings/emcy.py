@@ -394,6 +394,7 @@ RULES: tuple[Rule, ...] = (
         (
             "Life-guard and bus-off errors are told as the stories of their causes.",
             "Nothing is concluded from frames shorter than eight bytes.",
+            "A later read of 1001h = 0, or of an empty 1003h that nobody emptied, ends an error too.",
             "After a capture gap an error that was not seen cleared is only said to be possible.",
         ),
         _active,

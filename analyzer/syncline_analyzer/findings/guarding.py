@@ -7,7 +7,7 @@ from syncline_analyzer.findings.guarding_story import guarding_lost
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import seconds
 from syncline_analyzer.folds.nmt import NodeNmt
-from syncline_analyzer.folds.nmt_events import Unanswered
+from syncline_analyzer.folds.nmt_events import Repeated, Unanswered
 from syncline_analyzer.folds.nmt_timeline import Timeline
 from syncline_analyzer.folds.nmt_timeout import (
     GUARD_TIME,
@@ -45,20 +45,34 @@ def _unanswered(facts: Facts) -> Iterator[Finding]:
         most = max(run.number for run in runs)
         row = f", up to {most} in a row" if most > 1 else ""
         asked = nmt.counts.guard_requests
+        sent = len(_not_recorded(nmt))
+        told = f" The toggle bits show that it sent {sent} of the answers." if sent else ""
         yield Finding(
             "nmt.guard_unanswered",
-            "warning",
+            "info" if sent >= number else "warning",
             bus,
             node,
             runs[0].start_ns,
             runs[-1].end_ns,
             f"{facts.who(bus, node)} left {number} of {asked} guard requests"
-            f" unanswered{row}, although it was there.",
-            "The node is overloaded, its guarding was switched off (100Ch, 100Dh, 1017h written), or"
+            f" unanswered{row}, although it was there.{told}",
+            "The recorder lost answers of the node; nothing is wrong with it."
+            if sent >= number
+            else "The node is overloaded, its guarding was switched off (100Ch, 100Dh, 1017h written), or"
             " its answers were destroyed on the bus or lost by the recorder.",
             "Look for error frames and bus load at these times; read 100Ch, 100Dh and 1017h.",
             [run.seq for run in runs][:EVIDENCE],
         )
+
+
+def _not_recorded(nmt: NodeNmt) -> list[Repeated]:
+    """Repeated toggle bits with one missing answer before: it was sent, or the bit would differ."""
+    odd = [run.seq for run in nmt.guarding.unanswered if run.number % 2]
+    return [
+        toggle
+        for toggle in nmt.toggles
+        if bisect_right(odd, toggle.before_seq) < bisect_left(odd, toggle.seq)
+    ]
 
 
 def _away(timeline: Timeline, starts: list[int], run: Unanswered) -> bool:
@@ -71,14 +85,15 @@ def _away(timeline: Timeline, starts: list[int], run: Unanswered) -> bool:
 def _toggles(facts: Facts) -> Iterator[Finding]:
     """Toggle bits that do not alternate, but for those that a write has restarted."""
     for (bus, node), nmt in facts.control.nmt.nodes.items():
-        if nmt.counts.toggle_errors < REPEATED:
+        number = nmt.counts.toggle_errors - len(_not_recorded(nmt))
+        if number < REPEATED:
             continue
         name = facts.context.bus_name(bus)
-        stuck = nmt.counts.toggle_errors >= nmt.counts.guard_answers - 2
+        stuck = number >= nmt.counts.guard_answers - 2
         how = (
             f"always had the same toggle bit ({nmt.counts.guard_answers} of them)"
             if stuck
-            else f"repeated the toggle bit of the answer before {nmt.counts.toggle_errors} times"
+            else f"repeated the toggle bit of the answer before {number} times"
         )
         yield Finding(
             "nmt.guard_toggle",
@@ -169,7 +184,14 @@ RULES = (
         "nmt.guarding_lost",
         "A node missed its master: life guarding or heartbeat consumption failed (EMCY 8130h).",
         "The master's last frame, the EMCY, and the state the node went to.",
-        ("Only where the node itself says so.",),
+        (
+            "Only where the node itself says so.",
+            (
+                "A silent node is called the master only if 1016h names it, or if no other node was"
+                " silent and nothing shows it to be a slave; that is said to be assumed."
+            ),
+            "An error that the node cleared, without any silence in the capture, is a warning.",
+        ),
         guarding_lost,
     ),
     Rule(

@@ -15,8 +15,8 @@ from syncline_analyzer.findings.lateness import late_silences
 from syncline_analyzer.findings.power import power_breaks, told_at_once
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import seconds, several
-from syncline_analyzer.findings.twins import Shared, twins
 from syncline_analyzer.findings.switching import bus_silence, faded, fading, others_went_on
+from syncline_analyzer.findings.twins import Shared, twins
 from syncline_analyzer.folds.control import ControlTables
 from syncline_analyzer.folds.nmt import RESETS, NodeKey
 from syncline_analyzer.folds.nmt_events import IN_FLIGHT_NS, Command, Lost

@@ -11,12 +11,12 @@ from syncline_analyzer.findings.identity import absences
 from syncline_analyzer.findings.lost import BOOT_UP_NS, EVIDENCE, failed_resets, was_bus_off
 from syncline_analyzer.findings.power import power_breaks
 from syncline_analyzer.findings.rule import Facts, Rule
-from syncline_analyzer.findings.stretch import seconds, several
+from syncline_analyzer.findings.stretch import Stretch, seconds, several
 from syncline_analyzer.findings.twins import twins
-from syncline_analyzer.folds.nmt import BootUp, NodeKey
+from syncline_analyzer.folds.nmt import RESETS, BootUp, NodeKey
 from syncline_analyzer.folds.nmt_events import Lost
 from syncline_analyzer.folds.nmt_timeline import Timeline
-from syncline_analyzer.results import EmcyRow, Finding
+from syncline_analyzer.results import EmcyRow, Finding, NmtCommandRow
 from syncline_schemas.canopen.nmt import NmtState, command_name
 from syncline_schemas.devices import quirks
 
@@ -26,6 +26,9 @@ LOOP_NS = 60_000_000_000
 """Restarts no further apart than this are one loop [ns]."""
 LOOP = 3
 """Restarts that make a loop."""
+COMMANDED = 6
+"""Commanded resets in a row that are worth a word."""
+_RESETS = tuple(command_name(specifier) for specifier in sorted(RESETS))
 GROUPED = 5
 """More unexpected resets of one node than this are one finding."""
 TIMES = 4
@@ -298,7 +301,59 @@ _UNASKED = (
     "Not where a capture gap or a silence of the whole bus lies just before it.",
     "The second frame of a pair that one start sends is none.",
 )
+
+
+def _resets_again(facts: Facts) -> Iterator[Finding]:
+    """Reset commands that come again and again: whoever sends them is not content."""
+    by_target: dict[tuple[str, int], list[NmtCommandRow]] = {}
+    for row in facts.control.nmt.commands:
+        if row.command in _RESETS:
+            by_target.setdefault((row.bus, row.node), []).append(row)
+    for (bus, node), rows in sorted(by_target.items()):
+        apart = [
+            row for row, before in zip(rows, [None, *rows], strict=False) if _later(row, before)
+        ]
+        for begin, end in Stretch.of([row.t_ns for row in apart], LOOP_NS):
+            run = [row for row in apart if begin <= row.t_ns <= end]
+            if len(run) >= COMMANDED:
+                yield _reset_again(facts, bus, node, run)
+
+
+def _later(row: NmtCommandRow, before: NmtCommandRow | None) -> bool:
+    """Whether a reset is no repetition that belongs to the one before it."""
+    return before is None or abs(row.t_ns - before.t_ns) > BOOT_UP_NS
+
+
+def _reset_again(facts: Facts, bus: str, node: int, run: Sequence[NmtCommandRow]) -> Finding:
+    whom = facts.inside(bus, node) if node else "all nodes"
+    first, last = run[0], run[-1]
+    return Finding(
+        "nmt.reset_again",
+        "info",
+        bus,
+        node or None,
+        first.t_ns,
+        last.t_ns,
+        f"The master reset {whom} {len(run)} times within {seconds(last.t_ns - first.t_ns)}, first"
+        f" at {facts.moment(first.t_ns)}.",
+        "The master starts over again and again: it misses a node that it takes for mandatory, its"
+        " configuration of a node fails, or somebody tests.",
+        "The master's log; which node does it ask for that does not answer, or refuses a setting?",
+        [row.seq for row in run][:EVIDENCE],
+    )
+
+
 RULES = (
+    Rule(
+        "nmt.reset_again",
+        "The master resets a node, or all of them, again and again.",
+        "The reset commands.",
+        (
+            f"At least {COMMANDED} resets, none more than 60 s after the one before.",
+            "Resets within a second count as one: a master may send both kinds.",
+        ),
+        _resets_again,
+    ),
     Rule(
         "nmt.unexpected_reset",
         "A node restarted although nobody commanded it.",

@@ -210,7 +210,9 @@ RULES = (
         "The SYNCs around each hole.",
         (
             "Never over a capture gap or a step of the clock.",
-            "A backlog that the recorder delivers at once counts nowhere.",
+            "A backlog that the recorder delivers at once counts nowhere; what it bundles is counted.",
+            "Not while the master holds all nodes (stop, pre-operational or reset of all).",
+            "Not where as many lines of the log could not be read.",
         ),
         _sync_missing,
     ),

@@ -110,10 +110,8 @@ def _sign(facts: Facts, key: NodeKey, nmt: NodeNmt) -> _Sign | None:
         how = f"short and long heartbeat intervals alternate {nmt.doubles.count} times"
         seqs = nmt.doubles.at
         if starts := _started_twice(timeline):
-            how += (
-                f", and it told {facts.moment(starts[0].t_ns)} and {facts.moment(starts[1].t_ns)}"
-            )
-            how += " that it started, with no reset and no silence between"
+            told = " and ".join(facts.moment(start.t_ns) for start in starts)
+            how += f", and it told at {told} that it started, with no reset and no silence between"
             seqs = [*(start.seq for start in starts), *seqs]
         return _Sign(*nmt.doubles.span, how, seqs)
     halved = nmt.paces.halved
@@ -133,6 +131,23 @@ def _sign(facts: Facts, key: NodeKey, nmt: NodeNmt) -> _Sign | None:
         states = " and ".join(sorted({flip[3] for flip in flips}))
         how = f"{states} are told in turn, {len(flips)} times without any command"
         return _Sign(flips[0][1], flips[-1][1], how, [flip[0] for flip in flips[:20]])
+    return _doubled_pdo(facts, timeline, nmt)
+
+
+def _doubled_pdo(facts: Facts, timeline: Timeline, nmt: NodeNmt) -> _Sign | None:
+    """Two boot-ups together, and from then on a PDO in two interleaved cadences."""
+    starts = _started_twice(timeline)
+    if not starts or starts[1].t_ns - starts[0].t_ns <= RECORDED_TWICE_NS:
+        return None
+    for can_id, doubles in nmt.pdo_doubles.items():
+        apart = doubles.count >= DOUBLED and doubles.short_ns > RECORDED_TWICE_NS
+        if apart and not doubles.stepped and doubles.span[0] >= starts[0].t_ns:
+            told = " and ".join(facts.moment(start.t_ns) for start in starts)
+            how = f"it told at {told} that it started, with no reset and no silence between, and"
+            how += f" short and long intervals of the PDO {can_id:03X}h alternate"
+            how += f" {doubles.count} times"
+            seqs = [*(start.seq for start in starts), *doubles.at]
+            return _Sign(*doubles.span, how, seqs, sure=False)
     return None
 
 

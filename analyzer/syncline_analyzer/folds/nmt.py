@@ -98,6 +98,8 @@ class NodeNmt:
     odd: list[OddMessage] = field(default_factory=list)
     doubles: Doubles = field(default_factory=Doubles)
     twins: Twins = field(default_factory=Twins)
+    pdo_doubles: dict[int, Doubles] = field(default_factory=dict)
+    """By identifier, for a node that booted more than once: PDOs in two interleaved cadences."""
     toggles: list[Repeated] = field(default_factory=list)
     """Repeated toggle bits, the first of them, without those that a write has restarted."""
     violations: list[Violation] = field(default_factory=list)
@@ -159,6 +161,9 @@ class NmtFold:
         self._quietness: dict[NodeKey, Quietness] = {}
         self._blank: dict[NodeKey, bool] = {}
         """Whether the last message of a node's error control told no state."""
+        self._pdo_doubles: dict[NodeKey, dict[int, Doubles]] = {}
+        self._pdo_last: dict[tuple[int, int], int] = {}
+        """By bus number and identifier: time of the last of them."""
         self._next_seq = 0
         self._bindings = PdoBindings(context.shadow)
         self._errors: Mapping[NodeKey, Sequence[int]] = {}
@@ -405,6 +410,17 @@ class NmtFold:
                 self._pdos[key].cut(self._cuts(key))
             remote = asked[(asked_id == can_id) & (batch.frames.bus[asked] == bus)] + batch.seq0
             self._pdos[key].take(can_id, rows + batch.seq0, batch.frames.t_ns[rows], remote)
+            control = self._control.get(key)
+            if control is not None and control.counts.boot_ups > 1:
+                self._follow_pdo(key, can_id, rows + batch.seq0, batch.frames.t_ns[rows])
+
+    def _follow_pdo(self, key: NodeKey, can_id: int, seq: Int64s, t_ns: Int64s) -> None:
+        """Look for two cadences of one PDO: a second device may have told the second boot-up."""
+        before = self._pdo_last.get((key[0], can_id))
+        self._pdo_last[key[0], can_id] = int(t_ns[-1])
+        passed = np.diff(t_ns, prepend=t_ns[:1] if before is None else before)
+        doubles = self._pdo_doubles.setdefault(key, {}).setdefault(can_id, Doubles())
+        doubles.note(seq, t_ns, passed, passed > 0)
 
     def _cuts(self, key: NodeKey) -> list[tuple[int, int]]:
         """(seq, t_ns) of what may change the node's state and was not told before."""
@@ -485,6 +501,7 @@ class NmtFold:
             odd=control.odd,
             doubles=control.doubles,
             twins=control.twins,
+            pdo_doubles=self._pdo_doubles.get(key, {}),
             toggles=toggles,
             violations=timeline.violations,
             heard_ns=control.heard_last_ns,

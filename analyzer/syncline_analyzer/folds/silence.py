@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from syncline_analyzer.distribution import Distribution
 from syncline_analyzer.folds.block import Block
+from syncline_analyzer.folds.bundles import CLOSER_NS
 
 MAX_SILENCES = 1000
 _MANY = 10.0
@@ -19,6 +20,8 @@ _OVERDUE = 1.5
 """A heartbeat is overdue after so many of its periods."""
 _STEADY = 0.25
 """Interquartile range of a steady heartbeat, as a share of its period."""
+_BURST = 1000
+"""So many frames behind a silence are looked at."""
 _LEARN = 4
 _OTHERS = 8
 """So many identifiers beside the heartbeats are enough to witness a step of the clock."""
@@ -50,6 +53,8 @@ class Silence:
     start_seq: int
     end_seq: int
     heard_ns: dict[int, int]
+    stalled: bool = False
+    """The recorder kept what came meanwhile and delivered it at once afterwards."""
     before_ns: dict[int, int] = field(default_factory=dict)
     across: dict[int, int] = field(default_factory=dict)
 
@@ -130,8 +135,9 @@ class SilenceFold:
                 end = int(seq[row + 1])
                 before = state.heard_ns | _heard_until(stamps, end)
                 heard = {can_id: ns for can_id, ns in before.items() if can_id in _HEARTBEATS}
+                stalled = _stalled(apart, row, int(t_ns[-1] - t_ns[0]))
                 silence = Silence(
-                    int(t_ns[row]), int(t_ns[row + 1]), int(seq[row]), end, heard, before
+                    int(t_ns[row]), int(t_ns[row + 1]), int(seq[row]), end, heard, stalled, before
                 )
                 kept.append(silence)
                 _add_across([silence], stamps)
@@ -197,8 +203,18 @@ class SilenceFold:
         found = [
             _forward_step(silence, witnesses)
             for silence in sorted([*state.silences, *state.brief], key=lambda each: each.end_seq)
+            if not silence.stalled
         ]
         return [step for step in found if step is not None]
+
+
+def _stalled(apart: Ints, row: int, span_ns: int) -> bool:
+    """Whether at least half of what comes in the time before a frame came at once behind it."""
+    behind = apart[row + 1 : row + 1 + _BURST]
+    close = (behind >= 0) & (behind < CLOSER_NS)
+    count = int(np.argmin(close)) if not close.all() else len(close)
+    due = len(apart) * int(apart[row]) / max(span_ns, 1)
+    return count > 0 and 2 * (count + 1) >= min(due, _BURST)
 
 
 def within_silence(

@@ -149,7 +149,7 @@ class TimingFold:
             tables.bus_silences.extend(
                 BusSilenceRow(name, s.start_ns, s.end_ns, [s.start_seq, s.end_seq])
                 for s in self._silence.of(bus)
-                if s.end_seq not in stepped
+                if s.end_seq not in stepped and not s.stalled
             )
 
     def _silences(self, bus_name: str) -> list[Silence]:

@@ -562,3 +562,11 @@ def test_trap_13_a_write_of_0_resets_nothing() -> None:
 
 def test_every_trap_of_the_sheet_is_here() -> None:
     assert numbered_traps(globals()) == set(range(1, TRAPS + 1))
+
+
+def test_a_value_that_rests_on_an_assumed_scale_is_said_to_beside_an_error() -> None:
+    """The cause of an EMCY names the inclination; 6000h was never read."""
+    script = running(tilt(), 1, 8000).emcy(4210, 0x4210, 0x09)
+    found = script.told().finding("emcy.active")
+    assert says(found.cause, "by an assumed scale")
+    assert any(text.startswith("scale of") for text in found.assumed)

@@ -11,11 +11,11 @@ from syncline_analyzer.deafness import with_deafness, without_classes
 from syncline_analyzer.echo import Echoes, hidden
 from syncline_analyzer.findings import find_all
 from syncline_analyzer.fold import Fold, IndexedBatch
-from syncline_analyzer.folds.angle import AngleFold
+from syncline_analyzer.folds.angle.fold import AngleFold
 from syncline_analyzer.folds.control import ControlFold
-from syncline_analyzer.folds.emcy_context import emcy_context
-from syncline_analyzer.folds.emcy_history import error_history
-from syncline_analyzer.folds.timing import TimingFold
+from syncline_analyzer.folds.emcy.context import emcy_context
+from syncline_analyzer.folds.emcy.history import error_history
+from syncline_analyzer.folds.timing.fold import TimingFold
 from syncline_analyzer.joining import joined
 from syncline_analyzer.nodes import node_rows
 from syncline_analyzer.objects import history_rows, object_rows

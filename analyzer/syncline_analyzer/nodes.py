@@ -4,8 +4,8 @@ from collections.abc import Iterable
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.folds.control import ControlTables
-from syncline_analyzer.folds.nmt import NodeKey, NodeNmt
-from syncline_analyzer.folds.sdo import SdoNodeCounts
+from syncline_analyzer.folds.nmt.fold import NodeKey, NodeNmt
+from syncline_analyzer.folds.sdo.fold import SdoNodeCounts
 from syncline_analyzer.results import NodeRow, PdoRow
 from syncline_schemas.canopen.nmt import NmtState
 

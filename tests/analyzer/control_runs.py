@@ -5,12 +5,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from syncline_analyzer.context import Context
-from syncline_analyzer.findings import bus, capture, clock, emcy, nmt, sdo
+from syncline_analyzer.findings.bus import bus_off as bus
+from syncline_analyzer.findings.bus import capture, clock
+from syncline_analyzer.findings.emcy import errors as emcy
+from syncline_analyzer.findings.nmt import rules as nmt
 from syncline_analyzer.findings.rule import Facts, apply
+from syncline_analyzer.findings.sdo import transfers as sdo
 from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.folds.control import ControlFold, ControlTables
-from syncline_analyzer.folds.emcy_context import emcy_context
-from syncline_analyzer.folds.emcy_history import error_history
+from syncline_analyzer.folds.emcy.context import emcy_context
+from syncline_analyzer.folds.emcy.history import error_history
 from syncline_analyzer.nodes import node_rows
 from syncline_analyzer.results import Analysis, CaptureRow, Finding, GapRow, NodeRow
 from syncline_analyzer.shadow import Shadow

@@ -2,7 +2,7 @@
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.fold import IndexedBatch
-from syncline_analyzer.folds.sdo import SdoFold, SdoTable
+from syncline_analyzer.folds.sdo.fold import SdoFold, SdoTable
 from syncline_analyzer.shadow import Shadow
 from syncline_schemas.batch import FrameBatch
 from syncline_schemas.devices import Device

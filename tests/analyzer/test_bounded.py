@@ -3,7 +3,7 @@
 import pytest
 
 from syncline_analyzer.findings.bounded import KINDS, PLACES, bounded
-from syncline_analyzer.findings.guarding_story import guarding_stories
+from syncline_analyzer.findings.nmt.guarding_story import guarding_stories
 from syncline_analyzer.findings.rule import Facts
 from syncline_analyzer.results import Finding
 from tests.analyzer.control_runs import Row, frame, run

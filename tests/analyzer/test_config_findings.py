@@ -2,7 +2,7 @@
 
 import pytest
 
-from syncline_analyzer.findings import config
+from syncline_analyzer.findings.config import rules as config
 from tests.analyzer.traps.script import Script, Told
 
 S = 1000

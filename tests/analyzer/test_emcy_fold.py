@@ -2,7 +2,7 @@
 
 import pytest
 
-from syncline_analyzer.folds.emcy import MAX_EMPTY
+from syncline_analyzer.folds.emcy.fold import MAX_EMPTY
 from syncline_analyzer.results import EmcyRow
 from syncline_schemas.devices import load_device
 from tests.analyzer.control_runs import MS, Row, Run, frame, run

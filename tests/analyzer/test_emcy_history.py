@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from syncline_analyzer.folds.emcy_context import MAX_CONTEXTS, emcy_context
+from syncline_analyzer.folds.emcy.context import MAX_CONTEXTS, emcy_context
 from syncline_analyzer.results import BusStateRow, ErrorHistoryRow, NmtStateRow, Trace
 from syncline_schemas.batch import Gap
 from tests.analyzer.analysis_builder import analysis, emcy_row, sdo_row

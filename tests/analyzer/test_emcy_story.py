@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from syncline_analyzer.folds.emcy_story import (
+from syncline_analyzer.folds.emcy.story import (
     MAX_ACTIVE,
     MAX_ALIKE,
     MAX_EVIDENCE,

@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from syncline_analyzer.folds.cadence import Doubles, Periods
-from syncline_analyzer.folds.clock import BusSilence
-from syncline_analyzer.folds.guarding import GUARD_ANSWER_NS, Guarding, Talk
-from syncline_analyzer.folds.pace import HeartbeatPeriods
-from syncline_analyzer.folds.quiet import Quiet
+from syncline_analyzer.folds.bus.clock import BusSilence
+from syncline_analyzer.folds.nmt.cadence import Doubles, Periods
+from syncline_analyzer.folds.nmt.guarding import GUARD_ANSWER_NS, Guarding, Talk
+from syncline_analyzer.folds.nmt.pace import HeartbeatPeriods
+from syncline_analyzer.folds.nmt.quiet import Quiet
 
 MS = 1_000_000
 _MESSAGES = st.lists(

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from syncline_analyzer.folds.cadence import Twins
+from syncline_analyzer.folds.nmt.cadence import Twins
 from syncline_analyzer.results import Finding
 from syncline_schemas.batch import Gap
 from syncline_schemas.devices import load_device

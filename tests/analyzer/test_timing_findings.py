@@ -5,8 +5,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from syncline_analyzer.findings import pdo, timing
-from syncline_analyzer.findings.timing import MAX_EVIDENCE, MAX_FINDINGS
+from syncline_analyzer.findings.timing import pdo
+from syncline_analyzer.findings.timing import sync as timing
+from syncline_analyzer.findings.timing.sync import MAX_EVIDENCE, MAX_FINDINGS
 from syncline_analyzer.results import (
     Analysis,
     Finding,

@@ -5,9 +5,9 @@ import pytest
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.fold import IndexedBatch
-from syncline_analyzer.folds.angle import AngleFold
+from syncline_analyzer.folds.angle.fold import AngleFold
 from syncline_analyzer.folds.control import ControlFold
-from syncline_analyzer.folds.timing import TimingFold
+from syncline_analyzer.folds.timing.fold import TimingFold
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
 from tests.analyzer.timing_builder import T0, context
 

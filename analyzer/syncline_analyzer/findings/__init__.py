@@ -3,28 +3,20 @@
 from collections.abc import Iterable
 
 from syncline_analyzer.context import Context
-from syncline_analyzer.findings import (
-    angle,
-    bus,
-    capture,
-    clock,
-    config,
-    device,
-    emcy,
-    errors,
-    identity,
-    idle,
-    lss,
-    nmt,
-    pdo,
-    sdo,
-    stored,
-    sync_end,
-    timing,
-)
+from syncline_analyzer.findings.angle import rules as angle
 from syncline_analyzer.findings.bounded import bounded
+from syncline_analyzer.findings.bus import bus_off as bus
+from syncline_analyzer.findings.bus import capture, clock, errors, lss
+from syncline_analyzer.findings.config import rules as config
+from syncline_analyzer.findings.device import identity, stored
+from syncline_analyzer.findings.device import rules as device
+from syncline_analyzer.findings.emcy import errors as emcy
+from syncline_analyzer.findings.nmt import rules as nmt
 from syncline_analyzer.findings.rule import Facts, Rule, apply
+from syncline_analyzer.findings.sdo import transfers as sdo
 from syncline_analyzer.findings.story import joined
+from syncline_analyzer.findings.timing import idle, pdo, sync_end
+from syncline_analyzer.findings.timing import sync as timing
 from syncline_analyzer.folds.control import ControlTables
 from syncline_analyzer.results import Analysis, Finding
 

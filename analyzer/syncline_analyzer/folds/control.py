@@ -4,15 +4,15 @@ from dataclasses import dataclass, field, replace
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.fold import IndexedBatch
-from syncline_analyzer.folds.bus_errors import BusErrorFold, BusErrorTable
-from syncline_analyzer.folds.clock import ClockFold, ClockTable
-from syncline_analyzer.folds.emcy import EmcyFold, EmcyTable
-from syncline_analyzer.folds.emcy_reads import no_error_reads
-from syncline_analyzer.folds.lss import LssFold, LssTable
-from syncline_analyzer.folds.nmt import NmtFold, NmtTable
-from syncline_analyzer.folds.pdo_length import PdoLengthFold, WrongLength
-from syncline_analyzer.folds.sdo import SdoFold, SdoTable
-from syncline_analyzer.folds.time_stamp import TimeFold, TimeTable
+from syncline_analyzer.folds.bus.clock import ClockFold, ClockTable
+from syncline_analyzer.folds.bus.errors import BusErrorFold, BusErrorTable
+from syncline_analyzer.folds.bus.lss import LssFold, LssTable
+from syncline_analyzer.folds.bus.time_stamp import TimeFold, TimeTable
+from syncline_analyzer.folds.emcy.fold import EmcyFold, EmcyTable
+from syncline_analyzer.folds.emcy.reads import no_error_reads
+from syncline_analyzer.folds.nmt.fold import NmtFold, NmtTable
+from syncline_analyzer.folds.sdo.fold import SdoFold, SdoTable
+from syncline_analyzer.folds.timing.pdo_length import PdoLengthFold, WrongLength
 from syncline_schemas.batch import Gap
 
 

@@ -1,0 +1,1 @@
+"""Rules on the bus and the recording."""

@@ -1,0 +1,1 @@
+"""Rules on what nodes are set to."""

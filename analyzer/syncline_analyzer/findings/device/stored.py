@@ -1,0 +1,191 @@
+"""Findings on what devices keep over a reset, and what they forget."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+from syncline_analyzer.findings.config.settings import assumed_words, restart_after
+from syncline_analyzer.findings.device.rules import Key, named, told, writes
+from syncline_analyzer.findings.rule import Facts, Rule
+from syncline_analyzer.object_history import Change, Known
+from syncline_analyzer.results import Finding
+from syncline_schemas.devices import Device, quirks
+
+LOAD = 0x1011
+REWRITTEN_NS = 30_000_000_000
+"""A master that writes its settings again this soon after a reset has lost nothing [ns]."""
+LISTED = 8
+
+
+def _defaults_pending(facts: Facts) -> Iterator[Finding]:
+    """Defaults that were put into the memory and act from the next reset on."""
+    for row, key, device in writes(facts):
+        if key[0] != LOAD or not device.quirks.load_writes_storage:
+            continue
+        restart = restart_after(facts, (facts.number(row.bus), row.node), row.seq)
+        since = (
+            f"the defaults hold since the reset at {facts.moment(restart[1])}" if restart else None
+        )
+        yield told(
+            "device.defaults_pending",
+            row,
+            f"The maker's defaults were put into the memory of {facts.inside(row.bus, row.node)}"
+            f" ({key[0]:04X}h:{key[1]:02X} written{facts.at(row.start_ns)}): the settings saved"
+            " before are gone, " + (since or "the running ones stay until the next reset") + ".",
+            "A client restored the defaults.",
+            "Was it meant? After the reset the master must write its settings again.",
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class _Fall:
+    """A written value that a reset took back; `now` is the best that is known of it since."""
+
+    key: Key
+    reset: Change
+    written: Known
+    now: Known | None
+    saved: bool
+    """A save came in between: the device cannot store the object."""
+
+
+def _lost_at_reset(facts: Facts) -> Iterator[Finding]:
+    """Values that were written, not saved, and fell back with a reset."""
+    saves = _saves(facts)
+    for bus, node in sorted(facts.context.shadow.nodes()):
+        kept_ns = saves.get((facts.context.bus_name(bus), node), [])
+        fallen = _fallen_back(facts, bus, node, kept_ns)
+        lost = sorted(fallen, key=lambda fall: (fall.reset.seq, fall.key))
+        if not lost:
+            continue
+        device = facts.context.shadow.device(bus, node)
+        first, last = lost[0].reset, lost[-1].reset
+        resets = len({fall.reset.seq for fall in lost})
+        texts = list(dict.fromkeys(_in_words(device, fall) for fall in lost))
+        more = f" and {len(texts) - LISTED} more" if len(texts) > LISTED else ""
+        often = f", {resets} times in all" if resets > 1 else ""
+        name = facts.context.bus_name(bus)
+        assumed = (each for f in lost for each in assumed_words(*f.key, f.now))
+        yield Finding(
+            "device.lost_at_reset",
+            "info",
+            name,
+            node,
+            first.t_ns,
+            last.t_ns,
+            f"{facts.who(name, node)} went back to its stored values when it was reset at"
+            f" {facts.moment(first.t_ns)}{often}: {'; '.join(texts[:LISTED])}{more}.",
+            "The values were written but not saved (1010h), or the device cannot store them; and"
+            " nobody wrote them again after the reset.",
+            "Save the settings after writing them, or let the master write them after each boot-up.",
+            [fall.reset.seq for fall in lost][:LISTED],
+            assumed=list(dict.fromkeys(assumed)),
+        )
+
+
+def _fallen_back(facts: Facts, bus: int, node: int, saves: list[int]) -> Iterator[_Fall]:
+    """Every written value that a reset took back; `saves` are the times of the node's saves."""
+    shadow = facts.context.shadow
+    device = shadow.device(bus, node)
+    for key, history in shadow.history(bus, node):
+        if key[0] in (0x1010, LOAD) or _is_command(device, key):
+            continue
+        for before, after, following in _triples(history.changes):
+            written = before.known
+            if after.cause != "reset" or written is None or written.source != "sdo-write":
+                continue
+            read = following is not None and following.cause == "sdo-read"
+            if _rewritten(after, following) or not (read or _persistence_known(device, key)):
+                continue
+            now = after.known or shadow.assumed(bus, node, *key)
+            if following is not None and read:
+                now = following.known
+            if now is not None and now.value == written.value:
+                continue
+            saved = any(before.t_ns < save_ns <= after.t_ns for save_ns in saves)
+            if not (saved and _effect_kept(device, key)):
+                yield _Fall(key, after, written, now, saved)
+
+
+def _rewritten(reset: Change, following: Change | None) -> bool:
+    """Whether somebody wrote the object again soon after the reset."""
+    if following is None or following.cause != "sdo-write":
+        return False
+    return following.t_ns - reset.t_ns <= REWRITTEN_NS
+
+
+def _persistence_known(device: Device | None, key: Key) -> bool:
+    """Whether the maker says what a reset does to an object; else only a read proves it."""
+    facts = device.object(*key) if device else None
+    return facts is not None and facts.persisted in ("yes", "no")
+
+
+def _triples(changes: list[Change]) -> Iterable[tuple[Change, Change, Change | None]]:
+    after: list[Change | None] = [*changes[2:], None]
+    return ((a, b, c) for (a, b), c in zip(pairwise(changes), after, strict=False))
+
+
+def _is_command(device: Device | None, key: Key) -> bool:
+    """Whether a write to the object is an order and not a setting."""
+    facts = quirks(device)
+    orders = {*facts.reset_writes, *facts.factory_reset_writes}
+    identity = (facts.node_id_object, facts.bitrate_object)
+    return key in orders or key in identity
+
+
+def _effect_kept(device: Device | None, key: Key) -> bool:
+    """Whether what a write did is saved although the object itself is not (a preset's offset)."""
+    measured = device.measurement if device else {}
+    if key != measured.get("preset") or "offset" not in measured:
+        return False
+    return any(measured["offset"] in kept for kept in quirks(device).storage.values())
+
+
+def _in_words(device: Device | None, fall: _Fall) -> str:
+    measured = device.measurement if device else {}
+    then, name = _shown(fall.written.value), named(device, fall.key)
+    if fall.key == measured.get("preset") and "offset" in measured:
+        offset = f"{measured['offset'][0]:04X}h"
+        return f"{name} = {then}: the offset {offset} that it made is lost"
+    why = "not storable" if fall.saved else "not saved"
+    if fall.now is None:
+        return f"{name} no longer {then}, its value is not known ({why})"
+    return f"{name} back from {then} to {_shown(fall.now.value)} ({why})"
+
+
+def _shown(value: int | bytes) -> str:
+    if isinstance(value, bytes):
+        return value.hex(" ").upper()
+    return str(value) if abs(value) < 1 << 16 else f"{value:X}h"
+
+
+def _saves(facts: Facts) -> dict[tuple[str, int], list[int]]:
+    """Times [ns] at which the saves (1010h) of each node were confirmed."""
+    found: dict[tuple[str, int], list[int]] = {}
+    for row in facts.analysis.sdo:
+        if row.index == 0x1010 and (row.direction, row.result) == ("download", "ok"):
+            found.setdefault((row.bus, row.node), []).append(row.end_ns)
+    return found
+
+
+RULES: tuple[Rule, ...] = (
+    Rule(
+        "device.defaults_pending",
+        "Defaults were restored; they act only from the next reset on.",
+        "The write to 1011h.",
+        ("A refused write restores nothing.",),
+        _defaults_pending,
+        untimed=True,
+    ),
+    Rule(
+        "device.lost_at_reset",
+        "Settings that were written fell back at a reset, because they were not saved.",
+        "The frames that tell of the resets.",
+        (
+            "Settings that the master writes again after the reset are not told.",
+            "Where the maker does not say what survives, only a read after the reset proves it.",
+            "A preset whose offset was saved is not lost.",
+        ),
+        _lost_at_reset,
+    ),
+)

@@ -1,0 +1,389 @@
+"""Restarts: those nobody asked for, and resets after which a node does not come back as it should."""
+
+from bisect import bisect_left
+from collections.abc import Iterator, Sequence
+from collections.abc import Set as AbstractSet
+from itertools import groupby
+from statistics import median
+
+from syncline_analyzer.findings.device.identity import absences
+from syncline_analyzer.findings.nmt.guarding_story import told_by_guarding
+from syncline_analyzer.findings.nmt.lost import BOOT_UP_NS, EVIDENCE, failed_resets, was_bus_off
+from syncline_analyzer.findings.nmt.power import power_breaks
+from syncline_analyzer.findings.nmt.twins import twins
+from syncline_analyzer.findings.rule import Facts, Rule
+from syncline_analyzer.findings.stretch import Stretch, seconds, several
+from syncline_analyzer.folds.nmt.events import Lost
+from syncline_analyzer.folds.nmt.fold import RESETS, BootUp, NodeKey
+from syncline_analyzer.folds.nmt.timeline import Timeline
+from syncline_analyzer.results import EmcyRow, Finding, NmtCommandRow
+from syncline_schemas.canopen.nmt import NmtState, command_name
+from syncline_schemas.devices import quirks
+
+COMMAND_WINDOW_NS = 10_000_000_000
+"""A reset this long before a boot-up explains it (analysis.md 4)."""
+LOOP_NS = 60_000_000_000
+"""Restarts no further apart than this are one loop [ns]."""
+LOOP = 3
+"""Restarts that make a loop."""
+COMMANDED = 6
+"""Commanded resets in a row that are worth a word."""
+_RESETS = tuple(command_name(specifier) for specifier in sorted(RESETS))
+GROUPED = 5
+"""More unexpected resets of one node than this are one finding."""
+TIMES = 4
+"""Times from reset to boot-up that must be known before one of them is called long."""
+SLOW_FACTOR = 2.0
+SLOW_NS = 1_000_000_000
+
+
+def _unasked(facts: Facts) -> Iterator[list[tuple[BootUp, Lost | None]]]:
+    """The restarts of each node that nothing explains, with the silence before each."""
+    told, doubled = told_by_guarding(facts), twins(facts)
+    boots = sorted(facts.control.nmt.boot_ups, key=lambda boot: (boot.bus, boot.node, boot.seq))
+    for (bus, node), group in groupby(boots, key=lambda boot: (boot.bus, boot.node)):
+        key = (facts.number(bus), node)
+        silences = {lost.end_seq: lost for lost in facts.control.nmt.timelines[key].restarts}
+        found = [
+            (boot, silences.get(boot.seq))
+            for boot in group
+            if not doubled.at(bus, node, boot.t_ns)
+            and not _explained(facts, key, boot)
+            and not any(each.covers(*key, boot.t_ns) for each in power_breaks(facts))
+            and not _told(facts, key, silences.get(boot.seq), told)
+        ]
+        if found:
+            yield found
+
+
+def _told(facts: Facts, key: NodeKey, silence: Lost | None, told: AbstractSet[int]) -> bool:
+    """Whether the silence before a restart belongs to a story of guarding or bus-off."""
+    return silence is not None and (silence.last_seq in told or was_bus_off(facts, key, silence))
+
+
+def _explained(facts: Facts, key: NodeKey, boot: BootUp) -> bool:
+    """Whether a boot-up is no restart of its own accord, or nobody can tell."""
+    timeline = facts.control.nmt.timelines[key]
+    return (
+        boot.command_seq is not None
+        or boot.repeated
+        or boot.blind
+        or _first_sign(timeline, boot)
+        or any(0 <= boot.t_ns - lost.end_ns <= BOOT_UP_NS for lost in timeline.lost)
+        or _recent_command(facts, timeline, boot)
+        or _reset_by_sdo(facts, key, boot)
+    )
+
+
+def _first_sign(timeline: Timeline, boot: BootUp) -> bool:
+    """Whether nothing was heard of the node before: switched on, not restarted."""
+    if any(earlier.seq < boot.seq for earlier in timeline.boot_ups):
+        return False
+    return not any(
+        interval.state is not NmtState.UNKNOWN and (interval.evidence or 0) < boot.seq
+        for interval in timeline.intervals
+        if interval.evidence is not None
+    )
+
+
+def _recent_command(facts: Facts, timeline: Timeline, boot: BootUp) -> bool:
+    """Whether a reset was commanded shortly before; a step of the clock in between is no time."""
+    commands, quiet = facts.control.nmt.commands, timeline.quiet
+    for at in range(bisect_left(commands, boot.seq, key=lambda row: row.seq) - 1, -1, -1):
+        row = commands[at]
+        passed = boot.t_ns - row.t_ns
+        if passed > COMMAND_WINDOW_NS:
+            passed -= quiet.within(row.t_ns, boot.t_ns)
+        if passed > COMMAND_WINDOW_NS:
+            return False
+        if row.bus == boot.bus and row.node in (0, boot.node) and row.command.startswith("reset"):
+            return True
+    return False
+
+
+def _reset_by_sdo(facts: Facts, key: NodeKey, boot: BootUp) -> bool:
+    """Some devices restart when an object is written (2002h of the JN2100)."""
+    writes = quirks(facts.context.shadow.device(*key)).reset_writes
+    return bool(writes) and any(
+        row.direction == "download"
+        and (row.bus, row.node) == (boot.bus, boot.node)
+        and (row.index or 0, row.sub or 0) in writes
+        and row.seq < boot.seq
+        and boot.t_ns - row.start_ns <= COMMAND_WINDOW_NS
+        for row in facts.analysis.sdo
+    )
+
+
+def _resets(facts: Facts) -> Iterator[Finding]:
+    """Single restarts; those in a loop are told by the loop."""
+    for found in _unasked(facts):
+        single = [entry for run in _runs(found) if len(run) < LOOP for entry in run]
+        if len(single) > GROUPED:
+            yield _many(facts, "nmt.unexpected_reset", single, "")
+        else:
+            yield from (_unexpected_reset(facts, boot, silence) for boot, silence in single)
+
+
+def _loops(facts: Facts) -> Iterator[Finding]:
+    for found in _unasked(facts):
+        for run in _runs(found):
+            if len(run) >= LOOP:
+                yield _many(facts, "nmt.boot_loop", run, " again and again")
+
+
+def _runs(
+    found: Sequence[tuple[BootUp, Lost | None]],
+) -> list[list[tuple[BootUp, Lost | None]]]:
+    """Restarts in runs without a long pause between two of them."""
+    runs: list[list[tuple[BootUp, Lost | None]]] = []
+    for entry in found:
+        if runs and 0 <= entry[0].t_ns - runs[-1][-1][0].t_ns <= LOOP_NS:
+            runs[-1].append(entry)
+        else:
+            runs.append([entry])
+    return runs
+
+
+def _many(
+    facts: Facts, rule: str, entries: Sequence[tuple[BootUp, Lost | None]], how: str
+) -> Finding:
+    """Several restarts of one node as one finding."""
+    boots = [boot for boot, _ in entries]
+    first, last = boots[0], boots[-1]
+    alone = all(silence is not None and silence.whole_bus for _, silence in entries)
+    often = several([facts.moment(boot.t_ns) for boot in boots]).strip()
+    watchdog = next((row for boot in boots[:LOOP] if (row := _watchdog_emcy(facts, boot))), None)
+    cause = f"Its watchdog resets it (EMCY {watchdog.code:04X}h)." if watchdog else ""
+    return Finding(
+        rule,
+        "warning" if alone else "error",
+        first.bus,
+        first.node,
+        entries[0][1].last_ns if entries[0][1] else first.t_ns,
+        last.t_ns,
+        f"{facts.who(first.bus, first.node)} restarted{how} without a reset command: {often},"
+        f" within {seconds(last.t_ns - first.t_ns)}.{_disguise(first)}",
+        cause
+        or "Its supply breaks down when it starts to work, its watchdog, or a crash of its"
+        " firmware at the same point each time.",
+        "Measure the node's supply while it starts; read its error memory (1003h); does it also"
+        " restart when it stays in PRE-OPERATIONAL?",
+        [boot.seq for boot in boots][:EVIDENCE],
+    )
+
+
+def _unexpected_reset(facts: Facts, boot: BootUp, silence: Lost | None) -> Finding:
+    """The restart with the silence before it, a second boot-up frame, and the node's own word."""
+    own = [b for b in facts.control.nmt.boot_ups if (b.bus, b.node) == (boot.bus, boot.node)]
+    pair = [b for b in own if b.repeated and 0 < b.t_ns - boot.t_ns < BOOT_UP_NS][:1]
+    again = any(not b.repeated and 0 < boot.t_ns - b.t_ns < BOOT_UP_NS for b in own)
+    watchdog = _watchdog_emcy(facts, boot)
+    text = f"{facts.who(boot.bus, boot.node)} restarted at {facts.moment(boot.t_ns)} although no"
+    text += " reset was commanded in the 10 s before"
+    if silence is not None:
+        text += f", after a silence of {seconds(silence.end_ns - silence.last_ns)}"
+    text += f" (two boot-up frames, {seconds(pair[0].t_ns - boot.t_ns)} apart)" if pair else ""
+    text += f".{_disguise(boot)}"
+    alone = silence is not None and silence.whole_bus
+    if alone:
+        text += " No other node is on the bus and nobody was heard meanwhile: the capture cannot"
+        text += " tell whether the node restarted or the whole machine was switched off and on."
+    cause = "Short break of its supply, watchdog, or a crash of its firmware."
+    if watchdog:
+        cause = f"Its watchdog reset it (EMCY {watchdog.code:04X}h)."
+    elif again:
+        cause = "Its supply is not steady when it is switched on, or two devices carry this number"
+        cause += " and each sent its own boot-up."
+    return Finding(
+        "nmt.unexpected_reset",
+        "warning" if alone else "error",
+        boot.bus,
+        boot.node,
+        silence.last_ns if silence else boot.t_ns,
+        boot.t_ns,
+        text,
+        cause,
+        "Measure the node's supply under load; look at its error memory (1003h) and for a"
+        " watchdog EMCY after the boot-up.",
+        [
+            *([silence.last_seq] if silence else []),
+            boot.seq,
+            *(b.seq for b in pair),
+            *([watchdog.seq] if watchdog else []),
+        ],
+    )
+
+
+def _disguise(boot: BootUp) -> str:
+    """How a boot-up was told that looks like a heartbeat (sheet skbis-lir-canopen.md, trap 1)."""
+    if boot.byte == 0:
+        return ""
+    return (
+        f" Its boot-up carries {boot.byte:02X}h like a heartbeat, as this device's does when"
+        " 1017h is stored."
+    )
+
+
+def _watchdog_emcy(facts: Facts, boot: BootUp) -> EmcyRow | None:
+    """What the node itself says of its restart, within two seconds after it."""
+    for row in facts.analysis.emcy:
+        same = (row.bus, row.node) == (boot.bus, boot.node) and "watchdog" in row.meaning
+        raised = row.transition in ("raised", "further")
+        if same and raised and 0 <= row.t_ns - boot.t_ns <= 2_000_000_000:
+            return row
+    return None
+
+
+def _no_boot_up(facts: Facts) -> Iterator[Finding]:
+    """Nodes that a reset command silenced: for long, or for good."""
+    elsewhere = absences(facts)
+    for key, failed in failed_resets(facts):
+        bus, node = facts.context.bus_name(key[0]), key[1]
+        command, end_ns, end_seq, back = failed
+        if any(each.explains(bus, node, command.t_ns, end_ns) for each in elsewhere):
+            continue
+        whom = "all nodes" if command.node == 0 else "it"
+        lasted = seconds(end_ns - command.t_ns)
+        silent = (
+            f"only {lasted} later it was heard again" if back else f"it was silent for {lasted}"
+        )
+        until = "" if back else ", up to the end"
+        yield Finding(
+            "nmt.no_boot_up",
+            "error",
+            bus,
+            node,
+            command.t_ns,
+            end_ns,
+            f"{facts.who(bus, node)} did not come back from the reset at"
+            f' {facts.moment(command.t_ns)} ("{command_name(command.specifier)}" to {whom}):'
+            f" {silent}{until}.",
+            "The node hangs in its start, its stored parameters are damaged, or it came back with"
+            " another node id or bit rate that was written before and became active by the reset.",
+            "Switch its supply off and on; look for a new node id on the bus; read back the node"
+            " id and bit rate objects that were written.",
+            [command.seq, *([end_seq] if end_seq is not None else [])],
+        )
+
+
+def _slow_boots(facts: Facts) -> Iterator[Finding]:
+    """Single starts that took far longer than the others of the same node."""
+    boots = sorted(facts.control.nmt.boot_ups, key=lambda boot: (boot.bus, boot.node, boot.seq))
+    for (bus, node), group in groupby(boots, key=lambda boot: (boot.bus, boot.node)):
+        timed = [
+            (boot.t_ns - boot.command_ns, boot)
+            for boot in group
+            if boot.command_ns is not None and boot.t_ns - boot.command_ns >= 0
+            if boot.t_ns - boot.command_ns <= COMMAND_WINDOW_NS
+        ]
+        usual = median(passed for passed, _ in timed) if len(timed) >= TIMES else None
+        for passed, boot in timed if usual is not None else ():
+            if usual is None or passed <= SLOW_FACTOR * usual or passed - usual <= SLOW_NS:
+                continue
+            yield Finding(
+                "nmt.slow_boot",
+                "info",
+                bus,
+                node,
+                boot.t_ns - passed,
+                boot.t_ns,
+                f"{facts.who(bus, node)} took {seconds(passed)} from the reset command to its"
+                f" boot-up at {facts.moment(boot.t_ns)}; usually it takes {seconds(round(usual))}.",
+                "It checked or wrote its memory, started twice, or its supply came up slowly.",
+                "Compare with other starts; a master that waits for less time will not find it.",
+                [*([boot.command_seq] if boot.command_seq is not None else []), boot.seq],
+            )
+
+
+_UNASKED = (
+    "No reset command, and no write that resets the device, in the 10 s before.",
+    "The first boot-up of a node that was not heard before is its switching on.",
+    "Not where a capture gap or a silence of the whole bus lies just before it.",
+    "The second frame of a pair that one start sends is none.",
+)
+
+
+def _resets_again(facts: Facts) -> Iterator[Finding]:
+    """Reset commands that come again and again: whoever sends them is not content."""
+    by_target: dict[tuple[str, int], list[NmtCommandRow]] = {}
+    for row in facts.control.nmt.commands:
+        if row.command in _RESETS:
+            by_target.setdefault((row.bus, row.node), []).append(row)
+    for (bus, node), rows in sorted(by_target.items()):
+        apart = [
+            row for row, before in zip(rows, [None, *rows], strict=False) if _later(row, before)
+        ]
+        for begin, end in Stretch.of([row.t_ns for row in apart], LOOP_NS):
+            run = [row for row in apart if begin <= row.t_ns <= end]
+            if len(run) >= COMMANDED:
+                yield _reset_again(facts, bus, node, run)
+
+
+def _later(row: NmtCommandRow, before: NmtCommandRow | None) -> bool:
+    """Whether a reset is no repetition that belongs to the one before it."""
+    return before is None or abs(row.t_ns - before.t_ns) > BOOT_UP_NS
+
+
+def _reset_again(facts: Facts, bus: str, node: int, run: Sequence[NmtCommandRow]) -> Finding:
+    whom = facts.inside(bus, node) if node else "all nodes"
+    first, last = run[0], run[-1]
+    return Finding(
+        "nmt.reset_again",
+        "info",
+        bus,
+        node or None,
+        first.t_ns,
+        last.t_ns,
+        f"The master reset {whom} {len(run)} times within {seconds(last.t_ns - first.t_ns)}, first"
+        f" at {facts.moment(first.t_ns)}.",
+        "The master starts over again and again: it misses a node that it takes for mandatory, its"
+        " configuration of a node fails, or somebody tests.",
+        "The master's log; which node does it ask for that does not answer, or refuses a setting?",
+        [row.seq for row in run][:EVIDENCE],
+    )
+
+
+RULES = (
+    Rule(
+        "nmt.reset_again",
+        "The master resets a node, or all of them, again and again.",
+        "The reset commands.",
+        (
+            f"At least {COMMANDED} resets, none more than 60 s after the one before.",
+            "Resets within a second count as one: a master may send both kinds.",
+        ),
+        _resets_again,
+    ),
+    Rule(
+        "nmt.unexpected_reset",
+        "A node restarted although nobody commanded it.",
+        "The boot-up, and the last frame before it.",
+        _UNASKED,
+        _resets,
+    ),
+    Rule(
+        "nmt.boot_loop",
+        "A node restarts again and again without a command.",
+        "Its boot-ups.",
+        (*_UNASKED, "At least three restarts, none more than 60 s after the one before."),
+        _loops,
+    ),
+    Rule(
+        "nmt.no_boot_up",
+        "A node was reset and did not come back, or only after a long time.",
+        "The reset command, and the first frame after it.",
+        (
+            "Devices that are silent after a reset by their maker's word have that time.",
+            "The node was heard before the command, and others after it.",
+            "Any frame of the node after the reset, also an SDO answer, shows that it lives.",
+        ),
+        _no_boot_up,
+    ),
+    Rule(
+        "nmt.slow_boot",
+        "A node took far longer to start than it usually does.",
+        "The reset command and the boot-up.",
+        ("At least four timed starts of the same node; twice the usual time and one second more.",),
+        _slow_boots,
+    ),
+)

@@ -1,0 +1,1 @@
+"""Angle traces and what is odd about them."""

@@ -1,0 +1,445 @@
+"""Angle traces: position-like objects of encoders and inclinometers over time."""
+
+from bisect import insort
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from syncline_analyzer.context import Context
+from syncline_analyzer.fold import IndexedBatch
+from syncline_analyzer.folds.angle.frozen import with_frozen
+from syncline_analyzer.folds.angle.notes import (
+    note_alarms,
+    note_ambiguous,
+    note_frozen,
+    note_gray,
+)
+from syncline_analyzer.folds.angle.samples import (
+    Key,
+    SampleReader,
+    Samples,
+    alarm_objects,
+    changes_within,
+)
+from syncline_analyzer.folds.angle.trace import Converter, Derived, Encoder, Plain, Tilt, TraceState
+from syncline_analyzer.folds.timing.block import BLOCK_FRAMES, Block, Blocks
+from syncline_analyzer.object_history import Known, ObjectHistory
+from syncline_analyzer.pdo_binding import PdoBindings
+from syncline_analyzer.results import Trace, TraceEventRow, TraceRow
+from syncline_schemas.batch import Gap
+from syncline_schemas.decoder import decode_nmt
+from syncline_schemas.devices import Device, Jump, quirks
+from syncline_schemas.measurement import (
+    encoder_scale,
+    measured_by,
+    position_objects,
+    tilt_axis,
+    tilt_scale,
+)
+
+WRITE_NS = 500_000_000
+"""A jump this near to a write that explains it is the write's doing."""
+GENERIC_JUMPS = (Jump(0x6003, 0, "preset"), Jump(0x6000, 0, "operating parameters"))
+_RESETS = (0x81, 0x82)
+_RECENT_WRITES = 1000
+_SCALE_ROLES = (
+    "counts_per_turn",
+    "hardware_counts_per_turn",
+    "range",
+    "turns",
+    "resolution",
+    "quadrant",
+    "definition",
+)
+"""Roles of objects in a device's `measurement` that make its scale."""
+_STANDARD_SCALE = tuple((index, 0) for index in (0x6000, 0x6001, 0x6002, 0x6501, 0x6502))
+"""Objects of the scale in CiA 406 and CiA 410."""
+
+
+class Cut(NamedTuple):
+    """A moment at which a trace must be cut; `write` when an SDO write is the reason.
+
+    Without a text something became known that may change the scale: the trace is cut only if so.
+    """
+
+    seq: int
+    t_ns: int
+    text: str
+    write: bool
+
+
+@dataclass(frozen=True, slots=True)
+class AngleTables:
+    """Everything about angles."""
+
+    traces: list[TraceRow] = field(default_factory=list)
+    trace_data: list[Trace] = field(default_factory=list)
+    events: list[TraceEventRow] = field(default_factory=list)
+
+
+class AngleFold:
+    """Traces of all position-like objects (analysis.md section 7), from TPDOs and SDO reads.
+
+    Comes after the fold that fills the shadow. A trace is cut at a gap, a reset, a change of scale,
+    and at the writes that its device names (preset, teach, zero ...).
+    """
+
+    def __init__(self, context: Context, block_frames: int = BLOCK_FRAMES) -> None:
+        self._context = context
+        self._blocks = Blocks(block_frames)
+        self._reader = SampleReader(context.shadow, PdoBindings(context.shadow))
+        self._states: dict[Key, TraceState] = {}
+        self._writes: dict[tuple[int, int], deque[Cut]] = {}
+        self._seen: dict[int, int] = {}
+        self._resets: dict[tuple[int, int], list[int]] = {}
+        self._jump_from_ns: dict[tuple[Key, int], int] = {}
+
+    def update(self, batch: IndexedBatch) -> None:
+        """Take in the next frames."""
+        for block in self._blocks.add(batch):
+            self._take(block)
+
+    def gap(self, gap: Gap) -> None:
+        """Nothing is joined over a gap."""
+        self._flush()
+        for (bus, _, _), state in self._states.items():
+            if gap.bus in (None, bus):
+                state.cut(self._seen.get(bus, 0), gap.start_ns, f"capture gap: {gap.reason}")
+
+    def finish(self, end_ns: int, starts: Sequence[tuple[str, int, int]] = ()) -> AngleTables:
+        """All traces; a jump that a write explains is told as a cut.
+
+        Args:
+            end_ns: end of the capture.
+            starts: (bus, node, t_ns) of every restart; a jump over one is none.
+        """
+        self._flush()
+        tables = AngleTables()
+        for key, state in sorted(self._states.items()):
+            bus, node, _ = key
+            note_ambiguous(state)
+            note_gray(state)
+            tables.traces.append(state.row())
+            tables.trace_data.append(state.trace())
+            writes = list(self._writes.get((bus, node), ()))
+            own = [t for name, n, t in starts if (name, n) == (state.bus, node)]
+            for event in state.events:
+                since_ns = self._jump_from_ns.get((key, event.seq), event.t_ns)
+                if not _explained(event, writes) and not _restarted(event, since_ns, own):
+                    tables.events.append(event)
+        return tables
+
+    def _flush(self) -> None:
+        for block in self._blocks.flush():
+            self._take(block)
+
+    def _take(self, block: Block) -> None:
+        for bus in block.by_bus:
+            found = with_frozen(self._reader.read(block, bus), self._quantity)
+            nodes = {node for _, node, _ in found} | {n for b, n, _ in self._states if b == bus}
+            last_seq = block.batch.seq0 + len(block.batch) - 1
+            cuts = {node: self._cuts(block, bus, node, last_seq) for node in nodes}
+            for key in sorted(set(found) | {k for k in self._states if k[0] == bus}):
+                self._extend(key, found.get(key), cuts[key[1]])
+            self._seen[bus] = last_seq
+
+    def _quantity(self, key: Key) -> tuple[int, int, str, int]:
+        """What an object measures: two objects of the same axis measure the same."""
+        bus, node, number = key
+        device = self._context.shadow.device(bus, node)
+        device_type = self._context.shadow.number(bus, node, 0x1000)
+        by, _ = measured_by(device, device_type, number >> 8, number & 0xFF)
+        axis = tilt_axis(by, number >> 8)
+        return (bus, node, "object", number) if axis is None else (bus, node, "axis", axis)
+
+    def _extend(self, key: Key, samples: Samples | None, cuts: list[Cut]) -> None:
+        """Add the samples of a block to a trace, cut where it must be."""
+        bus, node, number = key
+        if samples is None:
+            for cut in cuts if key in self._states else ():
+                _cut(self._states[key], cut)
+            return
+        if key not in self._states:
+            self._states[key] = TraceState(self._context.bus_name(bus), node, number)
+        state = self._states[key]
+        begin = 0
+        for cut in self._placed(key, samples, cuts):
+            stop = int(np.searchsorted(samples.seq, cut.seq))
+            self._add(state, key, _piece(samples, begin, stop))
+            _cut(state, cut)
+            begin = stop
+        self._add(state, key, _piece(samples, begin, len(samples.seq)))
+
+    def _placed(self, key: Key, samples: Samples, cuts: list[Cut]) -> list[Cut]:
+        """The cuts; a write's cut is put where the value jumps, which may be before its answer."""
+        placed: list[Cut] = []
+        for cut in cuts:
+            if cut.write and self._context.timed:
+                near = np.flatnonzero(np.abs(samples.t_ns - cut.t_ns) <= WRITE_NS)
+                jumps = self._jumps_of(key, samples, near, cut.seq)
+                if jumps:
+                    row = min(jumps, key=lambda row: abs(int(samples.t_ns[row]) - cut.t_ns))
+                    cut = cut._replace(seq=int(samples.seq[row]))
+            insort(placed, cut)
+        return placed
+
+    def _jumps_of(self, key: Key, samples: Samples, rows: np.ndarray, seq: int) -> list[int]:
+        if not len(rows):
+            return []
+        piece = _piece(samples, int(rows[0]), int(rows[-1]) + 1)
+        converter = self._converter(key, piece, seq)
+        trial = TraceState("", 0, 0)
+        derived = converter.derive(trial.link, piece, timed=True)
+        return [int(rows[0]) + jump.row for jump in derived.jumps]
+
+    def _add(self, state: TraceState, key: Key, piece: Samples) -> None:
+        if not len(piece.seq):
+            return
+        converter = self._converter(key, piece, int(piece.seq[0]))
+        if state.begun and not converter.same_scale(state.converter):
+            state.cut(int(piece.seq[0]), int(piece.t_ns[0]), "another scale")
+        derived = state.add(piece, converter, timed=self._context.timed)
+        self._note_jumps(state, key, piece, derived, converter)
+        self._note_outside(state, piece, derived)
+        note_frozen(state, piece)
+        device = self._context.shadow.device(key[0], key[1])
+        if (key[2] >> 8, key[2] & 0xFF) in alarm_objects(device):
+            note_alarms(state, piece, device)
+        elif isinstance(converter, Encoder) and device and "gray" in device.measurement:
+            state.gray.add(piece.raw[piece.valid], converter.scale.range_counts)
+
+    def _note_jumps(
+        self,
+        state: TraceState,
+        key: Key,
+        piece: Samples,
+        derived: Derived,
+        converter: Converter,
+    ) -> None:
+        for jump in derived.jumps:
+            text = self._jump_text(key, jump.after, converter, int(piece.seq[jump.row]))
+            limit = converter.scale.max_rpm if isinstance(converter, Encoder) else None
+            seq, t_ns = int(piece.seq[jump.row]), int(piece.t_ns[jump.row])
+            self._jump_from_ns[key, seq] = t_ns - jump.span_ns
+            state.note(
+                "jump",
+                seq,
+                t_ns,
+                jump.before,
+                jump.after,
+                f"{jump.span_ns / 1e6:.4g} ms apart, which would take {jump.speed_rpm:.0f} rpm;"
+                f" the device turns at most {limit:.0f} rpm{text}",
+            )
+
+    def _jump_text(self, key: Key, after: float, converter: Converter, seq: int) -> str:
+        """Hint at the wire that sets the position of some devices without a bus message."""
+        bus, node, _ = key
+        device = self._context.shadow.device(bus, node)
+        if not quirks(device).hardware_preset or not isinstance(converter, Encoder):
+            return ""
+        preset = self._context.shadow.number(bus, node, 0x6003, 0, seq) or 0
+        per_turn = converter.scale.counts_per_turn or 1
+        total = converter.scale.range_counts or 1
+        distance = min((after - preset) % total, (preset - after) % total)
+        return f"; it landed at the preset value {preset}" if distance < per_turn else ""
+
+    @staticmethod
+    def _note_outside(state: TraceState, piece: Samples, derived: Derived) -> None:
+        """The first sample of each stretch of impossible values."""
+        outside = derived.flags >> 4 & 1
+        starts = np.flatnonzero(np.diff(outside.astype(np.int8), prepend=int(state.outside)) > 0)
+        state.outside = bool(outside[-1])
+        assumed = f"assumed: {', '.join(state.assumed)}" if state.assumed else "scale as read"
+        for row in starts.tolist():
+            state.note(
+                "out of range",
+                int(piece.seq[row]),
+                int(piece.t_ns[row]),
+                None,
+                float(derived.value[row]),
+                assumed,
+            )
+
+    def _converter(self, key: Key, piece: Samples, seq: int) -> Converter:
+        """Scale of a trace as known at `seq`."""
+        bus, node, number = key
+        shadow = self._context.shadow
+        device = shadow.device(bus, node)
+
+        def lookup(index: int, sub: int) -> tuple[int, bool] | None:
+            known = self._acting(bus, node, device, (index, sub), seq)
+            if known is None or not isinstance(known.value, int):
+                return None
+            doubtful = self._doubtful(bus, node, device, (index, sub), known, seq)
+            return known.value, known.source == "eds-default" or doubtful
+
+        index = number >> 8
+        overrides = self._context.overrides(bus, node)
+        device_type = shadow.number(bus, node, 0x1000, 0, seq)
+        by, is_assumed = measured_by(device, device_type, index, number & 0xFF)
+        profile = ("profile",) if is_assumed else ()
+        axis = tilt_axis(by, index)
+        if axis is not None:
+            tilt = tilt_scale(by, lookup, overrides)
+            if by is not device and "res" in tilt.assumed:
+                return Plain(1.0, "counts", ("res", *profile))
+            tilt = replace(tilt, assumed=(*tilt.assumed, *profile))
+            reference = self._reference(bus, node, device, seq)
+            return Tilt(tilt, tilt.axes[axis], piece.entry.bits, reference=reference)
+        if by is not None:
+            encoder = encoder_scale(by, lookup, overrides)
+            return Encoder(replace(encoder, assumed=(*encoder.assumed, *profile)))
+        return Plain(piece.entry.scale, piece.entry.unit)
+
+    def _acting(
+        self, bus: int, node: int, device: Device | None, key: tuple[int, int], seq: int
+    ) -> Known | None:
+        """The value that acts at `seq`: on some devices a new scale acts after a restart only."""
+        shadow, pending = self._context.shadow, quirks(device).pending_until_reset
+        known = shadow.get(bus, node, key[0], key[1], seq)
+        if not pending or device is None:
+            return known
+        histories = dict(shadow.history(bus, node))
+        if key in pending and key in histories:
+            resets = self._resets.get((bus, node), [])
+            return _acting(histories[key], resets, seq) or shadow.assumed(bus, node, *key)
+        per_turn = device.measurement.get("counts_per_turn")
+        if key == device.measurement.get("range") and per_turn in pending and known is not None:
+            changed = self._acting(bus, node, device, per_turn, seq)
+            if changed is None or changed.source != "sdo-write":
+                return known
+            return known if (known.seq or 0) > (changed.seq or 0) else None
+        return known
+
+    def _doubtful(
+        self,
+        bus: int,
+        node: int,
+        device: Device | None,
+        key: tuple[int, int],
+        known: Known,
+        seq: int,
+    ) -> bool:
+        """Whether a reset came since, and the maker does not say that the value survives it."""
+        facts = device.object(*key) if device else None
+        if facts is None or facts.persisted != "?" or not known.confirmed:
+            return False
+        resets = self._resets.get((bus, node), [])
+        return any((known.seq or 0) < reset <= seq for reset in resets)
+
+    def _reference(self, bus: int, node: int, device: Device | None, seq: int) -> str:
+        """Whether angles count from gravity or from a pose that was taught."""
+        keys = device.measurement.get("reference", ()) if device else ()
+        if not keys:
+            return ""
+        shadow = self._context.shadow
+        values = [shadow.confirmed(bus, node, index, sub, seq) for index, sub in keys]
+        if 1 in values:
+            return "relative"
+        return "absolute" if all(value == 2 for value in values) else "reference unknown"
+
+    def _cuts(self, block: Block, bus: int, node: int, last_seq: int) -> list[Cut]:
+        """Everything in a block that cuts the traces of a node."""
+        first = self._seen.get(bus, -1)
+        device = self._context.shadow.device(bus, node)
+        writes = list(self._explaining_writes(bus, node, device, first, last_seq))
+        kept = self._writes.setdefault((bus, node), deque(maxlen=_RECENT_WRITES))
+        kept.extend(writes)
+        news = (
+            Cut(seq, 0, "", False)
+            for key in scale_objects(device)
+            for seq in self._context.shadow.changes(bus, node, *key)
+            if first < seq <= last_seq
+        )
+        resets = list(_resets(block, bus, node))
+        self._resets.setdefault((bus, node), []).extend(cut.seq for cut in resets)
+        return sorted([*writes, *news, *resets])
+
+    def _explaining_writes(
+        self, bus: int, node: int, device: Device | None, first: int, last: int
+    ) -> Iterator[Cut]:
+        shadow = self._context.shadow
+        for jump in quirks(device).jumps or GENERIC_JUMPS:
+            key = (jump.index, jump.sub)
+            for known in changes_within(shadow, bus, node, key, first, last):
+                fits = jump.values is None or known.value in jump.values
+                if known.source == "sdo-write" and fits:
+                    text = f"{jump.text} ({jump.index:04X}h written)"
+                    yield Cut(known.seq or 0, known.t_ns or 0, text, True)
+
+
+def scale_objects(device: Device | None) -> list[tuple[int, int]]:
+    """Objects on which the scale of a device's traces rests."""
+    if not position_objects(device):
+        return [(0x1000, 0), *_STANDARD_SCALE]
+    assert device is not None
+    keys = [device.measurement[role] for role in _SCALE_ROLES if role in device.measurement]
+    keys += device.measurement.get("reference", ())
+    flags = [device.measurement.get(role) for role in ("direction", "scaling")]
+    return keys + [flag["object"] for flag in flags if flag]
+
+
+def _acting(history: ObjectHistory, resets: Sequence[int], seq: int) -> Known | None:
+    """What an object acts as where a written value waits for the next reset."""
+    acting: Known | None = None
+    waits = False
+    for change in history.changes:
+        if change.seq > seq:
+            break
+        waits = (waits or change.cause == "sdo-write") and not any(
+            change.seq < reset <= seq for reset in resets
+        )
+        if not waits:
+            acting = change.known
+    return acting
+
+
+def _restarted(event: TraceEventRow, since_ns: int, starts: Sequence[int]) -> bool:
+    """Whether the device started anew between the two samples of a jump."""
+    return event.kind == "jump" and any(since_ns <= start <= event.t_ns for start in starts)
+
+
+def _cut(state: TraceState, cut: Cut) -> None:
+    if cut.text:
+        state.cut(cut.seq, cut.t_ns, cut.text)
+
+
+def _resets(block: Block, bus: int, node: int) -> Iterator[Cut]:
+    """Reset commands to a node, and boot-ups."""
+    frames, seq0 = block.frames, block.batch.seq0
+    rows = block.batch.rows(bus, 0)
+    if len(rows):
+        nmt = decode_nmt(frames.data[rows], frames.dlc[rows])
+        to_node = nmt.valid & np.isin(nmt.command, _RESETS) & np.isin(nmt.node, (0, node))
+        for row in rows[to_node].tolist():
+            yield Cut(seq0 + row, int(frames.t_ns[row]), "reset command", False)
+    rows = block.batch.rows(bus, 0x700 + node)
+    if len(rows):
+        state = np.where(frames.dlc[rows] == 1, frames.data[rows, 0], 0xFF)
+        # Some devices go on with empty state bytes after a remote frame: only the first can be a boot-up.
+        boots = (state == 0) & (np.concatenate(([0xFF], state[:-1])) != 0)
+        for row in rows[boots].tolist():
+            yield Cut(seq0 + row, int(frames.t_ns[row]), "boot-up", False)
+
+
+def _explained(event: TraceEventRow, writes: list[Cut]) -> bool:
+    """Whether a jump is the doing of a write near it."""
+    return event.kind == "jump" and any(abs(w.t_ns - event.t_ns) <= WRITE_NS for w in writes)
+
+
+def _piece(samples: Samples, begin: int, stop: int) -> Samples:
+    if begin == 0 and stop == len(samples.seq):
+        return samples
+    part = slice(begin, stop)
+    return replace(
+        samples,
+        seq=samples.seq[part],
+        t_ns=samples.t_ns[part],
+        raw=samples.raw[part],
+        valid=samples.valid[part],
+        source=samples.source[part],
+        frozen=None if samples.frozen is None else samples.frozen[part],
+    )

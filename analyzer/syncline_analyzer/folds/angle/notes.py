@@ -1,0 +1,98 @@
+"""Moments of a trace that a reader must know of, besides jumps and cuts."""
+
+from math import ceil
+
+import numpy as np
+
+from syncline_analyzer.folds.angle.samples import Samples
+from syncline_analyzer.folds.angle.trace import AMBIGUOUS, Encoder, Tilt, TraceState
+from syncline_schemas.devices import Device
+from syncline_schemas.measurement import ambiguous_rpm
+
+_AMBIGUOUS_BIT = AMBIGUOUS.bit_length() - 1
+
+
+def note_frozen(state: TraceState, piece: Samples) -> None:
+    """The first sample of each stretch in which a sibling moves and this one does not."""
+    if piece.frozen is None:
+        state.frozen = False
+        return
+    starts = np.flatnonzero(np.diff(piece.frozen.astype(np.int8), prepend=int(state.frozen)) > 0)
+    state.frozen = bool(piece.frozen[-1])
+    for row in starts.tolist():
+        later = piece.frozen[row:] & (piece.source[row:] == piece.source[row])
+        last = row + int(np.flatnonzero(later)[-1])
+        lasted = (int(piece.t_ns[last]) - int(piece.t_ns[row])) / 1e9
+        value = float(piece.raw[row])
+        text = f"{int(later.sum())} equal values in {piece.source[row]:03X}h over {lasted:.4g} s"
+        state.note("frozen", int(piece.seq[row]), int(piece.t_ns[row]), value, value, text)
+
+
+def note_alarms(state: TraceState, piece: Samples, device: Device | None) -> None:
+    """Bits that came up in an alarm or warning object."""
+    raw = piece.raw[piece.valid]
+    before = np.concatenate(([state.alarm_bits], raw[:-1]))
+    seqs, stamps = piece.seq[piece.valid], piece.t_ns[piece.valid]
+    for row in np.flatnonzero(raw & ~before).tolist():
+        words = device.object(state.object >> 8, state.object & 0xFF) if device else None
+        value = int(raw[row])
+        text = words.describe(value) if words else ""
+        state.note(
+            "alarm", int(seqs[row]), int(stamps[row]), float(before[row]), float(value), text
+        )
+    if len(raw):
+        state.alarm_bits = int(raw[-1])
+
+
+def note_ambiguous(state: TraceState) -> None:
+    """What the samples cannot tell, once per trace, where most of them cannot."""
+    count = int(state.flag_counts[_AMBIGUOUS_BIT])
+    if 2 * count < state.samples or not count or state.first_ns is None:
+        return
+    converter = state.converter
+    text = ""
+    if isinstance(converter, Encoder):
+        text = _too_seldom(state, converter)
+    elif isinstance(converter, Tilt):
+        text = _repeating(converter, state.last_value or 0.0)
+    if text:
+        first = state.last_value
+        state.note("ambiguous", state.first_seq, state.first_ns, None, first, text)
+
+
+def _repeating(converter: Tilt, value: float) -> str:
+    """What a 16-bit angle may be besides what it reads."""
+    span = 65536 * converter.scale.deg_per_count
+    low, high = converter.axis.low_deg, converter.axis.high_deg
+    first = ceil((low - value) / span)
+    same = [value + k * span for k in range(first, first + int((high - low) / span) + 1)]
+    listed = ", ".join(f"{angle:.10g}" for angle in np.round(same, 6) if angle < high)
+    return (
+        f"16 bits at {converter.scale.deg_per_count:g} deg repeat every {span:g} deg, the last"
+        f" value may be {listed} deg"
+    )
+
+
+def _too_seldom(state: TraceState, converter: Encoder) -> str:
+    scale = converter.scale
+    spacing_ns = min(state.link.spacing_ns.values(), default=0.0)
+    if not scale.counts_per_turn or not scale.range_counts or not spacing_ns:
+        return ""
+    limit = ambiguous_rpm(scale.range_counts, scale.counts_per_turn, spacing_ns / 1e9)
+    return (
+        f"samples every {spacing_ns / 1e6:.4g} ms tell direction and speed only below"
+        f" {limit:.4g} rpm, the device may turn {scale.max_rpm:g} rpm"
+    )
+
+
+def note_gray(state: TraceState) -> None:
+    """That the counts are in the wrong code, once per trace."""
+    mismatch = state.gray.mismatch
+    if mismatch is None or state.first_ns is None:
+        return
+    text = (
+        "Gray code is read as binary counts"
+        if mismatch == "gray"
+        else "binary counts are converted as if they were Gray code"
+    )
+    state.note("gray code", state.first_seq, state.first_ns, None, None, text)

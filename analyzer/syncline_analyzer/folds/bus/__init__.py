@@ -1,0 +1,1 @@
+"""The bus itself: error frames, clock, LSS, TIME."""

@@ -1,0 +1,1 @@
+"""EMCY: episodes, context, history."""

@@ -1,0 +1,296 @@
+"""The error state machine of a node: what each EMCY does to its errors (CiA 301 7.2.7.2)."""
+
+from bisect import bisect_right
+from collections.abc import Sequence
+from typing import Any, Literal, NamedTuple
+
+from syncline_analyzer.folds.emcy.left import (
+    ActiveError,
+    codes_told,
+    codes_unexplained,
+    gone_errors,
+    words_of,
+)
+from syncline_analyzer.folds.emcy.reads import NoError
+from syncline_analyzer.folds.nmt.fold import BootUp
+from syncline_analyzer.results import EmcyRow, ErrorRow
+from syncline_schemas.canopen.emcy import EMCY_BYTES, short_message
+from syncline_schemas.devices import Device, emcy_details, emcy_meaning, register_bits
+
+MAX_EVIDENCE = 50
+MAX_ACTIVE = 254
+"""Errors of a node at one time: 1003h holds no more (CiA 301 7.5.2.3)."""
+MAX_ALIKE = 8
+"""Errors of one code told apart by the maker's bytes; more of them are no fault numbers."""
+MAX_LISTED = 32
+
+Transition = Literal["raised", "further", "partly cleared", "all cleared", "reset", "malformed"]
+_Ended = Literal["cleared", "lost at reset"]
+
+
+class Message(NamedTuple):
+    """A frame on a node's EMCY identifier."""
+
+    seq: int
+    t_ns: int
+    data: bytes
+
+    @property
+    def whole(self) -> bool:
+        """Whether it has the eight bytes of an EMCY."""
+        return len(self.data) >= EMCY_BYTES
+
+
+class Before(NamedTuple):
+    """An EMCY whose bits tell of errors that no EMCY of the capture raised.
+
+    `codes` are those that the device's table gives for the bits; empty where it has none.
+    """
+
+    seq: int
+    codes: tuple[int, ...]
+
+
+class Story:
+    """Follows the errors of one node through its EMCYs and boot-ups.
+
+    A read that says "no error" ends errors as well (`reads`), unless they are told again after it.
+
+    Attributes:
+        rows: one per message, and one per boot-up that takes errors with it.
+        before: messages that tell of errors from before the capture; at most one per start.
+    """
+
+    def __init__(
+        self, bus: str, node: int, device: Device | None, reads: Sequence[NoError] = ()
+    ) -> None:
+        self._reads = reads
+        self._bus = bus
+        self._node = node
+        self._device = device
+        self._active: list[ActiveError] = []
+        self._over: list[ErrorRow] = []
+        self._listed: list[int] = []
+        self._register = self._words = 0
+        self._last = b""
+        self._fresh_start = True
+        self.rows: list[EmcyRow] = []
+        self.before: list[Before] = []
+
+    def tell(self, messages: Sequence[Message], boot_ups: Sequence[BootUp]) -> None:
+        """Run through messages and boot-ups in order of `seq`."""
+        events: list[tuple[int, Message | BootUp]] = [(m.seq, m) for m in messages]
+        events += [(boot.seq, boot) for boot in boot_ups]
+        for _, event in sorted(events, key=lambda entry: entry[0]):
+            if isinstance(event, BootUp):
+                self._boot_up(event)
+            else:
+                self._message(event)
+
+    def errors(self) -> list[ErrorRow]:
+        """All errors, also those that are still active."""
+        left = []
+        for error in self._active:
+            read = self._read_after(error, None)
+            if read is None:
+                left.append(self._row_of(error, None, "still active"))
+            else:
+                left.append(self._read_row(error, read))
+        return self._over + left
+
+    def _read_after(self, error: ActiveError, end_seq: int | None) -> NoError | None:
+        """The first read after an error, and before a frame, that says that it is over."""
+        first, last = error.evidence[0], error.evidence[-1]
+        start = bisect_right(self._reads, last, key=lambda read: read.seq)
+        for read in self._reads[start:]:
+            if end_seq is not None and read.seq >= end_seq:
+                return None
+            if read.ends(first, last, error.register):
+                return read
+        return None
+
+    def _read_row(self, error: ActiveError, read: NoError) -> ErrorRow:
+        _note(error.evidence, read.seq)
+        return self._row_of(error, read.t_ns, "cleared")
+
+    def _message(self, message: Message) -> None:
+        data = message.data
+        if not message.whole:
+            code = int.from_bytes(data[:2], "little") if len(data) >= 2 else None
+            told = emcy_meaning(self._device, code) if code is not None else ""
+            self._add(message, code, short_message(data, told), None, data[3:], "malformed")
+            return
+        code = int.from_bytes(data[:2], "little")
+        transition = self._raise(message, code) if code >> 8 else self._clear(message)
+        self._register, self._words = data[2], words_of(self._device, data[3:8])
+        self._last = data[:EMCY_BYTES]
+        self._fresh_start = False
+        meaning = emcy_meaning(self._device, code)
+        self._add(message, code, meaning, data[2], data[3:8], transition)
+
+    def _raise(self, message: Message, code: int) -> Transition:
+        register, manufacturer = message.data[2], message.data[3:8]
+        transition: Transition = "further" if self._active else "raised"
+        alike = [error for error in self._active if error.code == code]
+        known = next((e for e in alike if self._same(e, code, manufacturer)), None)
+        if known is None and len(alike) >= MAX_ALIKE:
+            known = alike[-1]
+        if known is not None:
+            known.count += 1
+            known.certain = True
+            _note(known.evidence, message.seq)
+            return transition
+        if len(self._active) < MAX_ACTIVE:
+            words = words_of(self._device, manufacturer)
+            fresh, fresh_words = register & ~self._register, words & ~self._words
+            self._active.append(
+                ActiveError(
+                    code,
+                    manufacturer,
+                    message.t_ns,
+                    register,
+                    fresh,
+                    fresh_words,
+                    evidence=[message.seq],
+                )
+            )
+            self._list()
+        self._note_before(message)
+        return transition
+
+    def _same(self, error: ActiveError, code: int, manufacturer: bytes) -> bool:
+        """Whether a message repeats an error.
+
+        Where the low byte of the code tells nothing, the maker's bytes tell errors apart, unless
+        the device's table says that they hold its alarm words.
+        """
+        fields = self._device is not None and bool(self._device.emcy_fields)
+        return error.code == code and (
+            bool(code & 0xFF) or fields or error.manufacturer == manufacturer
+        )
+
+    def _clear(self, message: Message) -> Transition:
+        """A code 00xxh: what is left tells which errors it does not clear."""
+        gone = self._ended_by(message)
+        if gone is None:
+            self._end(self._active, message.t_ns, message.seq, "cleared")
+            return "all cleared"
+        if self._fresh_start and not self._active:
+            told = codes_told(self._device, message.data[2], message.data[3:8])
+            self.before.append(Before(message.seq, told))
+        self._end(gone, message.t_ns, message.seq, "cleared")
+        if not self._fresh_start:
+            self._note_before(message)
+        return "partly cleared"
+
+    def _ended_by(self, message: Message) -> list[ActiveError] | None:
+        """Errors that a clear ends while others are left; None when nothing is."""
+        register, manufacturer = message.data[2], message.data[3:8]
+        named = self._named(register, manufacturer)
+        if named and (register or len(named) < len(self._active)):
+            return named
+        if not register and not words_of(self._device, manufacturer):
+            return None
+        repeated = message.data[:EMCY_BYTES] == self._last
+        return gone_errors(self._device, self._active, register, manufacturer, repeated=repeated)
+
+    def _named(self, register: int, manufacturer: bytes) -> list[ActiveError]:
+        """Errors that a clear names by the bytes with which they were raised.
+
+        A register of 0 outweighs them where the device's table says what its bits stand for. Where
+        it is not 0, the first byte alone may name the error, as CANopenNode does.
+        """
+        device = self._device
+        if not any(manufacturer) or (
+            device and (device.emcy_fields or (device.emcy_registers and not register))
+        ):
+            return []
+        named = [error for error in self._active if error.manufacturer == manufacturer]
+        first = [error.manufacturer[0] for error in self._active]
+        distinct = len(first) > 1 and len(set(first)) == len(first)
+        if named or not register or not manufacturer[0] or not distinct:
+            return named
+        return [error for error in self._active if error.manufacturer[0] == manufacturer[0]]
+
+    def _note_before(self, message: Message) -> None:
+        """Bits in an EMCY for which no error was raised: it came before the capture."""
+        register, manufacturer = message.data[2], message.data[3:8]
+        codes = codes_unexplained(self._device, self._active, register, manufacturer)
+        if codes and not self.before:
+            self.before.append(Before(message.seq, codes))
+
+    def _boot_up(self, boot: BootUp) -> None:
+        self._register = self._words = 0
+        if not self._active or boot.repeated:
+            return
+        meaning = "boot-up: the error list is gone, which clears nothing"
+        self._end(self._active, boot.t_ns, boot.seq, "lost at reset")
+        self._add(Message(boot.seq, boot.t_ns, b""), None, meaning, None, b"", "reset")
+
+    def _end(self, errors: Sequence[ActiveError], t_ns: int, seq: int, status: _Ended) -> None:
+        for error in list(errors):
+            read = self._read_after(error, seq)
+            if read is not None:
+                self._over.append(self._read_row(error, read))
+            else:
+                _note(error.evidence, seq)
+                self._over.append(self._row_of(error, t_ns, status))
+            self._active.remove(error)
+        self._list()
+
+    def _list(self) -> None:
+        """Codes of what is active; rows between two changes share the list."""
+        codes = dict.fromkeys(error.code for error in self._active)
+        self._listed = list(codes)[:MAX_LISTED]
+
+    def _row_of(
+        self, error: ActiveError, cleared_ns: int | None, status: _Ended | Literal["still active"]
+    ) -> ErrorRow:
+        return ErrorRow(
+            self._bus,
+            self._node,
+            error.code,
+            emcy_meaning(self._device, error.code),
+            error.raised_ns,
+            cleared_ns if status == "cleared" else None,
+            status,
+            error.count,
+            list(error.evidence),
+            error.certain,
+        )
+
+    def _add(
+        self,
+        message: Message,
+        code: int | None,
+        meaning: str,
+        register: int | None,
+        manufacturer: bytes,
+        transition: Transition,
+    ) -> None:
+        whole: dict[str, Any] = {}
+        if register is not None:
+            whole = emcy_details(self._device, manufacturer)
+        self.rows.append(
+            EmcyRow(
+                self._bus,
+                self._node,
+                message.seq,
+                message.t_ns,
+                code,
+                meaning,
+                register,
+                register_bits(self._device, register) if register is not None else [],
+                manufacturer.hex().upper(),
+                transition,
+                whole,
+                self._listed,
+            )
+        )
+
+
+def _note(evidence: list[int], seq: int) -> None:
+    """Keep the first messages of an error and its last one."""
+    if len(evidence) >= MAX_EVIDENCE:
+        evidence.pop()
+    evidence.append(seq)

@@ -1,0 +1,1 @@
+"""NMT: error control, state timelines, guarding."""

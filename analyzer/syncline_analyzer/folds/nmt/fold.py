@@ -1,0 +1,612 @@
+"""NMT: commands, and the state timeline of every node (analysis.md section 4)."""
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Set as AbstractSet
+from dataclasses import dataclass, field
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from syncline_analyzer.context import Context
+from syncline_analyzer.distribution import Distribution
+from syncline_analyzer.fold import IndexedBatch
+from syncline_analyzer.folds.bus.clock import ClockTable
+from syncline_analyzer.folds.emcy.ids import SYNC_BYTES
+from syncline_analyzer.folds.nmt.cadence import Doubles, Int64s, Mask, Twins
+from syncline_analyzer.folds.nmt.error_control import Columns, ErrorControl, reset_mark
+from syncline_analyzer.folds.nmt.events import (
+    Beat,
+    Command,
+    Counts,
+    Interval,
+    NodeHistory,
+    OddCommand,
+    OddMessage,
+    OffPace,
+    PdoSpan,
+    Repeated,
+    Violation,
+)
+from syncline_analyzer.folds.nmt.guarding import Guarding
+from syncline_analyzer.folds.nmt.measures import Measures
+from syncline_analyzer.folds.nmt.pace import HeartbeatPeriods, Late
+from syncline_analyzer.folds.nmt.timeline import Timeline
+from syncline_analyzer.folds.sdo.fold import Reset
+from syncline_analyzer.folds.timing.pdo_spans import PdoSpans, Quietness
+from syncline_analyzer.pdo_binding import Pdo, PdoBindings
+from syncline_analyzer.results import NmtCommandRow, NmtStateRow, Quantiles
+from syncline_schemas.batch import FrameFlag, Gap
+from syncline_schemas.canopen.nmt import COMMANDS, STATE_OF_BYTE, NmtState, command_name
+from syncline_schemas.canopen.services import Service
+from syncline_schemas.devices import quirks
+
+RESETS = (0x81, 0x82)
+SYNC_ID = 0x080
+MAX_NODE = 127
+MAX_ODD = 1000
+"""Frames on 000h that are no NMT commands and are kept one by one."""
+
+_ON_COMMAND = (0x04, 0x05)
+"""State bytes of STOPPED and OPERATIONAL, into which a node does not boot."""
+_NOT_PDO = (Service.EMCY, Service.SDO_ANSWER, Service.ERROR_CONTROL)
+
+NodeKey = tuple[int, int]
+"""(bus number, node)."""
+
+
+class BootUp(NamedTuple):
+    """A boot-up of a node and the reset that explains it, if any.
+
+    `repeated` marks the second frame of a pair that one start of the device sends; `blind` that
+    nothing was heard of the node between a gap or a silence of the whole bus and this.
+    """
+
+    bus: str
+    node: int
+    seq: int
+    t_ns: int
+    byte: int
+    command_seq: int | None
+    command_ns: int | None
+    repeated: bool
+    blind: bool
+
+
+FOREIGN = 10
+"""So many frames that CANopen does not know on its identifiers mean another protocol."""
+
+
+@dataclass(slots=True)
+class NodeNmt:
+    """What one node's error control and states come to."""
+
+    counts: Counts = field(default_factory=Counts)
+    heartbeat_period_ns: int | None = None
+    share: dict[str, float] = field(default_factory=dict)
+    final_state: str = NmtState.UNKNOWN.value
+    alive: bool = False
+    period_us: Quantiles | None = None
+    """Of the heartbeat, without what silences, gaps and resets explain."""
+    confirmed_ms: Quantiles | None = None
+    boot_ms: Quantiles | None = None
+    guarding: Guarding = field(default_factory=Guarding)
+    paces: HeartbeatPeriods = field(default_factory=HeartbeatPeriods)
+    late: list[Late] = field(default_factory=list)
+    """Heartbeats that came late while nothing explains it."""
+    odd: list[OddMessage] = field(default_factory=list)
+    doubles: Doubles = field(default_factory=Doubles)
+    twins: Twins = field(default_factory=Twins)
+    pdo_doubles: dict[int, Doubles] = field(default_factory=dict)
+    """By identifier, for a node that booted more than once: PDOs in two interleaved cadences."""
+    toggles: list[Repeated] = field(default_factory=list)
+    """Repeated toggle bits, the first of them, without those that a write has restarted."""
+    violations: list[Violation] = field(default_factory=list)
+    heard_ns: int | None = None
+    """Time of its last frame."""
+    told_ns: int | None = None
+    """Time of its last heartbeat or guard answer."""
+    off_pace: list[OffPace] = field(default_factory=list)
+    """Stretches in which the heartbeat comes more slowly or faster than 1017h says."""
+    pdos: Literal["no", "guess", "bound"] = "no"
+    """Whether the node sends PDOs, and whether only their predefined identifiers say so."""
+
+
+@dataclass(frozen=True, slots=True)
+class NmtTable:
+    """Commands, states, and per (bus number, node) what else there is to say."""
+
+    commands: list[NmtCommandRow] = field(default_factory=list)
+    states: list[NmtStateRow] = field(default_factory=list)
+    boot_ups: list[BootUp] = field(default_factory=list)
+    nodes: dict[NodeKey, NodeNmt] = field(default_factory=dict)
+    first_ns: int = 0
+    """Time of the first frame."""
+    end_ns: int = 0
+    """Time of the end."""
+    canopen: frozenset[int] = frozenset()
+    """Numbers of the buses on which something shows CANopen."""
+    foreign: frozenset[int] = frozenset()
+    """Numbers of the buses that use CANopen's identifiers for something else."""
+    malformed: int = 0
+    """Frames on 000h that are no NMT command: length, specifier or node number."""
+    odd: list[OddCommand] = field(default_factory=list)
+    """The first of them."""
+    timelines: dict[NodeKey, Timeline] = field(default_factory=dict)
+
+
+class NmtFold:
+    """Follows NMT commands, error control and the PDOs that prove a state.
+
+    What a batch brings is reduced to commands, changes and silences; the timelines are told at the
+    end, when everything is known that the shadow can know.
+    """
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        self._first_ns: int | None = None
+        self._commands: dict[int, list[Command]] = {}
+        self._malformed = 0
+        self._odd: list[OddCommand] = []
+        self._control: dict[NodeKey, ErrorControl] = {}
+        self._pdos: dict[NodeKey, PdoSpans] = {}
+        self._gaps: dict[int | None, list[tuple[int, Gap]]] = {}
+        self._synced: set[int] = set()
+        self._foreign: Counter[int] = Counter()
+        """By bus number: frames on 000h and 080h that have another length than CANopen's."""
+        self._cut_beats: dict[NodeKey, int] = {}
+        self._cut_commands: dict[NodeKey, int] = {}
+        self._found_cuts: dict[NodeKey, list[tuple[int, int]]] = {}
+        self._quietness: dict[NodeKey, Quietness] = {}
+        self._blank: dict[NodeKey, bool] = {}
+        """Whether the last message of a node's error control told no state."""
+        self._pdo_doubles: dict[NodeKey, dict[int, Doubles]] = {}
+        self._pdo_last: dict[tuple[int, int], int] = {}
+        """By bus number and identifier: time of the last of them."""
+        self._next_seq = 0
+        self._bindings = PdoBindings(context.shadow)
+        self._errors: Mapping[NodeKey, Sequence[int]] = {}
+        self._measures: dict[NodeKey, Measures] = {}
+
+    def update(self, batch: IndexedBatch) -> list[Reset]:
+        """Take in the next frames; tells the resets among them, in order of their rows."""
+        if not len(batch):
+            return []
+        if self._first_ns is None:
+            self._first_ns = int(batch.frames.t_ns[0])
+        self._next_seq = batch.seq0 + len(batch)
+        resets = self._take_commands(batch)
+        owner = self._owners(batch)
+        by_node = _by_node(batch, owner)
+        for key, rows in by_node.items():
+            resets += self._take_node(batch, key, rows)
+        for key in self._control.keys() - by_node.keys():
+            if marks := self._marks(batch, key):
+                self._control[key].mark(marks)
+        self._take_pdos(batch, owner)
+        return sorted(resets)
+
+    def gap(self, gap: Gap) -> None:
+        """States are not known after a gap until something tells them."""
+        self._gaps.setdefault(gap.bus, []).append((self._next_seq, gap))
+        for (bus, _), control in self._control.items():
+            if gap.bus in (None, bus):
+                control.gap(gap.start_ns, self._next_seq)
+        for (bus, _), pdos in self._pdos.items():
+            if gap.bus in (None, bus):
+                pdos.close()
+        for (bus, _), quietness in self._quietness.items():
+            if gap.bus in (None, bus):
+                quietness.cut()
+
+    def finish(
+        self,
+        end_ns: int,
+        clock: ClockTable,
+        canopen: AbstractSet[int] = frozenset(),
+        errors: Mapping[NodeKey, Sequence[int]] | None = None,
+    ) -> NmtTable:
+        """Timelines of all nodes, up to the end of the capture.
+
+        A PDO identifier alone tells of a node only on a bus that shows CANopen otherwise: by
+        error control, NMT commands, SYNC, or because it is one of `canopen` (bus numbers).
+        `errors` are the times of each node's EMCYs that tell of communication errors.
+        """
+        self._errors = errors or {}
+        for control in self._control.values():
+            control.finish(end_ns, self._next_seq)
+        alive = {key for key, control in self._control.items() if control.alive}
+        own = {bus for bus, _ in alive} | self._commanded_buses() | self._synced
+        foreign = self._foreign_buses() - own
+        shown = (set(canopen) - foreign) | own
+        table = NmtTable(
+            first_ns=self._first_ns or 0,
+            end_ns=end_ns,
+            malformed=self._malformed,
+            odd=self._odd,
+            canopen=frozenset(shown),
+            foreign=frozenset(foreign),
+        )
+        spans = self._spans(shown)
+        told = sorted(alive | set(spans))
+        for key in told:
+            alone = sum(bus == key[0] for bus, _ in told) == 1
+            self._tell(table, key, spans.get(key, []), end_ns, clock, alone)
+        for bus, commands in sorted(self._commands.items()):
+            table.commands.extend(self._command_row(bus, command) for command in commands)
+        table.commands.sort(key=lambda row: row.seq)
+        return table
+
+    def _spans(self, buses: AbstractSet[int]) -> dict[NodeKey, list[PdoSpan]]:
+        """Stretches of PDOs by node, as the bindings stand now that everything was seen."""
+        for bus in buses:
+            self._bindings.refresh(bus)
+        spans: dict[NodeKey, list[PdoSpan]] = {}
+        for (bus, _), pdos in self._pdos.items():
+            for span in pdos.spans() if bus in buses else ():
+                pdo = self._tpdo(bus, span.can_id, span.first_seq)
+                if pdo is not None:
+                    span.guess = pdo.guess
+                    spans.setdefault((bus, pdo.node), []).append(span)
+        return {key: sorted(found, key=lambda s: s.first_seq) for key, found in spans.items()}
+
+    def _foreign_buses(self) -> set[int]:
+        """Buses with many frames on 000h, 080h and 701h to 77Fh that no CANopen device sends.
+
+        What looks like an answered SDO request there is chance.
+        """
+        found = Counter(self._foreign)
+        for (bus, _), control in self._control.items():
+            found[bus] += control.counts.odd
+        return {bus for bus, number in found.items() if number >= FOREIGN}
+
+    def _commanded_buses(self) -> set[int]:
+        return {
+            bus
+            for bus, commands in self._commands.items()
+            if any(c.specifier in COMMANDS and c.node <= 127 for c in commands)
+        }
+
+    def _take_commands(self, batch: IndexedBatch) -> list[Reset]:
+        resets = []
+        for bus, can_id in batch.ids():
+            if can_id == SYNC_ID:
+                long = int(np.count_nonzero(batch.frames.dlc[batch.rows(bus, can_id)] > 1))
+                self._foreign[bus] += long
+                if not long:
+                    self._synced.add(bus)
+            if can_id != 0:
+                continue
+            rows = batch.rows(bus, 0)
+            good = rows[batch.frames.dlc[rows] == 2]
+            self._take_odd(batch, bus, rows)
+            self._foreign[bus] += len(rows) - len(good)
+            kept = self._commands.setdefault(bus, [])
+            for row in good.tolist():
+                specifier, node = batch.frames.data[row, :2].tolist()
+                kept.append(Command(batch.seq(row), int(batch.frames.t_ns[row]), specifier, node))
+                if specifier in RESETS:
+                    resets.append(Reset(row, int(batch.frames.t_ns[row]), bus, node, specifier))
+        return resets
+
+    def _take_odd(self, batch: IndexedBatch, bus: int, rows: NDArray[np.intp]) -> None:
+        """Note the frames on 000h that no node can follow (CiA 301 7.2.8.3.1)."""
+        frames = batch.frames
+        length, data = frames.dlc[rows], frames.data[rows]
+        known = np.isin(data[:, 0], list(COMMANDS)) & (data[:, 1] <= MAX_NODE)
+        odd = rows[(length != 2) | ~known]
+        self._malformed += len(odd)
+        for row in odd[: MAX_ODD - len(self._odd)].tolist():
+            what = _wrong_with(frames.payload(row))
+            self._odd.append(OddCommand(bus, batch.seq(row), int(frames.t_ns[row]), what))
+
+    def _owners(self, batch: IndexedBatch) -> NDArray[np.uint16]:
+        """(n,) number of the frame's sender as bus << 7 | node; 0 in the low bits: not known."""
+        frames = batch.frames
+        owner = np.zeros(len(batch), np.uint16)
+        sent = batch.rows_of(Service.EMCY, Service.SDO_ANSWER, Service.ERROR_CONTROL)
+        sent = sent[(batch.service[sent] != Service.EMCY) | (frames.dlc[sent] > SYNC_BYTES)]
+        owner[sent] = (frames.bus[sent].astype(np.uint16) << 7) | batch.node[sent]
+        for bus in {bus for bus, _ in batch.ids()}:
+            self._bindings.refresh(bus)
+        for bus, can_id in batch.ids():
+            pdo = self._tpdo(bus, can_id, batch.seq0)
+            if pdo is not None:
+                owner[batch.rows(bus, can_id)] = bus << 7 | pdo.node
+        return owner
+
+    def _tpdo(self, bus: int, can_id: int, seq: int) -> Pdo | None:
+        """The TPDO on an identifier: as bound at `seq`, as bound later, or by a guess."""
+        pdo = self._bindings.owner(bus, can_id, seq)
+        if pdo is None or pdo.guess:
+            pdo = self._bindings.owner(bus, can_id) or pdo
+        return pdo if pdo is not None and pdo.kind == "tpdo" else None
+
+    def _take_node(self, batch: IndexedBatch, key: NodeKey, rows: NDArray[np.intp]) -> list[Reset]:
+        """One node's frames of a batch, with the remote frames to it."""
+        frames = batch.frames
+        control_rows = rows[batch.service[rows] == Service.ERROR_CONTROL]
+        control = self._control.get(key)
+        if control is None:
+            control = self._control[key] = ErrorControl(timed=self._context.timed)
+        data = frames.data[control_rows, 0]
+        remote = (frames.flags[control_rows] & FrameFlag.REMOTE) != 0
+        seq = control_rows.astype(np.int64) + batch.seq0
+        columns = Columns(seq, frames.t_ns[control_rows], remote, frames.dlc[control_rows], data)
+        # A request that a logger stored as a data frame without data is no sign of life.
+        bare = (batch.service[rows] == Service.ERROR_CONTROL) & (frames.dlc[rows] == 0)
+        alive = rows[((frames.flags[rows] & FrameFlag.REMOTE) == 0) & ~bare]
+        life = (alive.astype(np.int64) + batch.seq0, frames.t_ns[alive])
+        self._note_cuts(key, columns, life, batch.service[alive] == Service.ERROR_CONTROL)
+        seen = len(control.beats)
+        control.feed(columns, life, self._marks(batch, key))
+        fresh = control.beats[seen:]
+        before = [control.beats[seen - 1] if seen else None, *fresh]
+        return [
+            Reset(beat.seq - batch.seq0, beat.t_ns, *key, byte=beat.state)
+            for last, beat in zip(before, fresh, strict=False)
+            if beat.kind == "boot-up" or (last is not None and self._may_restart(key, last, beat))
+        ]
+
+    def _note_cuts(
+        self,
+        key: NodeKey,
+        columns: Columns,
+        life: tuple[Int64s, Int64s],
+        beat: Mask,
+    ) -> None:
+        """Note where a silence of the node may have ended, and 00h that is understood only later."""
+        cuts = self._found_cuts.setdefault(key, [])
+        if key not in self._pdos:
+            cuts[:] = sorted(cuts)[-1:]
+        if self._context.timed:
+            cuts += self._quietness.setdefault(key, Quietness()).follow(*life, beat)
+        told = np.flatnonzero(~columns.remote)
+        blank = (columns.dlc[told] == 0) | ((columns.dlc[told] == 1) & (columns.byte[told] == 0))
+        if len(told):
+            before = np.concatenate(([self._blank.get(key, False)], blank[:-1]))
+            first = told[blank & ~before]
+            cuts += zip(columns.seq[first].tolist(), columns.t_ns[first].tolist(), strict=True)
+            self._blank[key] = bool(blank[-1])
+
+    def _may_restart(self, key: NodeKey, last: Beat, beat: Beat) -> bool:
+        """Whether a heartbeat may be the boot-up of a device that starts with its state byte.
+
+        It falls to that state without a command; whether the device does so the SDO fold knows.
+        """
+        if (last.kind, beat.kind) != ("heartbeat", "heartbeat") or last.state not in _ON_COMMAND:
+            return False
+        told = any(
+            last.seq < command.seq < beat.seq and command.node in (0, key[1])
+            for command in reversed(self._commands.get(key[0], []))
+        )
+        return not told and STATE_OF_BYTE.get(beat.state) is NmtState.PRE_OPERATIONAL
+
+    def _marks(self, batch: IndexedBatch, key: NodeKey) -> list[int]:
+        """Marks of the commands of this batch that concern a node."""
+        marks = []
+        for command in reversed(self._commands.get(key[0], [])):
+            if command.seq < batch.seq0:
+                break
+            if command.node in (0, key[1]):
+                reset = command.specifier in RESETS
+                marks.append(reset_mark(command.seq) if reset else command.seq)
+        return marks[::-1]
+
+    def _take_pdos(self, batch: IndexedBatch, owner: NDArray[np.uint16]) -> None:
+        asked = batch.rows_of(Service.PDO, remote=True)
+        asked_id = batch.frames.can_id[asked]
+        for key, pdos in self._pdos.items():
+            pdos.cut(self._cuts(key))
+        for bus, can_id in batch.ids():
+            rows = batch.rows(bus, can_id)
+            number = int(owner[rows[0]])
+            if not number & 0x7F or batch.service[rows[0]] in _NOT_PDO:
+                continue
+            key = (number >> 7, number & 0x7F)
+            if key not in self._pdos:
+                self._pdos[key] = PdoSpans()
+                self._pdos[key].cut(self._cuts(key))
+            remote = asked[(asked_id == can_id) & (batch.frames.bus[asked] == bus)] + batch.seq0
+            self._pdos[key].take(can_id, rows + batch.seq0, batch.frames.t_ns[rows], remote)
+            control = self._control.get(key)
+            if control is not None and control.counts.boot_ups > 1:
+                self._follow_pdo(key, can_id, rows + batch.seq0, batch.frames.t_ns[rows])
+
+    def _follow_pdo(self, key: NodeKey, can_id: int, seq: Int64s, t_ns: Int64s) -> None:
+        """Look for two cadences of one PDO: a second device may have told the second boot-up."""
+        before = self._pdo_last.get((key[0], can_id))
+        self._pdo_last[key[0], can_id] = int(t_ns[-1])
+        passed = np.diff(t_ns, prepend=t_ns[:1] if before is None else before)
+        doubles = self._pdo_doubles.setdefault(key, {}).setdefault(can_id, Doubles())
+        doubles.note(seq, t_ns, passed, passed > 0)
+
+    def _cuts(self, key: NodeKey) -> list[tuple[int, int]]:
+        """(seq, t_ns) of what may change the node's state and was not told before."""
+        cuts: list[tuple[int, int]] = []
+        control = self._control.get(key)
+        beats = control.beats if control else []
+        cuts.extend((beat.seq, beat.t_ns) for beat in beats[self._cut_beats.get(key, 0) :])
+        self._cut_beats[key] = len(beats)
+        cuts += self._found_cuts.pop(key, [])
+        commands = self._commands.get(key[0], [])
+        fresh = commands[self._cut_commands.get(key, 0) :]
+        self._cut_commands[key] = len(commands)
+        cuts.extend((c.seq, c.t_ns) for c in fresh if c.node in (0, key[1]))
+        return sorted(cuts)
+
+    def _tell(
+        self,
+        table: NmtTable,
+        key: NodeKey,
+        spans: list[PdoSpan],
+        end_ns: int,
+        clock: ClockTable,
+        alone: bool,
+    ) -> None:
+        control = self._control.get(key) or ErrorControl(timed=self._context.timed)
+        commands = [c for c in self._commands.get(key[0], []) if c.node in (0, key[1])]
+        commands = sorted([*commands, *self._sdo_resets(key)], key=lambda c: c.seq)
+        history = NodeHistory(
+            bus=key[0],
+            node=key[1],
+            beats=control.beats,
+            silences=control.silences,
+            commands=commands,
+            spans=spans,
+            gaps=sorted(
+                self._gaps.get(key[0], []) + self._gaps.get(None, []), key=lambda entry: entry[0]
+            ),
+            first_ns=self._first_ns or 0,
+            end_ns=end_ns,
+            period_ns=control.slowest_ns(),
+            guard_period_ns=control.guarding.periods.median_ns(),
+            paces=control.paces.paces,
+            stretches=control.paces.stretches,
+            alone=alone,
+            others_anew=self._others_anew(key),
+            communication_errors=self._errors.get(key, ()),
+        )
+        timeline = Timeline(self._context, history, clock)
+        table.timelines[key] = timeline
+        measures = self._measures[key] = Measures(self._context, timeline)
+        bus = self._context.bus_name(key[0])
+        table.states.extend(
+            NmtStateRow(
+                bus, key[1], i.state.value, i.start_ns, i.end_ns, i.cause, i.certainty, i.evidence
+            )
+            for i in timeline.intervals
+        )
+        boot_ups = [BootUp(bus, key[1], *boot) for boot in timeline.boot_ups]
+        table.boot_ups.extend(boot_ups)
+        extra = len(boot_ups) - control.counts.boot_ups
+        control.counts.boot_ups += extra
+        control.counts.heartbeats -= extra
+        late = [entry for entry in control.paces.late if not measures.explains(entry)]
+        toggles = [entry for entry in control.toggles if not self._restarted(key, entry)]
+        control.counts.toggle_errors -= len(control.toggles) - len(toggles)
+        table.nodes[key] = NodeNmt(
+            counts=control.counts,
+            heartbeat_period_ns=control.median_ns() if self._context.timed else None,
+            share=_shares(timeline.intervals),
+            final_state=timeline.intervals[-1].state.value if timeline.intervals else "UNKNOWN",
+            alive=control.alive,
+            period_us=control.paces.quantiles(late),
+            confirmed_ms=_quantiles_ms(measures.confirmations()),
+            boot_ms=_quantiles_ms(measures.boot_times()),
+            guarding=control.guarding,
+            paces=control.paces,
+            late=late,
+            odd=control.odd,
+            doubles=control.doubles,
+            twins=control.twins,
+            pdo_doubles=self._pdo_doubles.get(key, {}),
+            toggles=toggles,
+            violations=timeline.violations,
+            heard_ns=control.heard_last_ns,
+            told_ns=control.last_beat_ns,
+            off_pace=timeline.off_pace,
+            pdos="no" if not spans else "guess" if all(s.guess for s in spans) else "bound",
+        )
+
+    def _restarted(self, key: NodeKey, toggle: Repeated) -> bool:
+        """Whether a write began the toggle bit anew between two answers (a device's habit)."""
+        shadow = self._context.shadow
+        return any(
+            toggle.before_seq < seq < toggle.seq
+            for place in quirks(shadow.device(*key)).guard_toggle_restarts_on
+            for seq in shadow.changes(*key, *place)
+        )
+
+    def _sdo_resets(self, key: NodeKey) -> Iterator[Command]:
+        """Writes by which a device resets, as its maker says (2002h of the JN2100)."""
+        shadow = self._context.shadow
+        writes = quirks(shadow.device(*key)).reset_writes
+        for place, history in shadow.history(*key) if writes else ():
+            for change in history.changes if place in writes else ():
+                known = change.known
+                if known and change.cause == "sdo-write" and known.value == writes[place]:
+                    how = f"reset by SDO ({place[0]:04X}h)"
+                    yield Command(change.seq, change.t_ns, RESETS[0], key[1], how)
+
+    def _others_anew(self, key: NodeKey) -> list[int]:
+        """When other nodes of the bus may have started: a boot-up may look like a heartbeat."""
+        return sorted(
+            beat.t_ns
+            for other, control in self._control.items()
+            if other[0] == key[0] and other != key
+            for beat in control.beats
+            if beat.kind == "boot-up" or STATE_OF_BYTE.get(beat.state) is NmtState.PRE_OPERATIONAL
+        )
+
+    def _command_row(self, bus: int, command: Command) -> NmtCommandRow:
+        if command.node:
+            measures = self._measures.get((bus, command.node))
+            confirmed = measures.confirmed(command) if measures else None
+        else:
+            confirmed = self._broadcast_confirmed(bus, command)
+        timed = self._context.timed and confirmed is not None
+        return NmtCommandRow(
+            self._context.bus_name(bus),
+            command.seq,
+            command.t_ns,
+            command_name(command.specifier),
+            command.node,
+            (confirmed or 0) / 1e6 if timed else None,
+        )
+
+    def _broadcast_confirmed(self, bus: int, command: Command) -> int | None:
+        """Time until the last node of the bus confirmed; None when one of them did not."""
+        times = [
+            measures.confirmed(command)
+            for (on, _), measures in self._measures.items()
+            if on == bus and measures.listens(command)
+        ]
+        told = [time for time in times if time is not None]
+        return max(told) if told and len(told) == len(times) else None
+
+
+def _quantiles_ms(times_ns: list[int]) -> Quantiles | None:
+    found = Distribution()
+    found.add(np.array(times_ns, np.int64))
+    return found.quantiles(1e6)
+
+
+def _wrong_with(data: bytes) -> str:
+    """What keeps two bytes on 000h from being an NMT command.
+
+    >>> _wrong_with(b""), _wrong_with(bytes((0x99, 5))), _wrong_with(bytes((1, 255)))
+    ('0 instead of 2 bytes', 'unknown command specifier 99h', 'node number 255')
+    """
+    if len(data) != 2:
+        return f"{len(data)} instead of 2 bytes"
+    wrong = [f"unknown command specifier {data[0]:02X}h"] if data[0] not in COMMANDS else []
+    wrong += [f"node number {data[1]}"] if data[1] > MAX_NODE else []
+    return ", ".join(wrong)
+
+
+def _by_node(batch: IndexedBatch, owner: NDArray[np.uint16]) -> dict[NodeKey, NDArray[np.intp]]:
+    """Rows by sender, in arrival order; remote frames of error control count to their node."""
+    asked = batch.rows_of(Service.ERROR_CONTROL, remote=True)
+    owner = owner.copy()
+    owner[asked] = (batch.frames.bus[asked].astype(np.uint16) << 7) | batch.node[asked]
+    rows = np.flatnonzero(owner & 0x7F)
+    order = np.argsort(owner[rows], kind="stable")
+    ordered = owner[rows][order]
+    cuts = np.flatnonzero(np.diff(ordered)) + 1
+    return {
+        (int(owner[part[0]]) >> 7, int(owner[part[0]]) & 0x7F): part
+        for part in np.split(rows[order], cuts)
+        if len(part)
+    }
+
+
+def _shares(intervals: list[Interval]) -> dict[str, float]:
+    """Share of the told time by state; empty when no time passed."""
+    total = sum(i.end_ns - i.start_ns for i in intervals)
+    shares: dict[str, float] = {}
+    for interval in intervals:
+        part = (interval.end_ns - interval.start_ns) / total if total else 0.0
+        shares[interval.state.value] = shares.get(interval.state.value, 0.0) + part
+    return shares if total else {}

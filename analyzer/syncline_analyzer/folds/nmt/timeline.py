@@ -1,0 +1,550 @@
+"""The NMT state timeline of one node, told from its reduced history (analysis.md section 4)."""
+
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from syncline_analyzer.context import Context
+from syncline_analyzer.folds.bus.clock import ClockTable
+from syncline_analyzer.folds.nmt.events import (
+    IN_FLIGHT_NS,
+    Beat,
+    BootUpEvent,
+    Certainty,
+    Command,
+    Ignored,
+    Interval,
+    Lost,
+    NodeHistory,
+    PdoSpan,
+    Silence,
+    Violation,
+)
+from syncline_analyzer.folds.nmt.quiet import Quiet
+from syncline_analyzer.folds.nmt.timeout import PRODUCER_TIME, off_pace, silence_limit
+from syncline_schemas.batch import Gap
+from syncline_schemas.canopen.nmt import (
+    STATE_AFTER_COMMAND,
+    STATE_OF_BYTE,
+    NmtState,
+    command_name,
+)
+from syncline_schemas.devices import quirks
+
+RESET_MARGIN_NS = 1_000_000_000
+"""Added to the silence that a device's maker allows after a reset [ns]."""
+RESET_QUIET_NS = 4_000_000_000
+"""Silence after a reset command that is not held against a node of unknown make [ns]."""
+PAIR_NS = 150_000_000
+"""A second boot-up this soon after the first belongs to the same start [ns]: devices that send a
+pair have 45 ms and 85 ms between the two."""
+RESTART_NS = 10_000_000_000
+"""A silence that a boot-up ends is a restart up to this length, longer ones are losses [ns]."""
+ALONE_RESTART_NS = 2_000_000_000
+"""The same for the only node of a bus that was silent altogether: nobody switches a machine off and
+on in less, and beyond it that is the likelier story [ns]."""
+RESET_WINDOW_NS = 10_000_000_000
+"""A boot-up this long after a reset command is still its effect [ns]."""
+REACTION = 0x1029
+"""What a node does after a communication error: subindex 1, 0 for PRE-OPERATIONAL."""
+REACTION_NS = 10_000_000_000
+"""An error explains a fall to PRE-OPERATIONAL this long after it [ns]."""
+TOLD_LATE_NS = 1_000_000_000
+"""A node that was bus-off can tell it this long after its first message [ns]."""
+ALIKE = 3
+"""So many long intervals of one length in a row are a period, not silences."""
+FADE_NS = 3_000_000_000
+"""Nodes of a machine that is switched off fall silent within this time of one another [ns]."""
+BUS_SHARE = 0.8
+"""Part of a node's silence during which the whole bus was silent that makes it the bus's."""
+
+_RESETS = (0x81, 0x82)
+
+
+@dataclass(slots=True)
+class _Cursor:
+    """What is known at one point of the timeline."""
+
+    state: NmtState
+    since_ns: int
+    command: Command | None = None
+    """The last command that nothing has confirmed yet."""
+    first: Command | None = None
+    """The first of equal commands, of which that is the last."""
+    boot_ns: int | None = None
+    reset: Command | None = None
+    blind: bool = False
+    """Nothing was heard of the node since a gap or a silence of the whole bus."""
+
+
+class Timeline:
+    """Tells a node's states; `intervals` are half-open and leave no time out."""
+
+    def __init__(self, context: Context, history: NodeHistory, clock: ClockTable) -> None:
+        self._context = context
+        self.history = history
+        self._clock = clock
+        self.quiet = Quiet(clock.silences.get(history.bus, ()))
+        self._quirks = quirks(context.shadow.device(history.bus, history.node))
+        self._seqs = [beat.seq for beat in history.beats]
+        self.intervals: list[Interval] = []
+        self.boot_ups: list[BootUpEvent] = []
+        self.violations: list[Violation] = []
+        self.lost: list[Lost] = []
+        self.restarts: list[Lost] = []
+        """Silences that an unasked boot-up ends and explains."""
+        self.ignored: list[Ignored] = []
+        self.changes: list[tuple[int, int, str, str]] = []
+        """(seq, t_ns, from, to) of changes that the node reported without a command for them."""
+        self.off_pace = off_pace(context, history)
+        self.followed = False
+        """Whether the node ever did what a command said; the NMT master itself does not."""
+        self._heard = False
+        self._said: NmtState | None = None
+        """What the node told last."""
+        self._fresh_seq: int | None = -1
+        """The last boot-up, as long as the node has not told a state since: it may start itself."""
+        self._now = _Cursor(NmtState.UNKNOWN, history.first_ns)
+        self._begin(NmtState.UNKNOWN, history.first_ns, "nothing heard of it yet", "assumed", None)
+        for _, _, event in sorted(self._events(), key=lambda entry: entry[:2]):
+            self._take(event)
+        self._close(history.end_ns)
+
+    def _events(self) -> Iterator[tuple[int, int, object]]:
+        """(seq, order, event): commands before beats, silences before the frame that ends them."""
+        history = self.history
+        for silence in self._periodic(history.silences):
+            yield from self._events_of(silence)
+        for seq, gap in history.gaps:
+            yield seq, 2, gap
+        for command in history.commands:
+            yield command.seq, 3, command
+        for beat in history.beats:
+            yield beat.seq, 4, beat
+        for span in history.spans:
+            yield span.first_seq, 5, span
+
+    def _periodic(self, silences: list[Silence]) -> Iterator[Silence]:
+        """Leave out those that are a new, longer period: several alike, one after the other."""
+        run: list[Silence] = []
+        for silence in silences:
+            if run and not _continues(run[-1], silence):
+                yield from run if len(run) < ALIKE else ()
+                run = []
+            run.append(silence)
+        yield from run if len(run) < ALIKE else ()
+
+    def _events_of(self, silence: Silence) -> Iterator[tuple[int, int, object]]:
+        """Where in the order of `seq` a node gets LOST: commands may come before and after."""
+        timeout = silence_limit(self._context, self.history, silence)
+        if timeout is None or silence.end_ns <= silence.start_ns + timeout[0]:
+            return
+        lost_ns = silence.start_ns + timeout[0]
+        later = [
+            command.seq
+            for command in self.history.commands
+            if silence.start_seq < command.seq and command.t_ns >= lost_ns
+        ]
+        yield min([silence.order, *later[:1]]), 0, (silence, timeout)
+        if silence.end_seq is not None and not self._is_beat(silence.end_seq):
+            yield silence.order, 1, silence
+
+    def _take(self, event: object) -> None:
+        match event:
+            case Command():
+                self._command(event)
+            case Beat():
+                self._beat(event)
+            case PdoSpan():
+                self._pdos(event)
+            case (Silence() as silence, (int() as timeout_ns, str() as reason)):
+                self._silence(silence, timeout_ns, reason)
+            case Silence():
+                self._heard_again(event)
+            case Gap():
+                self._gap(event)
+
+    def _begin(
+        self, state: NmtState, t_ns: int, cause: str, certainty: Certainty, evidence: int | None
+    ) -> None:
+        """Start a new interval; a time before the present one's start is taken as its start."""
+        if self.intervals:
+            t_ns = max(t_ns, self.intervals[-1].start_ns)
+            self._close(t_ns)
+        if self.intervals and self.intervals[-1].start_ns == t_ns and self._may_vanish():
+            self.intervals.pop()
+        self.intervals.append(Interval(state, t_ns, t_ns, cause, certainty, evidence))
+        self._now.state, self._now.since_ns = state, t_ns
+
+    def _may_vanish(self) -> bool:
+        """Whether an interval without length says nothing: all have none in a log without times."""
+        return self._context.timed or self.intervals[-1].state is NmtState.UNKNOWN
+
+    def _close(self, t_ns: int) -> None:
+        if self.intervals:
+            last = self.intervals[-1]
+            last.end_ns = max(last.start_ns, t_ns)
+
+    def _command(self, command: Command) -> None:
+        state = STATE_AFTER_COMMAND.get(command.specifier)
+        if state is None:
+            return
+        now = self._now
+        if command.specifier in _RESETS:
+            now.reset = command
+        again = now.command is not None and now.command.specifier == command.specifier
+        first = now.first if again else command
+        if now.state is state and state is not NmtState.INITIALISING:
+            now.command, now.first = command, first
+            return
+        restarts = self.restarts and command.t_ns < self.restarts[-1].end_ns
+        if restarts or now.state is NmtState.LOST or (command.node == 0 and not self._heard):
+            return
+        now.command, now.first = command, first
+        whom = "all nodes" if command.node == 0 else "the node"
+        cause = command.by or f'command "{command_name(command.specifier)}" to {whom}'
+        self._begin(state, command.t_ns, cause, "commanded", command.seq)
+
+    def _beat(self, beat: Beat) -> None:
+        first, self._heard = not self._heard, True
+        blind, self._now.blind = self._now.blind, False
+        if self._is_boot_up(beat, first):
+            self._boot_up(beat, blind)
+            return
+        if beat.kind == "empty":
+            if self._now.state is not NmtState.UNKNOWN:
+                cause = "alive, but its state byte is empty since a remote frame asked for it"
+                self._begin(NmtState.UNKNOWN, beat.t_ns, cause, "observed", beat.seq)
+            return
+        state = state_of(beat)
+        if state is None:
+            return
+        self._take_state(beat, state)
+        self._said = state
+
+    def _take_state(self, beat: Beat, state: NmtState) -> None:
+        """The node tells its state."""
+        now, last = self._now, self.intervals[-1]
+        command = now.command
+        if command is not None and STATE_AFTER_COMMAND[command.specifier] is not state:
+            self._note_ignored(now.first or command, beat, state)
+        if state is now.state:
+            self._confirm(last, beat, state)
+            return
+        if command is not None and last.certainty == "commanded":
+            if beat.t_ns - command.t_ns <= IN_FLIGHT_NS and self._context.timed:
+                return
+            if command.specifier in _RESETS and command.node == 0 and len(self.intervals) > 1:
+                self._take_back(state, beat)
+                return
+        elif command is not None and STATE_AFTER_COMMAND[command.specifier] is state:
+            now.command = None
+            name = command_name(command.specifier)
+            self._begin(
+                state, beat.t_ns, f'{beat.kind} follows "{name}" late', "observed", beat.seq
+            )
+            return
+        elif now.state not in (NmtState.UNKNOWN, NmtState.LOST) and last.certainty != "implied":
+            self.changes.append((beat.seq, beat.t_ns, now.state.value, state.value))
+        self._begin(state, beat.t_ns, self._cause_of(beat, now.state), "observed", beat.seq)
+
+    def _take_back(self, state: NmtState, beat: Beat) -> None:
+        """A node that goes on after a reset of all, the NMT master above all, was not reset."""
+        self.intervals.pop()
+        last = self.intervals[-1]
+        self._now.state, self._now.since_ns = last.state, last.start_ns
+        self._now.command = self._now.reset = None
+        if state is not last.state:
+            self._begin(state, beat.t_ns, f"{beat.kind} says so", "observed", beat.seq)
+
+    def _confirm(self, last: Interval, beat: Beat, state: NmtState) -> None:
+        """The node says the state that is told already."""
+        self._fresh_seq = -1
+        if last.certainty == "commanded":
+            self.followed = self.followed or self._said is not state
+            last.cause += f", confirmed by {beat.kind}"
+            if self._context.timed:
+                last.cause += f" after {max(0, beat.t_ns - last.start_ns) / 1e6:.1f} ms"
+        elif last.certainty == "implied":
+            last.cause += f", confirmed by {beat.kind}"
+        last.certainty = "observed"
+        last.evidence = beat.seq if last.evidence is None else last.evidence
+        command = self._now.command
+        if command is not None and STATE_AFTER_COMMAND[command.specifier] is state:
+            self._now.command = None
+
+    def _note_ignored(self, command: Command, beat: Beat, state: NmtState) -> None:
+        """A contradiction counts once a period of the error control has passed."""
+        patience = self.history.period_ns
+        if patience is None or not self._context.timed or command.by:
+            return
+        if command.specifier in _RESETS:
+            patience = max(patience, self.reset_quiet_ns)
+        passed = beat.t_ns - command.t_ns
+        if passed - self.quiet.within(command.t_ns, beat.t_ns) > patience:
+            self.ignored.append(Ignored(command, beat.seq, beat.t_ns, state.value))
+            self._now.command = None
+
+    def _cause_of(self, beat: Beat, before: NmtState) -> str:
+        if before in (NmtState.UNKNOWN, NmtState.LOST):
+            return f"{beat.kind} says so"
+        command = self._now.command
+        if before is NmtState.INITIALISING and self._now.reset is not None:
+            return f"{beat.kind} says so, no boot-up was seen"
+        if command is not None and STATE_AFTER_COMMAND.get(command.specifier) is before:
+            return f'{beat.kind} says so, against the command "{command_name(command.specifier)}"'
+        return f"{beat.kind} says so, no command seen"
+
+    def _is_boot_up(self, beat: Beat, first: bool) -> bool:
+        """00h as classified; another byte by the device's habit, after a reset, silence or fall."""
+        if beat.kind == "boot-up":
+            return True
+        if beat.kind != "heartbeat" or beat.state not in self._quirks.bootup_bytes:
+            return False
+        now = self._now
+        if now.reset is not None and (first or now.state is NmtState.INITIALISING):
+            return True
+        if now.state in (NmtState.OPERATIONAL, NmtState.STOPPED):
+            return self._fell_by_restart(beat)
+        return now.state is NmtState.LOST and beat.t_ns - beat.previous_ns >= 0
+
+    def _fell_by_restart(self, beat: Beat) -> bool:
+        """A fall to PRE-OPERATIONAL that neither a command, an error nor a second device explains.
+
+        LIR protocol manual, sheet skbis-lir-canopen.md traps 1 and 17.
+        """
+        if self.intervals[-1].certainty != "observed" or self._now.command is not None:
+            return False
+        history = self.history
+        known = self._context.shadow.get(history.bus, history.node, REACTION, 1, beat.seq)
+        if known is not None and known.source != "eds-default" and known.value == 0:
+            return False
+        if self._boots_with_00h():
+            return False
+        told = any(
+            -TOLD_LATE_NS <= beat.t_ns - t_ns <= REACTION_NS
+            for t_ns in history.communication_errors
+        )
+        return not told and self._stays(beat)
+
+    def _boots_with_00h(self) -> bool:
+        """Whether the node booted with 00h before, and 1017h was not stored since (trap 1)."""
+        last = self.boot_ups[-1] if self.boot_ups else None
+        if last is None or last.byte:
+            return False
+        history = self.history
+        objects = dict(self._context.shadow.history(history.bus, history.node))
+        known = objects.get((PRODUCER_TIME, 0))
+        saved = known.saved if known is not None else None
+        return not (saved is not None and saved.value and (saved.seq or 0) > last.seq)
+
+    def _stays(self, beat: Beat) -> bool:
+        """Whether the node says the same state until a command comes; two devices do not."""
+        if any(after == NmtState.OPERATIONAL.value for _, _, _, after in self.changes):
+            return False
+        history = self.history
+        following = history.beats[bisect_right(self._seqs, beat.seq) :]
+        other = next((each.seq for each in following if each.state != beat.state), None)
+        if other is None:
+            return True
+        return any(beat.seq < command.seq < other for command in history.commands)
+
+    def _boot_up(self, beat: Beat, blind: bool) -> None:
+        now = self._now
+        reset = now.reset
+        commanded = reset is not None and self._soon_after(reset, beat)
+        repeated = (
+            self._context.timed
+            and now.boot_ns is not None
+            and 0 <= beat.t_ns - now.boot_ns <= PAIR_NS
+            and now.reset is None
+        )
+        seq, t_ns = (reset.seq, reset.t_ns) if reset and commanded else (None, None)
+        blind = blind or self._switched_on(beat)
+        event = BootUpEvent(beat.seq, beat.t_ns, beat.state, seq, t_ns, repeated, blind)
+        self.boot_ups.append(event)
+        if not repeated:
+            if now.state not in (NmtState.INITIALISING, NmtState.LOST, NmtState.UNKNOWN):
+                cause = "it started anew without a command, some time after its last sign of life"
+                start = beat.previous_ns if self._context.timed else beat.t_ns
+                self._begin(NmtState.INITIALISING, start, cause, "implied", beat.seq)
+            cause = "boot-up after a reset command" if commanded else "boot-up"
+            self._begin(NmtState.PRE_OPERATIONAL, beat.t_ns, cause, "observed", beat.seq)
+            self._fresh_seq = beat.seq
+        self._said = NmtState.PRE_OPERATIONAL
+        self.followed = self.followed or commanded
+        now.boot_ns, now.reset, now.command = beat.t_ns, None, None
+
+    def _soon_after(self, reset: Command, beat: Beat) -> bool:
+        """Whether a boot-up is the effect of a reset; a step of the clock in between is no time."""
+        passed = beat.t_ns - reset.t_ns
+        if not self._context.timed or passed <= RESET_WINDOW_NS:
+            return True
+        return passed - self.quiet.within(reset.t_ns, beat.t_ns) <= RESET_WINDOW_NS
+
+    def _pdos(self, span: PdoSpan) -> None:
+        self._now.blind = False
+        now, last = self._now, self.intervals[-1]
+        fresh = now.state is NmtState.PRE_OPERATIONAL and last.evidence == self._fresh_seq
+        if now.state in (NmtState.UNKNOWN, NmtState.LOST) or fresh:
+            cause = f"PDO {span.can_id:03X}h, which only an OPERATIONAL node sends"
+            self._begin(NmtState.OPERATIONAL, span.first_ns, cause, "implied", span.first_seq)
+        elif now.state is NmtState.OPERATIONAL or span.asked or not self._context.timed:
+            return
+        elif span.late_seq is not None:
+            self.violations.append(
+                Violation(
+                    span.can_id,
+                    now.state,
+                    span.late_seq,
+                    span.late_ns,
+                    span.last_ns,
+                    span.late_count,
+                    span.guess,
+                    self.intervals[-1].certainty,
+                )
+            )
+
+    def _silence(self, silence: Silence, timeout_ns: int, reason: str) -> None:
+        now = self._now
+        start = silence.start_ns + timeout_ns
+        if now.state is NmtState.INITIALISING:
+            quiet = self.reset_quiet_ns
+            since = now.reset.t_ns if now.reset else silence.start_ns
+            passed = silence.end_ns - since
+            if passed - self.quiet.within(since, silence.end_ns) <= quiet:
+                return
+            start = max(start, since + quiet)
+        anew = self._starts_anew(silence)
+        whole = self._whole_bus(silence, timeout_ns, anew)
+        went_on = not anew or self._went_on(silence.start_ns, silence.end_ns)
+        before = now.state.value
+        now.command = None
+        if self._is_restart(silence, whole):
+            cause = "it started anew without a command, some time after its last sign of life"
+            self._begin(NmtState.INITIALISING, silence.start_ns, cause, "implied", silence.end_seq)
+            self.restarts.append(
+                _loss(silence, silence.start_ns, timeout_ns, reason, before, whole)
+            )
+            return
+        if whole and went_on and silence.end_seq is not None:
+            cause = (
+                "no frame of anybody on the bus: switched off, not recorded, or the clock stepped"
+            )
+            self._begin(NmtState.UNKNOWN, start, cause, "assumed", None)
+            now.blind = True
+            return
+        cause = f"silent for {(silence.end_ns - silence.start_ns) / 1e9:.3f} s, {reason}"
+        if whole:
+            cause += "; nobody else was heard either"
+        self._begin(NmtState.LOST, start, cause, "observed", silence.start_seq)
+        self.lost.append(_loss(silence, start, timeout_ns, reason, before, whole))
+
+    def _heard_again(self, silence: Silence) -> None:
+        if self._now.state is NmtState.LOST:
+            cause = "heard again, but it has not told its state"
+            self._begin(NmtState.UNKNOWN, silence.end_ns, cause, "assumed", silence.end_seq)
+
+    def _is_beat(self, seq: int) -> bool:
+        at = bisect_left(self._seqs, seq)
+        return at < len(self._seqs) and self._seqs[at] == seq
+
+    def _whole_bus(self, silence: Silence, timeout_ns: int, anew: bool) -> bool:
+        """Whether a silence is that of everybody, and no restart of this node alone.
+
+        The machine was off if nobody was heard for long enough, from soon after the node was heard
+        last: supplies hold some nodes up for seconds, and some, the master above all, take longer
+        to start.
+        """
+        if not anew or self.history.alone:
+            return self._of_the_bus(silence, timeout_ns)
+        off_ns = self.quiet.off(silence.start_ns, silence.end_ns)
+        return off_ns is not None and off_ns - silence.start_ns <= max(timeout_ns, FADE_NS)
+
+    def _of_the_bus(self, silence: Silence, timeout_ns: int) -> bool:
+        """Whether nobody was heard for most of a silence, or for what makes it too long."""
+        passed = silence.end_ns - silence.start_ns
+        bus = self._clock.silence_within(self.history.bus, silence.start_ns, silence.end_ns)
+        if bus is not None and bus.end_ns - bus.start_ns >= BUS_SHARE * passed:
+            return True
+        nobody = self.quiet.within(silence.start_ns, silence.end_ns)
+        return nobody > 0 and passed - nobody <= timeout_ns
+
+    def _went_on(self, start_ns: int, end_ns: int) -> bool:
+        """Whether the other nodes of the bus did not start anew when this one did."""
+        anew = self.history.others_anew
+        at = bisect_left(anew, start_ns)
+        return not self.history.alone and (at == len(anew) or anew[at] > end_ns + RESTART_NS)
+
+    def _switched_on(self, beat: Beat) -> bool:
+        """Whether the machine may have been off since the node was heard last."""
+        return not self.history.alone and self.quiet.off(beat.previous_ns, beat.t_ns) is not None
+
+    def _is_restart(self, silence: Silence, whole: bool) -> bool:
+        """Whether an unasked boot-up ends a silence no longer than a restart may take."""
+        end_seq = silence.end_seq
+        longest = RESTART_NS
+        if whole:
+            longest = ALONE_RESTART_NS if self.history.alone else 0
+        if end_seq is None or silence.end_ns - silence.start_ns > longest:
+            return False
+        at = bisect_left(self._seqs, end_seq)
+        if not self._is_beat(end_seq) or self.history.beats[at].kind != "boot-up":
+            return False
+        return not any(
+            command.specifier in _RESETS
+            and command.seq < end_seq
+            and silence.end_ns - command.t_ns <= RESET_WINDOW_NS
+            for command in self.history.commands
+        )
+
+    def _starts_anew(self, silence: Silence) -> bool:
+        """Whether the node's first message after a silence is a boot-up."""
+        if silence.end_seq is None:
+            return False
+        at = bisect_left(self._seqs, silence.end_seq)
+        following = self.history.beats[at : at + 1]
+        return any(
+            beat.kind == "boot-up" or beat.state in self._quirks.bootup_bytes for beat in following
+        )
+
+    def _gap(self, gap: Gap) -> None:
+        cause = f"the recorder was blind ({gap.reason}); nothing heard since"
+        self._begin(NmtState.UNKNOWN, gap.start_ns, cause, "assumed", None)
+        self._now.command = self._now.reset = self._now.boot_ns = None
+        self._now.blind = True
+
+    @property
+    def reset_quiet_ns(self) -> int:
+        """Silence after a reset that is not held against the node [ns]."""
+        known = self._quirks.reset_quiet_ms * 1_000_000
+        return (known or RESET_QUIET_NS) + RESET_MARGIN_NS
+
+
+def _loss(
+    silence: Silence, start_ns: int, timeout_ns: int, reason: str, before: str, whole: bool
+) -> Lost:
+    return Lost(
+        start_ns,
+        silence.end_ns,
+        silence.start_seq,
+        silence.start_ns,
+        silence.end_seq,
+        timeout_ns,
+        reason,
+        before,
+        whole,
+    )
+
+
+def _continues(before: Silence, after: Silence) -> bool:
+    """Whether a silence begins where one of the same length ended."""
+    lengths = [silence.end_ns - silence.start_ns for silence in (before, after)]
+    return before.end_ns == after.start_ns and max(lengths) < 1.2 * min(lengths)
+
+
+def state_of(beat: Beat) -> NmtState | None:
+    """The state that a message tells, None for one that tells none."""
+    if beat.kind == "boot-up":
+        return NmtState.PRE_OPERATIONAL
+    return None if beat.kind == "empty" else STATE_OF_BYTE.get(beat.state)

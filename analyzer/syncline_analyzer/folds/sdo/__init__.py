@@ -1,0 +1,1 @@
+"""SDO: channels, transfers of every kind, rows."""

@@ -1,0 +1,1 @@
+"""SYNC and PDO timing, bus load, silences."""

@@ -1,0 +1,261 @@
+"""Which SYNCs a PDO answers: the pattern, and the SYNCs that it missed."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from syncline_analyzer.folds.timing.sync import SyncIndex
+
+MAX_KEPT = 100_000
+"""Missed moments kept one by one; beyond, only stretches of them."""
+LEARN = 10
+"""Answers from which a pattern is told."""
+SAME_PATTERN = 0.95
+"""Share of SYNC periods that must hold the pattern (analysis.md section 5)."""
+AS_BY_DEFAULT = 0.6
+"""The same where the device does so by default: a pattern that PDOs are missing from."""
+_MAX_STEP = 256
+_OUTAGE_STEPS = 8
+"""A longer silence counts as this many periods of another pattern, as it is one event."""
+
+_STRAY = 0.005
+"""Share of steps that are no multiple of n: more of them, and a timer of its own sends the PDO."""
+_STRAY_BY_DEFAULT = 0.1
+"""The same where the device answers every n-th SYNC by default: it counted anew a few times."""
+UNSEEN_NS = 10_000_000_000
+"""So long before it was seen to have left OPERATIONAL, a node's silence may be the leaving."""
+
+
+class Operational(NamedTuple):
+    """When a node was OPERATIONAL, half-open; `left` when another known state follows."""
+
+    start_ns: int
+    end_ns: int
+    left: bool
+
+
+@dataclass(frozen=True, slots=True)
+class MissedList:
+    """Missed moments: (n,) t_ns and seq in order, and how many there were beyond these."""
+
+    t_ns: NDArray[np.int64]
+    seq: NDArray[np.int64]
+    beyond: int = 0
+
+    @property
+    def count(self) -> int:
+        """All of them."""
+        return len(self.t_ns) + self.beyond
+
+    def without(self, rows: NDArray[np.bool_]) -> "MissedList":
+        """Those of which `rows` (n,) is False."""
+        return MissedList(self.t_ns[~rows], self.seq[~rows], self.beyond)
+
+
+class Missed:
+    """Moments at which a frame was due and did not come."""
+
+    def __init__(self) -> None:
+        self._t_ns: list[NDArray[np.int64]] = []
+        self._since_ns: list[NDArray[np.int64]] = []
+        """From when on a node must have run to send at that moment."""
+        self._seq: list[NDArray[np.int64]] = []
+        self._kept = 0
+        self._beyond: list[tuple[int, int, int]] = []
+
+    def add(
+        self,
+        t_ns: NDArray[np.int64],
+        seq: NDArray[np.int64],
+        since_ns: NDArray[np.int64] | None = None,
+    ) -> None:
+        """Moments one by one, in order; `since_ns` is when the node began to wait for each."""
+        room = MAX_KEPT - self._kept
+        if len(t_ns) > room:
+            self._beyond.append((int(t_ns[room]), int(t_ns[-1]), len(t_ns) - room))
+        self._t_ns.append(t_ns[:room])
+        self._since_ns.append((t_ns if since_ns is None else since_ns)[:room])
+        self._seq.append(seq[:room])
+        self._kept += min(len(t_ns), room)
+
+    def add_evenly(self, last_ns: int, step_ns: int, count: int, seq: int) -> None:
+        """`count` moments a step apart after a frame at `last_ns`, whose `seq` is the evidence."""
+        due = np.arange(1, min(count, MAX_KEPT) + 1, dtype=np.int64)
+        self.add(last_ns + due * step_ns, np.full(len(due), seq, np.int64))
+        if count > MAX_KEPT:
+            self._beyond.append(
+                (last_ns + (MAX_KEPT + 1) * step_ns, last_ns + count * step_ns, count - MAX_KEPT)
+            )
+
+    def within(
+        self,
+        intervals: Sequence[Operational] | None,
+        step_ns: float,
+        settle_ns: float = 0.0,
+    ) -> MissedList:
+        """Those that were due while the node was OPERATIONAL (None: all).
+
+        A moment counts when the node was OPERATIONAL from `settle_ns` before it began to wait for
+        it to `step_ns`, the time between two due moments, after it. A silence that lasts until the
+        node is seen in another state is taken for the change itself.
+        """
+        t_ns = np.concatenate([np.zeros(0, np.int64), *self._t_ns])
+        since_ns = np.concatenate([np.zeros(0, np.int64), *self._since_ns])
+        seq = np.concatenate([np.zeros(0, np.int64), *self._seq])
+        if intervals is None:
+            return MissedList(t_ns, seq, sum(count for _, _, count in self._beyond))
+        inside = np.zeros(len(t_ns), np.bool_)
+        beyond = 0
+        for interval in intervals:
+            rows = _inside(t_ns, since_ns, interval, step_ns, settle_ns)
+            inside[_without_leaving(rows, t_ns, interval, step_ns)] = True
+            for start, end, count in self._beyond:
+                spread = np.linspace(start, end, count)
+                beyond += len(_inside(spread, spread, interval, step_ns, settle_ns))
+        return MissedList(t_ns[inside], seq[inside], beyond)
+
+
+def _inside(
+    t_ns: NDArray[np.int64] | NDArray[np.float64],
+    since_ns: NDArray[np.int64] | NDArray[np.float64],
+    interval: Operational,
+    step_ns: float,
+    settle_ns: float,
+) -> NDArray[np.intp]:
+    after = since_ns - settle_ns >= interval.start_ns
+    return np.flatnonzero(after & (t_ns + step_ns <= interval.end_ns))
+
+
+def _without_leaving(
+    rows: NDArray[np.intp], t_ns: NDArray[np.int64], interval: Operational, step_ns: float
+) -> NDArray[np.intp]:
+    """The rows without the silence at the end that is the node leaving OPERATIONAL."""
+    if not interval.left or not len(rows):
+        return rows
+    if interval.end_ns - t_ns[rows[-1]] > 3 * step_ns:
+        return rows
+    breaks = np.flatnonzero(np.diff(t_ns[rows]) > 1.5 * step_ns)
+    first = int(breaks[-1]) + 1 if len(breaks) else 0
+    return rows[:first] if t_ns[rows[first]] >= interval.end_ns - UNSEEN_NS else rows
+
+
+@dataclass(slots=True)
+class Rhythm:
+    """The SYNCs, by their number, that one PDO answers.
+
+    `answered` and then `evaluate` are called once per block. A SYNC counts as missed when it was
+    due, another SYNC followed it, and no PDO came between the two.
+    """
+
+    missed: Missed = field(default_factory=Missed)
+    steps: NDArray[np.int64] = field(default_factory=lambda: np.zeros(_MAX_STEP + 1, np.int64))
+    """How often n SYNCs lay between two answers, by n; the last one holds all longer ones."""
+    _last: int | None = None
+    _due: int | None = None
+    """The last SYNC that was answered, or found missed."""
+    _fresh: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+
+    def restart(self) -> None:
+        """Forget where the pattern stands, not what it was."""
+        self._last = self._due = None
+
+    def relearn(self) -> None:
+        """Forget the pattern too."""
+        self.restart()
+        self.steps[:] = 0
+
+    def first_of_period(self, ordinal: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Which frames are the first after their SYNC, by the SYNC's number."""
+        if not len(ordinal):
+            return np.zeros(0, np.bool_)
+        before = -1 if self._last is None else self._last
+        first: NDArray[np.bool_] = np.diff(ordinal, prepend=before) != 0
+        return first
+
+    def beside_answers(
+        self, answered: NDArray[np.int64], extra: NDArray[np.int64], every: int
+    ) -> NDArray[np.bool_]:
+        """(m,) beside which second frames the due SYNCs before and after were answered, too.
+
+        Args:
+            answered: (n,) numbers of the SYNCs that the next call of `answered` takes in.
+            extra: (m,) number of the SYNC that each second frame follows.
+            every: that many SYNCs lie between two answers.
+        """
+        line = answered if self._last is None else np.concatenate(([self._last], answered))
+        if not len(line):
+            return np.ones(len(extra), np.bool_)
+        place = np.searchsorted(line, extra)
+        before, after = line[np.maximum(place - 1, 0)], line[np.minimum(place + 1, len(line) - 1)]
+        near: NDArray[np.bool_] = (extra - before <= every) & (after - extra <= every)
+        return near
+
+    def answered(self, ordinal: NDArray[np.int64]) -> None:
+        """Take in the numbers of the SYNCs that were answered, each once."""
+        self._fresh = ordinal
+        if not len(ordinal):
+            return
+        line = ordinal if self._last is None else np.concatenate(([self._last], ordinal))
+        steps = np.minimum(np.diff(line), _MAX_STEP)
+        self.steps += np.bincount(steps, minlength=_MAX_STEP + 1)
+        self._last = int(ordinal[-1])
+
+    def every(self, default: int | None = None) -> int | None:
+        """n when at least 95 % of the SYNC periods fit "one PDO on every n-th SYNC".
+
+        Fewer do where n is the device's `default`.
+        """
+        if self.steps.sum() < LEARN - 1:
+            return None
+        n = int(np.argmax(self.steps))
+        width = np.minimum(np.arange(_MAX_STEP + 1), n * _OUTAGE_STEPS)
+        share = float(self.steps[n] * n / (self.steps * width).sum())
+        stray = 1.0 - float(self.steps[n::n].sum() / self.steps.sum()) if n else 1.0
+        least, most = (SAME_PATTERN, _STRAY) if n != default else (AS_BY_DEFAULT, _STRAY_BY_DEFAULT)
+        return n if n < _MAX_STEP and share >= least and stray <= most else None
+
+    def evaluate(self, every: int | None, index: SyncIndex) -> None:
+        """Find the SYNCs of the block that were due (every n-th) and not answered."""
+        fresh, self._fresh = self._fresh, np.zeros(0, np.int64)
+        if every is None:
+            self._due = int(fresh[-1]) if len(fresh) else self._due
+            return
+        start = self._due
+        if start is None:
+            if not len(fresh):
+                return
+            start, fresh = int(fresh[0]), fresh[1:]
+        line = np.concatenate(([start], fresh))
+        ends = np.append(fresh, max(int(line[-1]), index.last_closed) + 1)
+        counts = (ends - line - 1) // every
+        hit = counts > 0
+        missed = np.repeat(line[hit], counts[hit]) + every * _one_based(counts[hit])
+        position = missed - index.first_ordinal
+        known = position >= index.first
+        known[known] = index.usable[position[known]]
+        position = position[known]
+        since_ns = _syncs_before(index, position, every) if every > 1 else None
+        self.missed.add(index.t_ns[position], index.seq[position], since_ns)
+        self._due = int(line[-1]) + every * int(counts[-1])
+
+
+def _syncs_before(index: SyncIndex, position: NDArray[np.int64], every: int) -> NDArray[np.int64]:
+    """Stamps of the SYNCs `every` before: a node that starts after them counts from another one."""
+    before = position - every
+    cycle_ns = index.cycle_ns if index.cycle_ns > 0 else 0.0
+    estimate = index.t_ns[position] - round(every * cycle_ns)
+    return np.where(before >= index.first, index.t_ns[np.maximum(before, 0)], estimate)
+
+
+def _one_based(counts: NDArray[np.int64]) -> NDArray[np.int64]:
+    """1..c for each count, in a row.
+
+    >>> _one_based(np.array([2, 3])).tolist()
+    [1, 2, 1, 2, 3]
+    """
+    total = int(counts.sum())
+    starts = np.repeat(np.cumsum(counts) - counts, counts)
+    return np.arange(total, dtype=np.int64) - starts + 1

@@ -1,0 +1,422 @@
+"""SYNC: its periods, those that are missing, and its place between the other frames."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from syncline_analyzer.context import Context
+from syncline_analyzer.distribution import Distribution
+from syncline_analyzer.folds.timing.backlog import PAUSE, TOO_SHORT, backlog
+from syncline_analyzer.folds.timing.block import Block
+from syncline_analyzer.folds.timing.bundles import bundled, lacking, paced
+from syncline_analyzer.folds.timing.double_sync import DoubleSync
+from syncline_analyzer.folds.timing.unsteady import OFF, Unsteady
+from syncline_analyzer.results import Series, SyncDoubleRow, SyncJitterRow, SyncRow
+from syncline_analyzer.series import Thinner
+from syncline_schemas.wire_length import longest_bits
+
+MAX_HOLES = 1000
+"""Stretches without SYNC that are kept one by one."""
+MAX_POINTS = 20_000
+"""Points of the SYNC period over time."""
+_MISSING = 1.5
+_LEARN = 16
+"""Periods from which a block's own median is taken."""
+_AROUND = 33
+"""So many periods, or pairs of them, tell what is usual for the one in their middle."""
+_STEADY = 0.02
+_MOSTLY = 0.75
+"""Where more than this share of the periods are as close to the median as that, it is the cycle."""
+_REGIME = 8
+"""This many long periods in a row are a slower SYNC, not missing ones."""
+
+
+@dataclass(frozen=True, slots=True)
+class SyncHole:
+    """A stretch between two SYNCs in which `missing` are missing; `seq` are those of the two."""
+
+    start_ns: int
+    end_ns: int
+    missing: int
+    seq: tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class SyncTable:
+    """A SYNC identifier: its row, the holes in it, its period over time and stretches of jitter."""
+
+    row: SyncRow
+    holes: list[SyncHole]
+    series: Series | None
+    jitter: list[SyncJitterRow]
+    doubles: list[SyncDoubleRow] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SyncIndex:
+    """SYNCs of a block; position 0 stands for the last one before it.
+
+    Attributes:
+        rows: (m,) rows in the block.
+        first_ordinal: number of the SYNC at position 0, counted over the capture.
+        known: whether there is a SYNC at position 0 (not at the start, nor after a gap).
+        t_ns, seq, bits: (m + 1,) stamp, `seq`, and the bits sent on the bus up to its end.
+        before: (n,) position of the last SYNC at or before each row of the block.
+        usable: (m + 1,) False where nothing follows from silence: the next SYNC came at once (stamps
+            of a backlog), or stayed away for long.
+        cycle_ns: median of the periods, 0 when there is none.
+        bundled: (m + 1,) True from a SYNC to the next where the stamps are those of a backlog.
+    """
+
+    rows: NDArray[np.intp]
+    first_ordinal: int
+    known: bool
+    t_ns: NDArray[np.int64]
+    seq: NDArray[np.int64]
+    bits: NDArray[np.int64]
+    before: NDArray[np.int64]
+    usable: NDArray[np.bool_]
+    bundled: NDArray[np.bool_]
+    cycle_ns: float
+
+    @property
+    def first(self) -> int:
+        """Position of the first SYNC that there is."""
+        return 0 if self.known else 1
+
+    @property
+    def whole(self) -> NDArray[np.bool_]:
+        """(m + 1,) True from a SYNC to the next where none was lost in between, as far as known."""
+        whole = self.usable.copy()
+        if self.cycle_ns > 0:
+            whole[:-1] &= np.diff(self.t_ns) <= _MISSING * self.cycle_ns
+        return whole
+
+    @property
+    def periods(self) -> NDArray[np.int64]:
+        """Times between one SYNC and the next, from position `first` on."""
+        return np.diff(self.t_ns[self.first :])
+
+    @property
+    def last_closed(self) -> int:
+        """Number of the last SYNC that another one follows."""
+        return self.first_ordinal + len(self.rows) - 1
+
+
+@dataclass(slots=True)
+class _State:
+    """A SYNC identifier from block to block."""
+
+    count: int = 0
+    last_ns: int | None = None
+    last_seq: int = 0
+    last_bits: int = 0
+    counter: int | None = None
+    overflow: int = 0
+    missing: int = 0
+    jumps: int = 0
+    bundled: int = 0
+    period: Distribution = field(default_factory=Distribution)
+    holes: list[SyncHole] = field(default_factory=list)
+    unsteady: Unsteady = field(default_factory=Unsteady)
+    double: DoubleSync = field(default_factory=DoubleSync)
+    over_time: Thinner = field(default_factory=lambda: Thinner("value", MAX_POINTS))
+
+
+class SyncFold:
+    """Follows every SYNC identifier: 080h, and those that 1005h names.
+
+    `update` returns where the SYNCs of the block are, for the PDOs that answer them.
+    """
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        self._states: dict[tuple[int, int], _State] = {}
+
+    def update(
+        self, block: Block, bus: int, cob_id: int, sent_bits: NDArray[np.int64]
+    ) -> SyncIndex | None:
+        """Take in a block; `sent_bits` (n,) counts the bits on the bus up to each row's end."""
+        rows = block.batch.rows(bus, cob_id)
+        key = (bus, cob_id)
+        if not len(rows) and key not in self._states:
+            return None
+        state = self._states.setdefault(key, _State())
+        index = self._index(block, bus, state, rows, sent_bits)
+        state.bundled += int(index.bundled.sum())
+        in_bundles = bundled(block, bus)
+        self._measure(state, bus, index, in_bundles)
+        lost = self._lost_by_counter(block, bus, state, index)
+        unsent = self._missing_by_time(state, index, in_bundles)
+        _add_holes(state, index, np.where(lost > 0, lost, unsent))
+        state.count += len(rows)
+        if len(rows):
+            state.last_ns = int(index.t_ns[-1])
+            state.last_seq, state.last_bits = int(index.seq[-1]), int(index.bits[-1])
+        return index
+
+    def gap(self, bus: int | None) -> None:
+        """No period and no count goes over a gap."""
+        for (state_bus, _), state in self._states.items():
+            if bus in (None, state_bus):
+                state.last_ns = state.counter = None
+
+    def median_ns(self, bus: int, cob_id: int) -> float:
+        """Median SYNC period so far, 0 without one."""
+        state = self._states.get((bus, cob_id))
+        return state.period.quantile(0.5) if state and state.period.count else 0.0
+
+    def finish(self) -> list[SyncTable]:
+        """One table per SYNC identifier that was sent."""
+        return [
+            self._table(bus, cob_id, state)
+            for (bus, cob_id), state in sorted(self._states.items())
+            if state.count
+        ]
+
+    def _index(
+        self,
+        block: Block,
+        bus: int,
+        state: _State,
+        rows: NDArray[np.intp],
+        sent_bits: NDArray[np.int64],
+    ) -> SyncIndex:
+        is_sync = np.zeros(len(block.batch), np.int64)
+        is_sync[rows] = 1
+        t_ns = np.concatenate(([state.last_ns or 0], block.frames.t_ns[rows]))
+        bits = np.concatenate(([state.last_bits], sent_bits[rows]))
+        apart = np.diff(t_ns)
+        first = 0 if state.last_ns is not None else 1
+        median = _median(state, apart[first:])
+        bundled = np.zeros(len(t_ns), np.bool_)
+        bundled[first:-1] = self._bundled(bus, apart[first:], np.diff(bits)[first:], median, first)
+        usable = ~bundled
+        if median > 0:
+            usable[:-1] &= (apart >= TOO_SHORT * median) & (apart <= PAUSE * median)
+        return SyncIndex(
+            rows,
+            state.count - 1,
+            state.last_ns is not None,
+            t_ns,
+            np.concatenate(([state.last_seq], block.batch.seq0 + rows)),
+            bits,
+            np.cumsum(is_sync),
+            usable,
+            bundled,
+            median,
+        )
+
+    def _bundled(
+        self,
+        bus: int,
+        periods: NDArray[np.int64],
+        bits: NDArray[np.int64],
+        median: float,
+        first: int,
+    ) -> NDArray[np.bool_]:
+        """Which periods have the stamps of a backlog; `first` is 1 where listening began."""
+        if not self._context.timed:
+            return np.zeros(len(periods), np.bool_)
+        bitrate = self._context.bitrates.get(self._context.bus_name(bus))
+        return backlog(
+            periods,
+            bits,
+            median,
+            begins=first == 1,
+            bit_ns=1e9 / bitrate if bitrate else None,
+            resolution_ns=self._context.resolution_ns,
+        )
+
+    def _measure(self, state: _State, bus: int, index: SyncIndex, in_bundles: bool) -> None:
+        """Periods, and their jitter where the stamps are not those of bundles."""
+        if not self._context.timed:
+            return
+        true = ~index.bundled[index.first : -1]
+        t_ns, seq = index.t_ns[index.first + 1 :][true], index.seq[index.first + 1 :][true]
+        periods = index.periods[true]
+        forward = periods >= 0
+        if not forward.any():
+            return
+        state.period.add(periods[forward])
+        state.over_time.add(
+            {"t_ns": t_ns[forward], "value": periods[forward].astype(np.float64) / 1000}
+        )
+        if not in_bundles:
+            state.double.add(t_ns, seq, periods)
+            self._find_jitter(state, bus, t_ns, seq, periods)
+
+    def _find_jitter(
+        self,
+        state: _State,
+        bus: int,
+        t_ns: NDArray[np.int64],
+        seq: NDArray[np.int64],
+        periods: NDArray[np.int64],
+    ) -> None:
+        """Periods off by more than a tenth, a frame in the way, and what the stamps can tell."""
+        median = _median(state, periods)
+        bitrate = self._context.bitrates.get(self._context.bus_name(bus))
+        in_the_way = longest_bits(8, extended=True) * 1e9 / bitrate if bitrate else 0.0
+        whole = (periods >= 0) & (periods < _MISSING * median)
+        if not whole.any():
+            return
+        cycles = np.full(len(periods), median)
+        cycles[whole] = _cycles(periods[whole])
+        limits = np.maximum(OFF * cycles, max(in_the_way, 3.0 * self._context.resolution_ns))
+        off = whole & (np.abs(periods - cycles) > limits) & ~state.double.within(t_ns)
+        state.unsteady.add(t_ns, seq, periods, off, cycles)
+
+    def _missing_by_time(
+        self, state: _State, index: SyncIndex, in_bundles: bool
+    ) -> NDArray[np.int64]:
+        """SYNCs that are missing in each period: one per whole median (analysis.md section 5).
+
+        Those that come late and are made up for at once are not; where a recorder hands over frames
+        in bundles, only those count that the time of many periods has no room for.
+        """
+        periods = index.periods
+        median = _median(state, periods) if self._context.timed else 0.0
+        if not len(periods) or not median > 0:
+            return np.zeros(len(periods), np.int64)
+        usual = _usual(periods, median)
+        if in_bundles:
+            usual = np.full(len(periods), max(median, paced(periods)))
+        cycles = periods / usual
+        blur = float(np.quantile(cycles, 0.95)) if in_bundles else 1.0
+        long = (cycles > _MISSING) & ~index.bundled[index.first : -1]
+        missing = np.maximum(np.rint(cycles - blur), 0).astype(np.int64)
+        missing = np.where(long & ~_sustained(long), missing, 0)
+        if not missing.any():
+            return missing
+        if in_bundles:
+            return np.minimum(missing, lacking(cycles, blur))
+        whole = (cycles >= TOO_SHORT) & (cycles <= _MISSING)
+        return np.minimum(missing, lacking(np.where(whole, 1.0, cycles)))
+
+    def _lost_by_counter(
+        self, block: Block, bus: int, state: _State, index: SyncIndex
+    ) -> NDArray[np.int64]:
+        """SYNCs lost in each period by the counter of CiA 301 7.2.5.3, from 1 to 1019h."""
+        rows = index.rows
+        nothing = np.zeros(len(index.periods), np.int64)
+        if not len(rows):
+            return nothing
+        if int(block.frames.dlc[rows].min()) == 0:
+            state.counter = None
+            return nothing
+        counter = block.frames.data[rows, 0].astype(np.int64)
+        state.overflow = self._overflow(bus) or max(state.overflow, int(counter.max()))
+        if index.known:
+            before = counter[0] - 1 if state.counter is None else state.counter
+            counter = np.concatenate(([before], counter))
+        lost: NDArray[np.int64] = (np.diff(counter) - 1) % max(state.overflow, 1)
+        state.counter = int(counter[-1])
+        state.jumps += int(np.count_nonzero(lost))
+        return lost
+
+    def _overflow(self, bus: int) -> int:
+        """1019h of the SYNC producer, as far as any node of the bus told it."""
+        shadow = self._context.shadow
+        for node_bus, node in shadow.nodes():
+            value = shadow.number(bus, node, 0x1019) if node_bus == bus else None
+            if value and value <= 240:
+                return value
+        return 0
+
+    def _table(self, bus: int, cob_id: int, state: _State) -> SyncTable:
+        name = self._context.bus_name(bus)
+        row = SyncRow(
+            name,
+            cob_id,
+            state.count,
+            state.period.quantiles(1000),
+            state.missing,
+            state.jumps,
+            state.bundled,
+            state.last_ns if self._context.timed else None,
+            state.last_seq if state.last_ns is not None else None,
+        )
+        columns = state.over_time.columns()
+        series = (
+            Series(name, f"SYNC {cob_id:03X}h period", "us", columns["t_ns"], columns["value"])
+            if columns
+            else None
+        )
+        doubles = state.double.rows(name, cob_id)
+        jitter = [
+            each
+            for each in state.unsteady.rows(name, cob_id)
+            if not any(_mostly_within(each, double) for double in doubles)
+        ]
+        return SyncTable(row, state.holes, series, jitter, doubles)
+
+
+def _mostly_within(jitter: SyncJitterRow, double: SyncDoubleRow) -> bool:
+    """Whether a stretch of jitter is one of two producers: two rhythms are no jitter of either."""
+    both_ns = min(jitter.end_ns, double.end_ns) - max(jitter.start_ns, double.start_ns)
+    return 2 * both_ns > jitter.end_ns - jitter.start_ns
+
+
+def _median(state: _State, periods: NDArray[np.int64]) -> float:
+    """Median of a block's own periods where there are enough of them, so that it may change."""
+    return float(np.median(periods)) if len(periods) >= _LEARN else state.period.quantile(0.5)
+
+
+def _cycles(periods: NDArray[np.int64]) -> NDArray[np.float64]:
+    """(n,) the producer's cycle around each of its periods; it may change within a block.
+
+    The mean of a late period and the early one beside it is the cycle; a median may be either.
+    """
+    usual = float(np.median(periods))
+    steady = float(np.mean(np.abs(periods - usual) <= _STEADY * usual))
+    mean = usual if steady > _MOSTLY else float(periods.mean())
+    if float(np.abs(periods - mean).max()) <= OFF * mean:
+        return np.full(len(periods), mean)
+    pairs = (periods[1:] + periods[:-1]) / 2
+    if len(pairs) < _AROUND:
+        return np.full(len(periods), mean)
+    cycles = _around(pairs, 1)
+    same = bool((np.abs(cycles - mean) <= OFF * mean).all())
+    return np.full(len(periods), mean) if same else cycles
+
+
+def _usual(periods: NDArray[np.int64], median: float) -> NDArray[np.float64]:
+    """(n,) the median of the periods around each one; `median` where there are too few of them."""
+    if len(periods) < _AROUND or float(periods.max()) <= _MISSING * _low(periods):
+        return np.full(len(periods), median)
+    return _around(periods.astype(np.float64), 0)
+
+
+def _low(periods: NDArray[np.int64]) -> float:
+    """A period that a tenth of them are shorter than."""
+    place = len(periods) // 10
+    return float(np.partition(periods, place)[place])
+
+
+def _around(values: NDArray[np.float64], more: int) -> NDArray[np.float64]:
+    """(n + more,) median of the values around each one."""
+    padded = np.pad(values, (_AROUND // 2, _AROUND // 2 + more), mode="symmetric")
+    medians: NDArray[np.float64] = np.median(sliding_window_view(padded, _AROUND), axis=1)
+    return medians
+
+
+def _add_holes(state: _State, index: SyncIndex, missing: NDArray[np.int64]) -> None:
+    """Count what is missing in each period, and keep the first holes."""
+    state.missing += int(missing.sum())
+    t_ns, seq = index.t_ns[index.first :], index.seq[index.first :]
+    for at in np.flatnonzero(missing)[: MAX_HOLES - len(state.holes)].tolist():
+        pair = int(seq[at]), int(seq[at + 1])
+        state.holes.append(SyncHole(int(t_ns[at]), int(t_ns[at + 1]), int(missing[at]), pair))
+
+
+def _sustained(long: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Where long periods follow one another for so long that they are the rhythm."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], long.astype(np.int8), [0]))))
+    sustained = np.zeros(len(long), np.bool_)
+    for start, stop in edges.reshape(-1, 2).tolist():
+        if stop - start >= _REGIME:
+            sustained[start:stop] = True
+    return sustained

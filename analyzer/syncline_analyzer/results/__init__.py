@@ -1,0 +1,76 @@
+"""Rows of the tables: what the folds return, and what JSON, pandas and the views show.
+
+The field names are those of `--format json` and never change within a major version. Times named
+`*_ns` are stamps `t` as analysis.md defines them; `bus` is the interface's name as recorded;
+`evidence` holds `seq` numbers.
+"""
+
+from syncline_analyzer.results.analysis import Analysis, Series
+from syncline_analyzer.results.angle import TRACE_FLAGS, Trace, TraceEventRow, TraceRow
+from syncline_analyzer.results.bus import (
+    BusErrorRow,
+    BusLoadRow,
+    BusSilenceRow,
+    BusStateRow,
+    ClockStepRow,
+    DoubledRow,
+    LssRow,
+    OverloadRow,
+    TimeStampRow,
+)
+from syncline_analyzer.results.capture import CaptureRow, GapRow
+from syncline_analyzer.results.emcy import EmcyContextRow, EmcyRow, ErrorHistoryRow, ErrorRow
+from syncline_analyzer.results.finding import Finding, Link, Severity
+from syncline_analyzer.results.nodes import NmtCommandRow, NmtStateRow, NodeRow
+from syncline_analyzer.results.quantiles import Quantiles
+from syncline_analyzer.results.sdo import ObjectHistoryRow, ObjectRow, SdoRow
+from syncline_analyzer.results.timing import (
+    HoleRow,
+    PdoPauseRow,
+    PdoRow,
+    Responses,
+    SyncDoubleRow,
+    SyncJitterRow,
+    SyncRow,
+)
+
+__all__ = [
+    "TRACE_FLAGS",
+    "Analysis",
+    "BusErrorRow",
+    "BusLoadRow",
+    "BusSilenceRow",
+    "BusStateRow",
+    "CaptureRow",
+    "ClockStepRow",
+    "DoubledRow",
+    "EmcyContextRow",
+    "EmcyRow",
+    "ErrorHistoryRow",
+    "ErrorRow",
+    "Finding",
+    "GapRow",
+    "HoleRow",
+    "Link",
+    "LssRow",
+    "NmtCommandRow",
+    "NmtStateRow",
+    "NodeRow",
+    "ObjectHistoryRow",
+    "ObjectRow",
+    "OverloadRow",
+    "PdoPauseRow",
+    "PdoRow",
+    "Quantiles",
+    "Responses",
+    "SdoRow",
+    "Series",
+    "Severity",
+    "SyncDoubleRow",
+    "SyncJitterRow",
+    "SyncRow",
+    "TimeStampRow",
+    "Trace",
+    "TraceEventRow",
+    "TraceRow",
+]

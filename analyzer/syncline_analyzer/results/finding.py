@@ -1,0 +1,39 @@
+"""Findings and the links of their stories."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+Severity = Literal["error", "warning", "info"]
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """One piece of a story: what followed from the finding that tells it, in order of time."""
+
+    id: str
+    bus: str | None
+    node: int | None
+    start_ns: int
+    end_ns: int
+    text: str
+    evidence: list[int]
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """What a service engineer would write in a report: the root of a story and what followed."""
+
+    id: str
+    severity: Severity
+    bus: str | None
+    node: int | None
+    start_ns: int
+    end_ns: int
+    text: str
+    cause: str
+    check_next: str
+    evidence: list[int]
+    chain: list[Link] = field(default_factory=list)
+    """What followed from it, in order of time; these are no findings of their own."""
+    assumed: list[str] = field(default_factory=list)
+    """What it rests on that was only assumed, for example "100Ch = 0 (eds-default)"."""

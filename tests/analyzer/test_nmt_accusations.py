@@ -273,3 +273,25 @@ def test_a_pair_of_boot_ups_and_a_timer_on_the_grid_of_a_task() -> None:
     """15 ms of a task of 10 ms is 10 and 20 ms."""
     rows = ordered([boot(500), boot(545)], timer(2100, 30), timer(2110, 30), busy(20_000))
     assert "nmt.duplicate_node_id" not in run(*rows).ids()
+
+
+# -- bus-off ---------------------------------------------------------------------------------------
+
+
+def test_a_bus_off_explains_only_the_silence_before_it() -> None:
+    """A loose cable at 3 s, and a bus-off at 6 s that the node tells when it is back."""
+    beats = [*beating(0, 3000, 100), *beating(4000, 6000, 100), *beating(7000, 9000, 100)]
+    told = [frame(7001, 0x085, "4081110000000000"), frame(7101, 0x085, "0000000000000000")]
+    result = run(*ordered(beats, told, others(9000)))
+    assert sorted(result.ids()) == ["error.bus_off", "nmt.node_lost"]
+    lost = one(result, "nmt.node_lost")
+    assert "for 1.1" in lost.text
+    assert one(result, "error.bus_off").start_ns > lost.end_ns
+
+
+def test_a_silence_is_held_against_the_period_of_its_time() -> None:
+    """The second device, with a slower heartbeat, comes long after the first one was away."""
+    first = [*beating(0, 5000, 100), *beating(5270, 60_000, 100)]
+    second = beating(20_030, 60_000, 230, seed=2)
+    result = run(*ordered(first, second, others(60_000)))
+    assert sorted(result.ids()) == ["nmt.duplicate_node_id", "nmt.node_lost"]

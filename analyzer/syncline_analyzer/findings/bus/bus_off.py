@@ -7,6 +7,7 @@ from syncline_analyzer.context import Context
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import Stretch, seconds
 from syncline_analyzer.folds.nmt.events import Interval, Lost
+from syncline_analyzer.folds.nmt.fold import NodeKey
 from syncline_analyzer.folds.nmt.timeline import Timeline
 from syncline_analyzer.folds.timing.load import OVERLOAD_PERCENT
 from syncline_analyzer.results import BusSilenceRow, EmcyRow, Finding
@@ -57,8 +58,25 @@ def _recorder_off(facts: Facts) -> Iterator[Finding]:
             )
 
 
-def _node_off(facts: Facts) -> Iterator[Finding]:
-    """A node can tell of its bus-off only when it is back; what belongs together is one story."""
+def bus_off_silences(facts: Facts) -> dict[NodeKey, set[Lost]]:
+    """By (bus number, node) the silences that the node explains: the last one before each such EMCY."""
+    found: dict[NodeKey, set[Lost]] = {}
+    for row in _told(facts):
+        key = (facts.number(row.bus), row.node)
+        timeline = facts.control.nmt.timelines.get(key)
+        before = [
+            silence
+            for silence in ((*timeline.lost, *timeline.restarts) if timeline else ())
+            if silence.last_ns <= row.t_ns
+        ]
+        last = max(before, key=lambda silence: silence.last_ns, default=None)
+        if last is not None and row.t_ns - last.end_ns <= TOGETHER_NS:
+            found.setdefault(key, set()).add(last)
+    return found
+
+
+def _told(facts: Facts) -> list[EmcyRow]:
+    """EMCYs by which nodes say that they were bus-off, by bus, node and `seq`."""
     rows = [
         row
         for row in facts.analysis.emcy
@@ -66,8 +84,12 @@ def _node_off(facts: Facts) -> Iterator[Finding]:
         and row.transition not in ("malformed", "reset")
         and tells_bus_off(row.code, row.meaning)
     ]
-    rows.sort(key=lambda row: (row.bus, row.node, row.seq))
-    for _, group in groupby(rows, key=lambda row: (row.bus, row.node)):
+    return sorted(rows, key=lambda row: (row.bus, row.node, row.seq))
+
+
+def _node_off(facts: Facts) -> Iterator[Finding]:
+    """A node can tell of its bus-off only when it is back; what belongs together is one story."""
+    for _, group in groupby(_told(facts), key=lambda row: (row.bus, row.node)):
         found = list(group)
         for start, end in Stretch.of([row.t_ns for row in found], TOGETHER_NS):
             yield _node_off_story(facts, [row for row in found if start <= row.t_ns <= end])
@@ -76,10 +98,11 @@ def _node_off(facts: Facts) -> Iterator[Finding]:
 def _node_off_story(facts: Facts, rows: list[EmcyRow]) -> Finding:
     """Silence, the node's own word for it, and the state it went to."""
     first, last = rows[0], rows[-1]
-    timeline = facts.control.nmt.timelines.get((facts.number(first.bus), first.node))
+    key = (facts.number(first.bus), first.node)
+    timeline = facts.control.nmt.timelines.get(key)
     lost = [
         stretch
-        for stretch in ((*timeline.lost, *timeline.restarts) if timeline else ())
+        for stretch in sorted(facts.once(bus_off_silences).get(key, ()))
         if stretch.last_ns <= last.t_ns and first.t_ns - stretch.end_ns <= TOGETHER_NS
     ]
     fall = _fall(timeline, rows, lost) if timeline else None
@@ -88,7 +111,7 @@ def _node_off_story(facts: Facts, rows: list[EmcyRow]) -> Finding:
     away = f"; it had been silent for {silent}" if lost else ""
     fell = ""
     if fall is not None:
-        reaction = _reaction(facts.context, (facts.number(first.bus), first.node), fall.evidence)
+        reaction = _reaction(facts.context, key, fall.evidence)
         fell = f"; then it was {fall.state.value} without a command{reaction}"
     seqs = {row.seq for row in rows}
     if fall is not None and fall.evidence is not None:

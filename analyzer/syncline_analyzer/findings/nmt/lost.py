@@ -1,13 +1,12 @@
 """Nodes that fell silent: each by itself, or with the whole bus, equal losses told as one."""
 
-from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import groupby
 from typing import NamedTuple
 
 from syncline_analyzer.context import Context
-from syncline_analyzer.findings.bus.bus_off import tells_bus_off
+from syncline_analyzer.findings.bus.bus_off import bus_off_silences
 from syncline_analyzer.findings.device.identity import absences
 from syncline_analyzer.findings.emcy.messages import EMPTY
 from syncline_analyzer.findings.nmt.guarding_story import STORY_NS, told_by_guarding
@@ -333,18 +332,7 @@ def _lasted(losses: list[_Loss]) -> str:
 
 def was_bus_off(facts: Facts, key: NodeKey, lost: Lost) -> bool:
     """Whether the node says afterwards that it was bus-off: that finding tells the silence too."""
-    told = facts.once(_bus_off_times).get((facts.context.bus_name(key[0]), key[1]), [])
-    return bisect_left(told, lost.start_ns) < bisect_right(told, lost.end_ns + STORY_NS)
-
-
-def _bus_off_times(facts: Facts) -> dict[tuple[str, int], list[int]]:
-    """When each node told that it was bus-off [ns]."""
-    found: dict[tuple[str, int], list[int]] = {}
-    for row in facts.analysis.emcy:
-        plain = row.transition != "malformed" and row.code is not None
-        if plain and tells_bus_off(row.code or 0, row.meaning):
-            found.setdefault((row.bus, row.node), []).append(row.t_ns)
-    return {key: sorted(times) for key, times in found.items()}
+    return lost in facts.once(bus_off_silences).get(key, ())
 
 
 def _booted(control: ControlTables, context: Context, key: NodeKey, lost: Lost) -> bool:

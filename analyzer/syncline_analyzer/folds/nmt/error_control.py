@@ -226,6 +226,14 @@ class ErrorControl:
             return doubles.pair_ns - (doubles.short_ns if doubles.stepped else 0)
         return self.paces.halved.period_ns if self.paces.halved else self.median_ns()
 
+    def slowest_since_ns(self) -> int:
+        """From when on `slowest_ns` holds: the first sign of a second cadence, 0 without one."""
+        if self.twins.periods_ns:
+            return self.twins.span[0]
+        if self.doubles.count:
+            return self.doubles.span[0]
+        return self.paces.halved.t_ns if self.paces.halved else 0
+
     @property
     def alive(self) -> bool:
         """Whether the node itself ever sent error control."""

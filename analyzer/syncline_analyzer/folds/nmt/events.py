@@ -166,6 +166,8 @@ class NodeHistory:
     first_ns: int
     end_ns: int
     period_ns: int | None
+    period_since_ns: int = 0
+    """Before that the period was another one, as the last ones of each silence tell it."""
     guard_period_ns: int | None = None
     paces: Sequence[Pace] = ()
     stretches: Sequence[Pace] = ()

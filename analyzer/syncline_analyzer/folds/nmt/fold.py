@@ -461,6 +461,7 @@ class NmtFold:
             first_ns=self._first_ns or 0,
             end_ns=end_ns,
             period_ns=control.slowest_ns(),
+            period_since_ns=control.slowest_since_ns(),
             guard_period_ns=control.guarding.periods.median_ns(),
             paces=control.paces.paces,
             stretches=control.paces.stretches,

@@ -28,7 +28,7 @@ def silence_limit(
     if not context.timed or silence.kind == "boot-up":
         return None
     median = silence.period_ns
-    if median is not None:
+    if median is not None and silence.end_ns >= history.period_since_ns:
         median = max(median, history.period_ns or 0)
     if silence.kind == "guard answer":
         return _guarded(context, history, silence)

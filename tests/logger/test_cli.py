@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
@@ -206,13 +207,26 @@ def test_record_for_a_time(tmp_path: Path) -> None:
     assert b"jn2100" in contents.attachments["bus-description.toml"]
 
 
+@contextlib.contextmanager
+def heard(number: signal.Signals) -> Iterator[None]:
+    """A signal that children take notice of, though the tests may run where it is ignored."""
+    before = signal.signal(number, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(number, before)
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGTERM to catch")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_the_recording_properly(tmp_path: Path, number: signal.Signals) -> None:
     command = syncline("record", "-i", "virtual", "-c", "a", "-o", str(tmp_path))
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, encoding="utf-8"
-    ) as recorder:
+    with (
+        heard(number),
+        subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, encoding="utf-8"
+        ) as recorder,
+    ):
         assert recorder.stdout is not None
         path = Path(json.loads(recorder.stdout.readline())["path"])
         time.sleep(0.3)
@@ -226,9 +240,12 @@ def test_a_signal_ends_the_recording_properly(tmp_path: Path, number: signal.Sig
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT to send")
 def test_a_reader_that_goes_away_does_not_end_the_recording(tmp_path: Path) -> None:
     words = ("record", "-i", "virtual", "-c", "a", "--status-period", "100ms", "-o", str(tmp_path))
-    with subprocess.Popen(
-        syncline(*words), stdout=subprocess.PIPE, stderr=subprocess.PIPE, encoding="utf-8"
-    ) as recorder:
+    with (
+        heard(signal.SIGINT),
+        subprocess.Popen(
+            syncline(*words), stdout=subprocess.PIPE, stderr=subprocess.PIPE, encoding="utf-8"
+        ) as recorder,
+    ):
         assert recorder.stdout is not None
         assert recorder.stderr is not None
         path = Path(json.loads(recorder.stdout.readline())["path"])

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from syncline_analyzer.findings.bonds import BONDS
-from syncline_analyzer.results import Finding, Link
+from syncline_analyzer.results import Finding
 
 _RANK = {"error": 0, "warning": 1, "info": 2}
 
@@ -53,7 +53,8 @@ def _root(number: int, parents: Sequence[int | None]) -> int:
 def _told(root: Finding, effects: Sequence[Finding]) -> Finding:
     if not effects:
         return root
-    links = [*root.chain, *(link for effect in effects for link in _links(effect))]
+    followed = (link for effect in effects for link in (effect.as_link(), *effect.chain))
+    links = [*root.chain, *followed]
     worst = min([root, *effects], key=lambda finding: _RANK[finding.severity])
     assumed = [*root.assumed, *(text for effect in effects for text in effect.assumed)]
     return replace(
@@ -62,16 +63,3 @@ def _told(root: Finding, effects: Sequence[Finding]) -> Finding:
         chain=sorted(links, key=lambda link: (link.start_ns, link.id)),
         assumed=list(dict.fromkeys(assumed)),
     )
-
-
-def _links(finding: Finding) -> list[Link]:
-    own = Link(
-        finding.id,
-        finding.bus,
-        finding.node,
-        finding.start_ns,
-        finding.end_ns,
-        finding.text,
-        finding.evidence,
-    )
-    return [own, *finding.chain]

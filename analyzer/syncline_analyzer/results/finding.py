@@ -37,3 +37,9 @@ class Finding:
     """What followed from it, in order of time; these are no findings of their own."""
     assumed: list[str] = field(default_factory=list)
     """What it rests on that was only assumed, for example "100Ch = 0 (eds-default)"."""
+
+    def as_link(self) -> Link:
+        """The finding as a piece of another one's story, without what followed from it."""
+        return Link(
+            self.id, self.bus, self.node, self.start_ns, self.end_ns, self.text, self.evidence
+        )

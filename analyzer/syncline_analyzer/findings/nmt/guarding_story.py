@@ -10,7 +10,7 @@ from syncline_analyzer.findings.rule import Facts
 from syncline_analyzer.findings.stretch import Stretch, seconds
 from syncline_analyzer.folds.nmt.fold import NodeKey
 from syncline_analyzer.folds.nmt.timeout import life_time_ns
-from syncline_analyzer.results import EmcyRow, ErrorRow, Finding, Link
+from syncline_analyzer.results import EmcyRow, ErrorRow, Finding
 
 STORY_NS = 10_000_000_000
 """Events this close to an EMCY belong to its story [ns]."""
@@ -238,20 +238,8 @@ def _together(facts: Facts, stories: Sequence[_Story]) -> Finding:
         f"{silent.name} stopped: the root is there, not at the nodes that miss it.",
         f"{_check(silent, 'sensors')} compare its period with 100Ch x 100Dh or 1016h of them.",
         list(seqs)[:_EVIDENCE],
-        [_link(story.finding) for story in ordered],
+        [story.finding.as_link() for story in ordered],
         sorted({text for story in ordered for text in story.finding.assumed}),
-    )
-
-
-def _link(finding: Finding) -> Link:
-    return Link(
-        finding.id,
-        finding.bus,
-        finding.node,
-        finding.start_ns,
-        finding.end_ns,
-        finding.text,
-        finding.evidence,
     )
 
 

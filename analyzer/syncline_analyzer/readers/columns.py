@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 Words = NDArray[np.integer[Any]]
 """(n,) uint64; declared wider because numpy's stubs take a mask given as int for a signed number."""
 
-LOW_NIBBLES: Final = 0x0F0F0F0F0F0F0F0F
 _EVEN_BYTES: Final = 0x00FF00FF00FF00FF
 _EVEN_PAIRS: Final = 0x0000FFFF0000FFFF
 _LOW_HALF: Final = 0xFFFFFFFF

@@ -7,8 +7,6 @@ from syncline_samples.master import SyncProducer
 
 _PHASE = 0.37
 """Of the first producer's period, between its SYNC and the second one."""
-_PAIRS = 25
-"""Fewer SYNCs of two producers may be a coarse timer."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -38,13 +38,12 @@ class BusSilence(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class ClockTable:
-    """Steps back in order of `seq`, their number, and the longest silences by bus number.
+    """Steps back in order of `seq`, and the longest silences by bus number.
 
     `ended_ns` holds when each bus was heard last, unless a gap came after that.
     """
 
     steps: list[ClockStep] = field(default_factory=list)
-    step_count: int = 0
     silences: dict[int, list[BusSilence]] = field(default_factory=dict)
     ended_ns: dict[int, int] = field(default_factory=dict)
 
@@ -65,7 +64,6 @@ class ClockFold:
         self._context = context
         self._last: dict[int, int] = {}
         self._steps: list[ClockStep] = []
-        self._step_count = 0
         self._silences: dict[int, list[BusSilence]] = {}
 
     def update(self, batch: IndexedBatch) -> None:
@@ -90,7 +88,7 @@ class ClockFold:
         for bus, last_ns in self._last.items():
             if end_ns > last_ns:
                 silences.setdefault(bus, []).append(BusSilence(last_ns, end_ns, None))
-        return ClockTable(self._steps, self._step_count, silences, dict(self._last))
+        return ClockTable(self._steps, silences, dict(self._last))
 
     def _follow(self, bus: int, t_ns: NDArray[np.int64], seq: NDArray[np.intp]) -> None:
         last = self._last.get(bus)
@@ -98,7 +96,6 @@ class ClockFold:
         passed = t_ns - before
         self._last[bus] = int(t_ns[-1])
         back = np.flatnonzero(passed < 0)
-        self._step_count += len(back)
         for row in back[: MAX_STEPS - len(self._steps)].tolist():
             self._steps.append(
                 ClockStep(

@@ -17,6 +17,7 @@ from syncline_analyzer.folds.sdo.transfer import (
     Strays,
     Transfer,
 )
+from syncline_schemas.canopen.sdo import ClientCommand, ServerCommand
 
 NO_ANSWER_NS = 30_000_000_000
 """A late answer comes within this [ns]."""
@@ -37,7 +38,10 @@ DOUBLED_NS = 2_000_000_000
 MAX_ODDITIES = 1000
 
 _Frame = tuple[int, int, bytes]
-_ANSWERS: dict[int, Direction] = {2: "upload", 3: "download"}
+_ANSWERS: dict[int, Direction] = {
+    ServerCommand.INITIATE_UPLOAD: "upload",
+    ServerCommand.INITIATE_DOWNLOAD: "download",
+}
 
 
 class SdoChannel:
@@ -114,7 +118,7 @@ class SdoChannel:
                 if step is Step.DONE:
                     self._complete(now)
                 return
-        if data[0] >> 5 == 4:
+        if data[0] >> 5 == ServerCommand.ABORT:
             self._abort(seq, t_ns, data, "server")
         elif not self._opened(seq, t_ns, data) and not self._answered_before(seq, t_ns, data):
             self._stray_answer(seq, t_ns, data)
@@ -155,14 +159,14 @@ class SdoChannel:
 
     def _dispatch(self, seq: int, t_ns: int, data: bytes) -> None:
         match data[0] >> 5:
-            case 1 | 2:
+            case ClientCommand.INITIATE_DOWNLOAD | ClientCommand.INITIATE_UPLOAD:
                 self._initiate(seq, t_ns, data)
-            case 4:
+            case ClientCommand.ABORT:
                 self._abort(seq, t_ns, data, "client")
-            case 5 if data[0] & 3 == 0 and len(data) >= 4:
+            case ClientCommand.BLOCK_UPLOAD if data[0] & 3 == 0 and len(data) >= 4:
                 transfer = self._begin(_block(seq, t_ns, data, "upload"))
                 transfer.block_size = data[4] if len(data) > 4 else 0
-            case 6 if data[0] & 1 == 0 and len(data) >= 4:
+            case ClientCommand.BLOCK_DOWNLOAD if data[0] & 1 == 0 and len(data) >= 4:
                 transfer = self._begin(_block(seq, t_ns, data, "download"))
                 if data[0] & 2:
                     transfer.announced = int.from_bytes(data[4:8], "little")
@@ -176,7 +180,7 @@ class SdoChannel:
             self.strays.requests += len(data) >= 4
             return
         command = data[0]
-        read = command >> 5 == 2
+        read = command >> 5 == ClientCommand.INITIATE_UPLOAD
         if (read and command not in READ_REQUESTS) or command & 0xF0 == 0x30:
             self.strays.requests += 1
             self._unsure = (seq, t_ns, data)
@@ -204,9 +208,10 @@ class SdoChannel:
         if self.oddities and self.oddities[-1].asked is now:
             return False
         running: Segments | Block
-        if now.direction == "upload" and data[0] >> 5 == 3:
+        command = data[0] >> 5
+        if now.direction == "upload" and command == ClientCommand.UPLOAD_SEGMENT:
             now.kind, running = "segmented", Segments(now)
-        elif now.kind == "segmented" and data[0] >> 5 == 0:
+        elif now.kind == "segmented" and command == ClientCommand.DOWNLOAD_SEGMENT:
             running = Segments(now)
         elif now.kind == "block" and data[0] == 0xA3 and now.direction == "upload":
             running = Block(now, crc_used=False)
@@ -231,11 +236,15 @@ class SdoChannel:
         self._last_answer = data
         command = data[0] >> 5
         now.whole = now.whole or now.kind != "expedited"
-        if command == 2:
+        if command == ServerCommand.INITIATE_UPLOAD:
             now.take_initiate(data)
         if now.kind == "block":
-            size = data[4] if command == 5 and len(data) > 4 else now.block_size
-            if command == 6 and data[0] & 2:
+            size = (
+                data[4]
+                if command == ServerCommand.BLOCK_DOWNLOAD and len(data) > 4
+                else now.block_size
+            )
+            if command == ServerCommand.BLOCK_UPLOAD and data[0] & 2:
                 now.announced = int.from_bytes(data[4:8], "little")
             self._running = Block(now, now.crc_offered and bool(data[0] & 4), size)
         elif now.kind == "segmented":
@@ -301,9 +310,8 @@ class SdoChannel:
         return True
 
     def _answers_late(self, number: int, given_up: Transfer, t_ns: int, data: bytes) -> bool:
-        fits = data[0] >> 5 == 4 or _ANSWERS.get(data[0] >> 5) == given_up.direction
         recent = self._begun - number <= OUTDATED and 0 <= t_ns - given_up.start_ns <= NO_ANSWER_NS
-        return fits and recent and given_up.names(data)
+        return _ends(given_up, data) and recent and given_up.names(data)
 
     def _again(self, t_ns: int, data: bytes) -> bool:
         last = self._last
@@ -312,7 +320,7 @@ class SdoChannel:
             and self._running is None
             and last.kind == "expedited"
             and last.names(data)
-            and (data[0] >> 5 == 4 or _ANSWERS.get(data[0] >> 5) == last.direction)
+            and _ends(last, data)
             and 0 <= t_ns - last.end_ns <= DOUBLED_NS
         )
 
@@ -436,7 +444,7 @@ def _block(seq: int, t_ns: int, data: bytes, direction: Direction) -> Transfer:
 
 def _initiated(seq: int, t_ns: int, data: bytes) -> Transfer:
     index, sub = data[1] | data[2] << 8, data[3]
-    if data[0] >> 5 == 2:
+    if data[0] >> 5 == ClientCommand.INITIATE_UPLOAD:
         return Transfer(seq, t_ns, index, sub, "upload")
     transfer = Transfer(seq, t_ns, index, sub, "download")
     transfer.take_initiate(data)
@@ -445,7 +453,8 @@ def _initiated(seq: int, t_ns: int, data: bytes) -> Transfer:
 
 def _may_initiate(data: bytes) -> bool:
     """Whether a frame may be an initiate request: a write, or a read, which carries no data."""
-    return data[0] & 0xF0 == 0x20 or (data[0] >> 5 == 2 and not any(data[4:]))
+    read = data[0] >> 5 == ClientCommand.INITIATE_UPLOAD
+    return data[0] & 0xF0 == 0x20 or (read and not any(data[4:]))
 
 
 def _fits(waiting: Transfer, data: bytes) -> bool:
@@ -453,17 +462,23 @@ def _fits(waiting: Transfer, data: bytes) -> bool:
     if not waiting.names(data):
         return False
     match data[0] >> 5:
-        case 2:
+        case ServerCommand.INITIATE_UPLOAD:
             return waiting.direction == "upload"
-        case 3:
+        case ServerCommand.INITIATE_DOWNLOAD:
             return waiting.direction == "download" and waiting.kind != "block"
-        case 5:
+        case ServerCommand.BLOCK_DOWNLOAD:
             block = waiting.kind == "block" and waiting.direction == "download"
             return block and data[0] & 3 == 0
-        case 6:
+        case ServerCommand.BLOCK_UPLOAD:
             block = waiting.kind == "block" and waiting.direction == "upload"
             return block and data[0] & 1 == 0
     return False
+
+
+def _ends(transfer: Transfer, data: bytes) -> bool:
+    """Whether a server's frame is an abort, or an initiate answer in the transfer's direction."""
+    command = data[0] >> 5
+    return command == ServerCommand.ABORT or _ANSWERS.get(command) == transfer.direction
 
 
 def _settles(waiting: Transfer, data: bytes) -> bool:

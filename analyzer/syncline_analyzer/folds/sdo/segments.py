@@ -1,6 +1,7 @@
 """The segmented protocol after its initiate frames (CiA 301 7.2.4.3.4 and .7)."""
 
 from syncline_analyzer.folds.sdo.transfer import Step, Transfer
+from syncline_schemas.canopen.sdo import ClientCommand, ServerCommand
 
 UNNOTICED = 14
 """Bytes that two segments hold: as many may be missing in the capture with all toggles right."""
@@ -17,6 +18,9 @@ class Segments:
     def __init__(self, transfer: Transfer) -> None:
         self._transfer = transfer
         self._upload = transfer.direction == "upload"
+        client, server = ClientCommand, ServerCommand
+        self._requests = client.UPLOAD_SEGMENT if self._upload else client.DOWNLOAD_SEGMENT
+        self._answers = server.UPLOAD_SEGMENT if self._upload else server.DOWNLOAD_SEGMENT
         self._data = bytearray()
         transfer.data = self._data
         self._toggle = 0
@@ -26,7 +30,7 @@ class Segments:
 
     def request(self, data: bytes, late: bool) -> Step:
         """Take in a frame of the client."""
-        if data[0] >> 5 != (3 if self._upload else 0):
+        if data[0] >> 5 != self._requests:
             return Step.NOT_MINE
         if not self._upload:
             self._send(data)
@@ -40,7 +44,7 @@ class Segments:
 
     def answer(self, data: bytes, late: bool) -> Step:
         """Take in a frame of the server."""
-        if data[0] >> 5 != (0 if self._upload else 1):
+        if data[0] >> 5 != self._answers:
             return Step.NOT_MINE
         return self._uploaded(data) if self._upload else self._confirmed(data[0] >> 4 & 1)
 

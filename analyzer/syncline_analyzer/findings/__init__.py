@@ -18,7 +18,7 @@ from syncline_analyzer.findings.story import joined
 from syncline_analyzer.findings.timing import idle, pdo, sync_end
 from syncline_analyzer.findings.timing import sync as timing
 from syncline_analyzer.folds.control import ControlTables
-from syncline_analyzer.results import Analysis, Finding
+from syncline_analyzer.results import SEVERITY_RANK, Analysis, Finding
 
 RULES: tuple[Rule, ...] = (
     *bus.RULES,
@@ -40,7 +40,6 @@ RULES: tuple[Rule, ...] = (
     *idle.RULES,
 )
 """Every rule, by family."""
-_RANK = {"error": 0, "warning": 1, "info": 2}
 _OF_ANY_BUS = ("bus", "error", "capture", "clock")
 """Families that judge a bus of any protocol."""
 
@@ -49,7 +48,7 @@ def find_all(analysis: Analysis, control: ControlTables, context: Context) -> li
     """Findings of all rules as stories: errors first, then by the time they began."""
     facts = Facts(analysis, control, context)
     found = joined(bounded(facts, _of_canopen(facts, apply(RULES, facts))))
-    return sorted(found, key=lambda f: (_RANK[f.severity], f.start_ns, f.id, f.node or 0))
+    return sorted(found, key=lambda f: (SEVERITY_RANK[f.severity], f.start_ns, f.id, f.node or 0))
 
 
 def _of_canopen(facts: Facts, findings: Iterable[Finding]) -> list[Finding]:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from syncline_analyzer.findings.rule import Facts
-from syncline_analyzer.results import Finding
+from syncline_analyzer.results import SEVERITY_RANK, Finding
 from syncline_schemas.wording import counted
 
 KINDS = 20
@@ -12,7 +12,6 @@ KINDS = 20
 PLACES = 200
 """Findings of one rule that are told one by one, over all nodes."""
 _EVIDENCE = 40
-_RANK = {"error": 0, "warning": 1, "info": 2}
 
 
 def bounded(facts: Facts, findings: Iterable[Finding]) -> list[Finding]:
@@ -32,7 +31,7 @@ def _cut(
         if len(group) <= most + 1:
             kept.extend(group)
             continue
-        ordered = sorted(group, key=lambda each: (_RANK[each.severity], each.start_ns))
+        ordered = sorted(group, key=lambda each: (SEVERITY_RANK[each.severity], each.start_ns))
         kept.extend([*ordered[:most], _rest(facts, ordered[most:])])
     return kept
 

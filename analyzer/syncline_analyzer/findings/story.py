@@ -4,9 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from syncline_analyzer.findings.bonds import BONDS
-from syncline_analyzer.results import Finding
-
-_RANK = {"error": 0, "warning": 1, "info": 2}
+from syncline_analyzer.results import SEVERITY_RANK, Finding
 
 
 def joined(findings: Sequence[Finding]) -> list[Finding]:
@@ -55,7 +53,7 @@ def _told(root: Finding, effects: Sequence[Finding]) -> Finding:
         return root
     followed = (link for effect in effects for link in (effect.as_link(), *effect.chain))
     links = [*root.chain, *followed]
-    worst = min([root, *effects], key=lambda finding: _RANK[finding.severity])
+    worst = min([root, *effects], key=lambda finding: SEVERITY_RANK[finding.severity])
     assumed = [*root.assumed, *(text for effect in effects for text in effect.assumed)]
     return replace(
         root,

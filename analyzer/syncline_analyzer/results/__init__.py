@@ -20,7 +20,7 @@ from syncline_analyzer.results.bus import (
 )
 from syncline_analyzer.results.capture import CaptureRow, GapRow
 from syncline_analyzer.results.emcy import EmcyContextRow, EmcyRow, ErrorHistoryRow, ErrorRow
-from syncline_analyzer.results.finding import Finding, Link, Severity
+from syncline_analyzer.results.finding import SEVERITY_RANK, Finding, Link, Severity
 from syncline_analyzer.results.nodes import NmtCommandRow, NmtStateRow, NodeRow
 from syncline_analyzer.results.quantiles import Quantiles
 from syncline_analyzer.results.sdo import ObjectHistoryRow, ObjectRow, SdoRow
@@ -35,6 +35,7 @@ from syncline_analyzer.results.timing import (
 )
 
 __all__ = [
+    "SEVERITY_RANK",
     "TRACE_FLAGS",
     "Analysis",
     "BusErrorRow",

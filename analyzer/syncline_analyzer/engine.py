@@ -2,9 +2,8 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
-import numpy as np
-
-from syncline_analyzer.capture import CaptureFacts, TimeBase
+from syncline_analyzer.capture import CaptureFacts
+from syncline_analyzer.census import Census, time_base
 from syncline_analyzer.collecting import rare_collections
 from syncline_analyzer.context import Context
 from syncline_analyzer.deafness import with_deafness, without_classes
@@ -19,9 +18,9 @@ from syncline_analyzer.folds.timing.fold import TimingFold
 from syncline_analyzer.joining import joined
 from syncline_analyzer.nodes import node_rows
 from syncline_analyzer.objects import history_rows, object_rows
-from syncline_analyzer.results import Analysis, CaptureRow, GapRow
+from syncline_analyzer.results import Analysis
 from syncline_analyzer.shadow import Shadow
-from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
+from syncline_schemas.batch import FrameBatch, Gap
 from syncline_schemas.description import BusDescription
 from syncline_schemas.devices import Device
 
@@ -56,7 +55,7 @@ def analyze(
     context = _context(facts, buses, description, devices)
     control, timing, angle = ControlFold(context), TimingFold(context), AngleFold(context)
     folds: tuple[Fold, ...] = (control, timing, angle)
-    census = _Census()
+    census = Census()
     echoes = Echoes(lambda: max((each.resolution_ns for each in facts), default=1))
     numbered = joined(with_deafness(_told_errors(stream, facts, buses)))
     for seq, item in echoes.marked(numbered) if context.timed else numbered:
@@ -150,14 +149,9 @@ def _context(
     return Context(
         buses=buses,
         shadow=Shadow(bus_name, description, dict(devices)),
-        timed=_time_base(facts) != "none",
+        timed=time_base(facts) != "none",
         description=description,
     )
-
-
-def _time_base(facts: Sequence[CaptureFacts]) -> TimeBase:
-    bases: set[TimeBase] = {each.time_base for each in facts}
-    return bases.pop() if len(bases) == 1 else "none"
 
 
 def _refresh(
@@ -177,81 +171,3 @@ def _refresh(
             known = description.bitrate(name) or recorded or default
             if known:
                 context.bitrates[name] = known
-
-
-class _Census:
-    """Counts every frame of the capture, and keeps its gaps.
-
-    `end_ns` is where the capture ends by `seq`: where the clock stepped back, that is not its
-    latest stamp, and no node was silent until then.
-    """
-
-    def __init__(self) -> None:
-        self.frames = 0
-        self._remote = 0
-        self._error = 0
-        self._extended = 0
-        self._first_ns: int | None = None
-        self._latest_ns = 0
-        self.end_ns = 0
-        self._gaps: list[Gap] = []
-
-    def update(self, batch: FrameBatch) -> None:
-        if not len(batch):
-            return
-        error = (batch.flags & FrameFlag.ERROR) != 0
-        self.frames += len(batch)
-        self._error += int(np.count_nonzero(error))
-        self._remote += int(np.count_nonzero(batch.flags[~error] & FrameFlag.REMOTE))
-        self._extended += int(np.count_nonzero(batch.flags[~error] & FrameFlag.EXTENDED))
-        if self._first_ns is None:
-            self._first_ns = self._latest_ns = int(batch.t_ns[0])
-        self._latest_ns = max(self._latest_ns, int(batch.t_ns.max()))
-        self.end_ns = int(batch.t_ns[-1])
-
-    def gap(self, gap: Gap) -> None:
-        self._gaps.append(gap)
-        self._latest_ns = max(self._latest_ns, gap.end_ns)
-        self.end_ns = gap.end_ns
-
-    def row(
-        self, facts: Sequence[CaptureFacts], context: Context, origin_ns: int | None
-    ) -> CaptureRow:
-        first_ns = self._first_ns or 0
-        dated = _time_base(facts) == "utc" and self._first_ns is not None
-        return CaptureRow(
-            files=[str(each.path) for each in facts],
-            frames=self.frames,
-            data_frames=self.frames - self._remote - self._error,
-            remote_frames=self._remote,
-            error_frames=self._error,
-            extended_frames=self._extended,
-            unparsed_lines=sum(each.unparsed_count for each in facts),
-            start_utc_ns=first_ns if dated else None,
-            duration_ns=self._latest_ns - first_ns if self.frames else 0,
-            buses=list(context.buses),
-            gaps=[_gap_row(gap, context) for gap in self._gaps],
-            first_ns=first_ns if origin_ns is None else origin_ns,
-            cut_ns=self._first_ns if origin_ns not in (None, self._first_ns) else None,
-            time_base=_time_base(facts),
-            resolution_ns=context.resolution_ns,
-            notes=[note for each in facts for note in each.notes] + _strangers(context),
-            damage=[f"{each.path}: {each.damage}" for each in facts if each.damage],
-        )
-
-
-def _strangers(context: Context) -> list[str]:
-    """Buses that the description names and the capture does not hold: most likely a slip."""
-    described = {
-        *context.description.bitrates,
-        *(bus for bus, _ in context.description.nodes if bus),
-    }
-    return [
-        f"the bus description names {bus}, which is not in this capture"
-        for bus in sorted(described - set(context.buses))
-    ]
-
-
-def _gap_row(gap: Gap, context: Context) -> GapRow:
-    bus = None if gap.bus is None else context.bus_name(gap.bus)
-    return GapRow(gap.start_ns, gap.end_ns, gap.reason, gap.lost_frames, bus)

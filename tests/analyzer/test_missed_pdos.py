@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from syncline_analyzer.context import Context
-from syncline_analyzer.folds.timing.fold import TimingTables
+from syncline_analyzer.folds.timing.tables import TimingTables
 from syncline_schemas.batch import FrameBatch
 from tests.analyzer.timing_builder import (
     MS,

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from syncline_analyzer.context import Context
-from syncline_analyzer.folds.timing.fold import TimingTables
 from syncline_analyzer.folds.timing.rhythm import Rhythm
+from syncline_analyzer.folds.timing.tables import TimingTables
 from syncline_analyzer.results import PdoRow
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
 from syncline_schemas.wire_length import wire_bits

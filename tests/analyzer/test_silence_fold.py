@@ -3,7 +3,7 @@
 import pytest
 
 from syncline_analyzer.context import Context
-from syncline_analyzer.folds.timing.fold import TimingTables
+from syncline_analyzer.folds.timing.tables import TimingTables
 from tests.analyzer.timing_builder import (
     MS,
     SECOND,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from syncline_analyzer.folds.timing.fold import TimingTables
+from syncline_analyzer.folds.timing.tables import TimingTables
 from syncline_analyzer.results import SyncRow
 from syncline_schemas.batch import FrameBatch, Gap
 from tests.analyzer.timing_builder import (

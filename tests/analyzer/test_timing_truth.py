@@ -12,7 +12,8 @@ from syncline_analyzer.context import Context
 from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.folds.angle.fold import AngleFold, AngleTables
 from syncline_analyzer.folds.control import ControlFold
-from syncline_analyzer.folds.timing.fold import TimingFold, TimingTables
+from syncline_analyzer.folds.timing.fold import TimingFold
+from syncline_analyzer.folds.timing.tables import TimingTables
 from syncline_analyzer.readers import open_capture
 from syncline_analyzer.shadow import Shadow
 from syncline_samples.machine import Run

@@ -7,7 +7,8 @@ import numpy as np
 from syncline_analyzer.context import Context
 from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.folds.angle.fold import AngleFold, AngleTables
-from syncline_analyzer.folds.timing.fold import TimingFold, TimingTables
+from syncline_analyzer.folds.timing.fold import TimingFold
+from syncline_analyzer.folds.timing.tables import TimingTables
 from syncline_analyzer.results import NmtStateRow
 from syncline_analyzer.shadow import Known, Shadow, Source
 from syncline_schemas.batch import FrameBatch, Gap

@@ -1,0 +1,133 @@
+"""What each PDO was due at the end of the capture: missed frames, pauses and its row."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from syncline_analyzer.context import Context
+from syncline_analyzer.folds.timing.operational import operational
+from syncline_analyzer.folds.timing.pause import pauses
+from syncline_analyzer.folds.timing.pdo import PdoState
+from syncline_analyzer.folds.timing.pdo_rows import pdo_holes, pdo_row, responses
+from syncline_analyzer.folds.timing.rhythm import MissedList
+from syncline_analyzer.folds.timing.sending import Sending, by_chance, due_step_ns, sending
+from syncline_analyzer.folds.timing.silence import Silence, SilenceFold, within_silence
+from syncline_analyzer.folds.timing.sync import SyncFold
+from syncline_analyzer.folds.timing.tables import TimingTables
+from syncline_analyzer.pdo_binding import PdoBindings
+from syncline_analyzer.results import NmtStateRow, PdoPauseRow, PdoRow
+
+START_NS = 10_000_000
+"""Time that a node has to act on a start command."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PdoJudge:
+    """Makes the rows of PDOs from what was counted, and from the states of their nodes.
+
+    A PDO is missed only while `nmt_states` say OPERATIONAL (None: always), and never in what is
+    `unread`.
+    """
+
+    context: Context
+    bindings: PdoBindings
+    sync: SyncFold
+    silence: SilenceFold
+    gap_starts: set[int]
+    nmt_states: Sequence[NmtStateRow] | None
+    unread: Sequence[Silence]
+    end_ns: int
+
+    def add(self, tables: TimingTables, bus: int, can_id: int, state: PdoState) -> None:
+        """Append the rows of one PDO."""
+        sync_ns = self.sync.median_ns(bus, state.sync_cob_id)
+        how = sending(state, sync_ns, self.context)
+        missed = self._missed(bus, state, how, sync_ns)
+        silences = [
+            *self.silence.of(bus),
+            *self._unsure(bus, state),
+            *self.unread,
+        ]
+        if silences:
+            step_ns = due_step_ns(state, how, sync_ns)
+            after_ns = step_ns if how.every > 1 else 0.0
+            missed = missed.without(within_silence(missed.t_ns, silences, step_ns, after_ns))
+        name = self.context.bus_name(bus)
+        row = pdo_row(name, can_id, state, how, missed)
+        tables.pdos.append(row)
+        tables.pdo_pauses.extend(self._pauses(bus, row, state, how, missed))
+        tables.holes.extend(pdo_holes(row, missed, due_step_ns(state, how, sync_ns)))
+        if how.synchronous and state.response.count:
+            tables.responses.append(responses(row, state))
+
+    def _unsure(self, bus: int, state: PdoState) -> list[Silence]:
+        """Times that the stamps go through twice, unless the node was OPERATIONAL all along."""
+        name = self.context.bus_name(bus)
+        if state.owner is None or self.nmt_states is None:
+            return []
+        whole = [
+            (row.start_ns, row.end_ns)
+            for row in self.nmt_states
+            if (row.bus, row.node, row.state) == (name, state.owner.node, "OPERATIONAL")
+        ]
+        return [
+            back
+            for back in self.silence.backs(bus)
+            if not any(start <= back.start_ns and back.end_ns <= end for start, end in whole)
+        ]
+
+    def _pauses(
+        self,
+        bus: int,
+        row: PdoRow,
+        state: PdoState,
+        how: Sending,
+        missed: MissedList,
+    ) -> list[PdoPauseRow]:
+        """Long stretches without a PDO that has a rhythm, and whose node said OPERATIONAL."""
+        owner = state.owner
+        counter = self.bindings.repeat_counter(owner) if owner else None
+        if owner is None or self.nmt_states is None or (counter is not None and counter.value):
+            return []
+        stretches = operational(self.nmt_states, row.bus, owner.node, self.gap_starts)
+        if not stretches or not self.context.timed:
+            return []
+        rhythm = self._rhythm(bus, state, how)
+        if rhythm is None:
+            return []
+        missed_ns = missed.t_ns if how.synchronous else None
+        silences = self.silence.of(bus)
+        return pauses(row, state, rhythm, stretches, silences, self.end_ns, missed_ns)
+
+    def _rhythm(self, bus: int, state: PdoState, how: Sending) -> tuple[float, str] | None:
+        """Time between due frames [ns] and what says so; None where a change may send them."""
+        if state.off or state.polled():
+            return None
+        if how.synchronous:
+            sync_ns = self.sync.median_ns(bus, state.sync_cob_id)
+            known = state.told_type() is not None or state.rhythm.every() is not None
+            step_ns = sync_ns * how.every
+            return (step_ns, "its SYNC") if known and how.type != 0 and step_ns else None
+        timer_ns = state.told_timer_ns()
+        if timer_ns:
+            return timer_ns, "its event timer (180xh:5)"
+        if how.source.startswith("inferred: cyclic") and state.sent_by_timer():
+            return state.period.quantile(0.5), "the period that it kept before"
+        return None
+
+    def _missed(self, bus: int, state: PdoState, how: Sending, sync_ns: float) -> MissedList:
+        nothing = MissedList(np.zeros(0, np.int64), np.zeros(0, np.int64))
+        counter = self.bindings.repeat_counter(state.owner) if state.owner else None
+        if state.polled() or (counter is not None and counter.value):
+            return nothing
+        intervals = None
+        if self.nmt_states is not None and state.owner is not None and self.context.timed:
+            name = self.context.bus_name(bus)
+            intervals = operational(self.nmt_states, name, state.owner.node, self.gap_starts)
+        if how.synchronous:
+            if by_chance(state, how, self.context):
+                return nothing
+            return state.rhythm.missed.within(intervals, sync_ns, START_NS)
+        timer_ns = state.told_timer_ns()
+        return state.overdue.within(intervals, timer_ns, timer_ns) if timer_ns else nothing

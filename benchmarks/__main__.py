@@ -50,6 +50,10 @@ GROUPS = (
             ("read_python_can", "log"),
         ),
     ),
+    Group(
+        "exact wire length of every frame",
+        (("wire_lengths_syncline", "log"), ("wire_lengths_bit_by_bit", "small log")),
+    ),
 )
 
 

@@ -172,6 +172,49 @@ def read_mcap(source: Path, out: Path) -> Callable[[], int]:
     return work
 
 
+def wire_lengths_syncline(source: Path, out: Path) -> Callable[[], int]:
+    """Exact length of every frame on the wire, columnar."""
+    from syncline_analyzer.readers import open_capture
+    from syncline_schemas.batch import FrameBatch
+    from syncline_schemas.wire_length import wire_bits
+
+    batches = [item for item in open_capture(source).batches() if isinstance(item, FrameBatch)]
+    return lambda: sum(len(wire_bits(batch)) for batch in batches)
+
+
+def wire_lengths_bit_by_bit(source: Path, out: Path) -> Callable[[], int]:
+    """The same for python-can's messages as one writes it down: bits, CRC and stuff bits in turn."""
+    import can
+
+    def length(message: can.Message) -> int:
+        can_id, remote = message.arbitration_id, f"{message.is_remote_frame:b}"
+        if message.is_extended_id:
+            head = f"0{can_id >> 18:011b}11{can_id & 0x3FFFF:018b}{remote}00{message.dlc:04b}"
+        else:
+            head = f"0{can_id:011b}{remote}00{message.dlc:04b}"
+        bits = [int(bit) for bit in head + "".join(f"{byte:08b}" for byte in message.data)]
+        crc = 0
+        for bit in bits:
+            crc = (crc << 1) ^ (0x4599 if bit ^ crc >> 14 else 0)
+            crc &= 0x7FFF
+        run, last, sent = 0, -1, 0
+        for bit in bits + [int(bit) for bit in f"{crc:015b}"]:
+            run = run + 1 if bit == last else 1
+            last, sent = bit, sent + 1
+            if run == 5:
+                run, last, sent = 1, 1 - bit, sent + 1
+        return sent + 13
+
+    with can.LogReader(source) as reader:
+        messages = list(reader)
+
+    def work() -> int:
+        assert all(length(message) for message in messages)
+        return len(messages)
+
+    return work
+
+
 def main() -> None:
     """Run the case named on the command line."""
     name, source, out = sys.argv[1], Path(sys.argv[2]), Path(sys.argv[3])

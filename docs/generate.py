@@ -1,9 +1,11 @@
 """Writes the pages made from the code: `uv run python -m docs.generate`.
 
-`commands.md` comes from the commands' own --help, `findings.md` from the rules.
+`commands.md` comes from the commands' own --help, `findings.md` from the rules, `devices/*.md` from
+the devices' files and from the tables that their readers know.
 """
 
 import sys
+from collections.abc import Iterator, Mapping
 from itertools import groupby
 from pathlib import Path
 
@@ -13,6 +15,9 @@ from syncline_analyzer.findings import RULES
 from syncline_analyzer.findings.bonds import BONDS
 from syncline_analyzer.findings.rule import Rule
 from syncline_logger.cli import cli
+from syncline_logger.device_sheet import HANDLED, Section, objects, sections
+from syncline_schemas.devices import Device, device_names, load_device
+from syncline_schemas.devices.profile import known_keys
 
 FOLDER = Path(__file__).parent
 FINDINGS_HEADER = """# Findings
@@ -77,7 +82,102 @@ def _rule_section(rule: Rule) -> str:
     return "\n".join(lines) + "\n"
 
 
+DEVICES_HEADER = """# Devices
+
+Made from the devices' files by `python -m docs.generate`; a test keeps it true. `syncline devices NAME` prints the same. What is told of
+a device that is not listed here comes from its EDS or DCF and from the CiA profile that its 1000h names (406 encoders, 410 inclinometers).
+
+Which device a node is, is known from the bus description or `--device`, else from what it answered to 1000h, 1008h and 1018h while the
+recorder listened; Syncline never asks. The reason stands beside each node. Where nothing was asked, PDOs that look like the factory
+settings of a device are a hint only. A device that was named and does what it cannot do is the finding `device.wrong_device`.
+"""
+OWN_DEVICE = """## A device of one's own
+
+Two files in a folder that the environment variable `SYNCLINE_DEVICES` names (several folders as in `PATH`): `NAME.eds` (or `.dcf`, `.xdd`)
+and `NAME.toml` with what an EDS has no field for. An EDS alone is a device too. No Python is needed:
+[generic-406.toml](../../samples/own_devices/generic-406.toml) and [its EDS](../../samples/own_devices/generic-406.eds) are a whole encoder.
+A device of one's own is recognised before the built-in ones, and hides a built-in one of the same name.
+
+```sh
+SYNCLINE_DEVICES=samples/own_devices syncline devices generic-406
+syncline devices --check samples/own_devices/generic-406.toml
+```
+
+Objects are written as `"6004"` or `"1018:2"`. The tables and keys of the TOML file, of which any may be missing:
+"""
+
+
+def devices_page() -> str:
+    """All devices, and how to add one."""
+    rows = []
+    for name in device_names(()):
+        device = load_device(name, ())
+        rows.append((f"[{name}]({name}.md)", device.title, device.vendor, device.kind))
+    listed = Section("", ("name", "device", "vendor", "kind"), tuple(rows))
+    keys = tuple(
+        ("head of the file" if table == "head" else f"`[{table}]`", f"`{'`, `'.join(names)}`")
+        for table, names in known_keys().items()
+    )
+    quirks = tuple((f"`{name}`", words) for name, words in HANDLED.items())
+    return "\n".join(
+        [
+            DEVICES_HEADER,
+            *_markdown(listed),
+            OWN_DEVICE,
+            *_markdown(Section("", ("table", "keys"), keys)),
+            "What Syncline makes of the quirks:\n",
+            *_markdown(Section("", ("key of `[quirks]`", "what Syncline makes of it"), quirks)),
+        ]
+    )
+
+
+def device_page(device: Device) -> str:
+    """Everything that is known of one device."""
+    factory = (
+        f"Factory settings: node {device.default_node}, {device.default_bitrate} bit/s.\n"
+        if device.default_node is not None
+        else ""
+    )
+    return "\n".join(
+        [
+            f"# {device.name}: {device.title}\n",
+            f"{device.vendor}, {device.kind}. Made from its files by `python -m docs.generate`; a test keeps it true.\n",
+            factory,
+            *(f"- {note}" for note in device.notes),
+            "",
+            *(line for section in sections(device) for line in _markdown(section)),
+            *_markdown(objects(device)),
+        ]
+    )
+
+
+def _markdown(section: Section) -> Iterator[str]:
+    """A table with its title, if it has one."""
+    if section.title:
+        yield f"## {section.title}\n"
+    yield _line(section.heads)
+    yield _line(["---"] * len(section.heads))
+    yield from (_line([cell.replace("|", "\\|") for cell in row]) for row in section.rows)
+    yield ""
+
+
+def _line(cells: "tuple[str, ...] | list[str]") -> str:
+    return f"| {' | '.join(cells)} |"
+
+
+def pages() -> Mapping[str, str]:
+    """Every made page by its place in the folder."""
+    own = {f"devices/{name}.md": device_page(load_device(name, ())) for name in device_names(())}
+    return {
+        "commands.md": commands_page(),
+        "findings.md": findings_page(),
+        "devices/README.md": devices_page(),
+        **own,
+    }
+
+
 if __name__ == "__main__":
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER
-    for name, page in (("commands.md", commands_page()), ("findings.md", findings_page())):
+    for name, page in pages().items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text(page, encoding="utf-8", newline="\n")

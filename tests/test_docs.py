@@ -15,9 +15,14 @@ def test_made_pages_are_those_that_the_code_makes(tmp_path: Path) -> None:
     pytest.importorskip("pandas")
     # A process of its own: click keeps the help option of the first call of a command.
     subprocess.run([sys.executable, str(ROOT / "docs" / "generate.py"), str(tmp_path)], check=True)
-    for made in sorted(tmp_path.iterdir()):
-        written = (ROOT / "docs" / made.name).read_text(encoding="utf-8")
-        assert written == made.read_text(encoding="utf-8"), f"{made.name}: python -m docs.generate"
+    pages = [made.relative_to(tmp_path) for made in sorted(tmp_path.glob("**/*.md"))]
+    assert len(pages) > 8
+    for page in pages:
+        written = (ROOT / "docs" / page).read_text(encoding="utf-8")
+        made = (tmp_path / page).read_text(encoding="utf-8")
+        assert written == made, f"{page}: python -m docs.generate"
+    listed = {path.name for path in (ROOT / "docs" / "devices").glob("*.md")}
+    assert listed == {page.name for page in pages if page.parent.name == "devices"}
 
 
 def test_every_help_ends_with_two_examples() -> None:

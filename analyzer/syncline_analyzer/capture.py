@@ -40,6 +40,7 @@ class CaptureFacts:
     resolution_ns: int = 1
     clock: str = "unknown"
     bitrates: dict[str, int] = field(default_factory=dict)
+    data_bitrates: dict[str, int] = field(default_factory=dict)
     unparsed_lines: list[tuple[int, str]] = field(default_factory=list)
     unparsed_count: int = 0
     unread: list[Unread] = field(default_factory=list)

@@ -25,6 +25,7 @@ class Selection(TypedDict):
     description: Path | None
     devices: tuple[str, ...]
     bitrate: int | None
+    data_bitrate: int | None
     start: str | None
     end: str | None
 
@@ -51,7 +52,14 @@ _SELECTION = (
         "--bitrate",
         type=click.IntRange(min=1),
         metavar="BIT/S",
-        help="Bit rate of buses whose bit rate the capture does not tell.",
+        help="Bit rate of buses of which neither description nor capture tells it; else it is"
+        " estimated from the frames.",
+    ),
+    click.option(
+        "--data-bitrate",
+        type=click.IntRange(min=1),
+        metavar="BIT/S",
+        help="The same of the data phase of CAN FD frames, which is never estimated.",
     ),
     click.option(
         "--from",
@@ -205,6 +213,7 @@ def _analyzed(selection: Selection) -> "Analysis":
         description=selection["description"],
         devices=dict(_device(text) for text in selection["devices"]),
         bitrate=selection["bitrate"],
+        data_bitrate=selection["data_bitrate"],
         start=selection["start"],
         end=selection["end"],
     )

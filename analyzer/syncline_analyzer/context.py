@@ -2,10 +2,14 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
+from syncline_analyzer.folds.timing.bit_rate import Estimate
 from syncline_analyzer.shadow import Shadow
 from syncline_schemas.description import BusDescription
+
+BitrateSource = Literal["bus-description", "recorded", "command-line", "estimated"]
+"""Who says what the bit rate of a bus is."""
 
 
 @dataclass(slots=True)
@@ -19,6 +23,11 @@ class Context:
         bitrates: bit rate [bit/s] by bus name, where it is known.
         resolution_ns: step of the stamps; nothing finer is claimed.
         description: what the user says of the buses and nodes.
+        data_bitrates: bit rate [bit/s] of the data phase of FD frames by bus name, where known.
+        bitrate_sources: who says each of `bitrates`.
+        estimates: what the spacing of the frames says, by bus name, also where the bit rate is told.
+        pdo_lengths: the first `seq` of each length [bytes] that frames of a PDO have, by bus number
+            and identifier.
     """
 
     buses: list[str]
@@ -27,6 +36,17 @@ class Context:
     bitrates: dict[str, int] = field(default_factory=dict)
     resolution_ns: int = 1
     description: BusDescription = field(default_factory=BusDescription)
+    data_bitrates: dict[str, int] = field(default_factory=dict)
+    bitrate_sources: dict[str, BitrateSource] = field(default_factory=dict)
+    estimates: dict[str, Estimate] = field(default_factory=dict)
+    pdo_lengths: dict[tuple[int, int], dict[int, int]] = field(default_factory=dict)
+
+    def assumed_bitrate(self, bus_name: str) -> list[str]:
+        """What a finding rests on that needs the bit rate of a bus: nothing where it is told."""
+        if self.bitrate_sources.get(bus_name) != "estimated":
+            return []
+        rate = self.bitrates[bus_name] / 1000
+        return [f"the bit rate of {bus_name} is {rate:g} kbit/s (estimated from the frames)"]
 
     def overrides(self, bus: int, node: int) -> Mapping[str, Any]:
         """Settings of a node's device that the user gave."""

@@ -164,6 +164,7 @@ def _survey(readers: Sequence[CaptureReader], paths: Sequence[Path]) -> Survey:
     return Survey(
         buses=tuple(merge.buses),
         bitrates={name: rate for each in facts for name, rate in each.bitrates.items()},
+        data_bitrates={n: rate for each in facts for n, rate in each.data_bitrates.items()},
         frames=frames,
         first_ns=first_ns or 0,
         whole_us=whole_us,

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from syncline_analyzer.results import Quantiles
+from syncline_analyzer.results import Jitter, Quantiles
 
 EXACT_LIMIT = 8192
 """Values kept one by one; quantiles of no more than these are exact."""
@@ -29,9 +29,9 @@ class Distribution:
         self.count = 0
         self.minimum = 0.0
         self.maximum = 0.0
-        self._shift = 0.0
-        self._sum = 0.0
+        self._mean = float("nan")
         self._squares = 0.0
+        """Sum of the squares of the distances from the mean."""
         self._kept: list[Floats] = []
         self._bins: _Bins | None = None
 
@@ -63,18 +63,27 @@ class Distribution:
     @property
     def mean(self) -> float:
         """Mean of all values."""
-        return self._shift + self._sum / self.count if self.count else float("nan")
+        return float(self._exact().mean()) if self._kept else self._mean
 
     @property
     def std(self) -> float:
         """Standard deviation of all values."""
         if not self.count:
             return float("nan")
-        variance = self._squares / self.count - (self._sum / self.count) ** 2
-        return float(np.sqrt(max(variance, 0.0)))
+        return float(self._exact().std() if self._kept else np.sqrt(self._squares / self.count))
 
-    def quantiles(self, unit_ns: float, *, std: bool = False) -> Quantiles | None:
-        """Row of the tables in units of `unit_ns` [ns]; None without values."""
+    @property
+    def relative_error(self) -> float:
+        """Largest relative error of a quantile: none while all values are kept."""
+        return 0.0 if self._bins is None else RELATIVE_ERROR
+
+    def quantiles(
+        self, unit_ns: float, *, std: bool = False, resolution_ns: int = 1
+    ) -> Quantiles | None:
+        """Row of the tables in units of `unit_ns` [ns]; None without values.
+
+        A deviation that is smaller than `resolution_ns`, the step of the stamps, is left out.
+        """
         if not self.count:
             return None
         return Quantiles(
@@ -82,8 +91,24 @@ class Distribution:
             self.quantile(0.5) / unit_ns,
             self.quantile(0.99) / unit_ns,
             self.maximum / unit_ns,
-            self.std / unit_ns if std else None,
+            _told(self.std, resolution_ns, unit_ns) if std else None,
         )
+
+    def jitter(self, unit_ns: float, resolution_ns: int) -> Jitter | None:
+        """Row of the tables, without what is smaller than a step of the stamps; None without values."""
+        if not self.count:
+            return None
+        width = self.quantile(0.99) - self.quantile(0.01)
+        return Jitter(
+            _told(self.std, resolution_ns, unit_ns),
+            _told(width, resolution_ns, unit_ns),
+            _told(self.maximum - self.minimum, resolution_ns, unit_ns),
+        )
+
+    def off(self, expected_ns: float, unit_ns: float, resolution_ns: int) -> float | None:
+        """Median less what is expected; None without values or where the stamps cannot show it."""
+        apart = self.quantile(0.5) - expected_ns
+        return apart / unit_ns if abs(apart) >= resolution_ns else None
 
     def histogram(self) -> tuple[NDArray[np.int64], Floats]:
         """(counts, edges) of all values: 64 bins over the middle 99 %, tails in growing bins.
@@ -111,14 +136,21 @@ class Distribution:
         return self._kept[0]
 
     def _add_moments(self, new: Floats) -> None:
-        low, high = float(new.min()), float(new.max())
+        """Extremes, mean and squares; those of two parts are joined as Chan et al. do (1979)."""
+        low, high, mean = float(new.min()), float(new.max()), float(new.mean())
         if not self.count:
-            self._shift, self.minimum, self.maximum = float(new[0]), low, high
+            self.minimum, self.maximum, self._mean = low, high, mean
         self.minimum, self.maximum = min(self.minimum, low), max(self.maximum, high)
-        shifted = new - self._shift
-        self._sum += float(shifted.sum())
-        self._squares += float(np.square(shifted).sum())
-        self.count += len(new)
+        before, self.count = self.count, self.count + len(new)
+        apart = mean - self._mean
+        self._mean += apart * len(new) / self.count
+        self._squares += float(np.square(new - mean).sum())
+        self._squares += apart * apart * before * len(new) / self.count
+
+
+def _told(value: float, resolution_ns: int, unit_ns: float) -> float | None:
+    """A spread in its unit; None where the stamps are too coarse to show it."""
+    return value / unit_ns if value >= resolution_ns else None
 
 
 def _quantile(values: Floats, share: float) -> float:

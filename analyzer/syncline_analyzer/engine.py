@@ -2,11 +2,13 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
+from syncline_analyzer.bit_rates import BitRates
 from syncline_analyzer.capture import CaptureFacts
 from syncline_analyzer.census import Census, time_base
 from syncline_analyzer.collecting import rare_collections
 from syncline_analyzer.context import Context
 from syncline_analyzer.deafness import with_deafness, without_classes
+from syncline_analyzer.device_health import device_health_rows
 from syncline_analyzer.echo import Echoes, hidden
 from syncline_analyzer.findings import find_all
 from syncline_analyzer.fold import Fold, IndexedBatch
@@ -17,7 +19,9 @@ from syncline_analyzer.folds.emcy.history import error_history
 from syncline_analyzer.folds.timing.fold import TimingFold
 from syncline_analyzer.joining import joined
 from syncline_analyzer.nodes import node_rows
+from syncline_analyzer.object_changes import object_change_rows
 from syncline_analyzer.objects import history_rows, object_rows
+from syncline_analyzer.pdo_lengths import PdoLengths
 from syncline_analyzer.results import Analysis
 from syncline_analyzer.shadow import Shadow
 from syncline_schemas.batch import FrameBatch, Gap
@@ -37,6 +41,7 @@ def analyze(
     description: BusDescription,
     devices: Mapping[int, Device],
     bitrate: int | None = None,
+    data_bitrate: int | None = None,
     origin_ns: int | None = None,
     progress: Progress | None = None,
 ) -> Analysis:
@@ -49,17 +54,18 @@ def analyze(
         description: what the user says of buses and nodes.
         devices: device by node id, where the description leaves it open.
         bitrate: bit/s of every bus whose bit rate is not told otherwise.
+        data_bitrate: the same of the data phase of FD frames.
         origin_ns: first stamp of the whole capture, from which capture time counts; by default
             the first one of the stream.
     """
     context = _context(facts, buses, description, devices)
     control, timing, angle = ControlFold(context), TimingFold(context), AngleFold(context)
-    folds: tuple[Fold, ...] = (control, timing, angle)
+    folds: tuple[Fold, ...] = (control, timing, angle, PdoLengths(context))
     census = Census()
     echoes = Echoes(lambda: max((each.resolution_ns for each in facts), default=1))
     numbered = joined(with_deafness(_told_errors(stream, facts, buses)))
-    for seq, item in echoes.marked(numbered) if context.timed else numbered:
-        _refresh(context, facts, description, bitrate)
+    rates = BitRates(context, facts, bitrate, data_bitrate)
+    for seq, item in rates.settled(echoes.marked(numbered) if context.timed else numbered):
         if isinstance(item, Gap):
             for fold in folds:
                 fold.gap(item)
@@ -71,11 +77,12 @@ def analyze(
             census.update(item)
         if progress:
             progress(census.frames)
-    _refresh(context, facts, description, bitrate)
     end_ns = census.end_ns
     controls = control.finish(end_ns)
     unread = [place for each in facts for place in each.unread]
-    timings = timing.finish(end_ns, controls.nmt.states, controls.nmt.commands, unread)
+    timings = timing.finish(
+        end_ns, controls.nmt.states, controls.nmt.commands, unread, controls.nmt.nodes
+    )
     starts = [(boot.bus, boot.node, boot.t_ns) for boot in controls.nmt.boot_ups]
     angles = angle.finish(end_ns, starts)
     nodes = node_rows(context, controls, timings.pdos)
@@ -97,6 +104,8 @@ def analyze(
         holes=timings.holes,
         sync_jitter=timings.sync_jitter,
         trace_events=angles.events,
+        tilts=angles.tilts,
+        tilt_data=angles.tilt_data,
         series=timings.series,
         objects=object_rows(context, nodes),
         object_history=history_rows(context),
@@ -104,7 +113,15 @@ def analyze(
         clock_steps=timings.clock_steps,
         bus_silences=timings.bus_silences,
         overloads=timings.overloads,
+        bus_shares=timings.bus_shares,
+        node_shares=timings.node_shares,
+        waits=timings.waits,
+        delays=timings.delays,
+        lateness=timings.lateness,
         sync_doubles=timings.sync_doubles,
+        error_control_periods=timings.error_control_periods,
+        worst=timings.worst,
+        unsent_pdos=timings.unsent_pdos,
         bus_states=controls.bus_errors.states,
         bus_errors=controls.bus_errors.kinds,
         lss=controls.lss.rows,
@@ -117,9 +134,14 @@ def analyze(
         analysis.capture.notes.append(
             f"{context.bus_name(bus)} shows no CANopen: another protocol uses its identifiers"
         )
+    analysis.capture.notes.extend(rates.notes())
     bus_states = controls.bus_errors.states
     analysis.emcy_context.extend(emcy_context(analysis, bus_states, timed=context.timed))
     analysis.error_history.extend(error_history(controls, context, analysis.capture.gaps))
+    analysis.object_changes.extend(object_change_rows(context, controls.sdo.rows, controls.lss))
+    analysis.device_health.extend(
+        device_health_rows(context, controls.sdo.rows, analysis.error_history)
+    )
     analysis.findings.extend(find_all(analysis, controls, context))
     return analysis
 
@@ -152,22 +174,3 @@ def _context(
         timed=time_base(facts) != "none",
         description=description,
     )
-
-
-def _refresh(
-    context: Context,
-    facts: Sequence[CaptureFacts],
-    description: BusDescription,
-    default: int | None,
-) -> None:
-    """Take over what reading has told meanwhile: step of the stamps, bit rates of new buses.
-
-    A bit rate comes from the description, else from the capture, else from the command line.
-    """
-    context.resolution_ns = max((each.resolution_ns for each in facts), default=1)
-    for name in context.buses:
-        if name not in context.bitrates:
-            recorded = next((f.bitrates[name] for f in facts if name in f.bitrates), None)
-            known = description.bitrate(name) or recorded or default
-            if known:
-                context.bitrates[name] = known

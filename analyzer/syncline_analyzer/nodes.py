@@ -4,8 +4,9 @@ from collections.abc import Iterable
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.folds.control import ControlTables
-from syncline_analyzer.folds.nmt.fold import NodeKey, NodeNmt
+from syncline_analyzer.folds.nmt.table import NodeKey, NodeNmt
 from syncline_analyzer.folds.sdo.fold import SdoNodeCounts
+from syncline_analyzer.identification import identification
 from syncline_analyzer.results import NodeRow, PdoRow
 from syncline_schemas.canopen.nmt import NmtState
 
@@ -22,8 +23,8 @@ def node_rows(
     sign of CANopen on their bus would make one. `pdos` give the PDO frames that a node sent.
     """
     listed = proofs(control)
-    frames = _pdo_frames(context, pdos)
-    return [_row(context, control, key, listed[key], frames.get(key, 0)) for key in sorted(listed)]
+    own = _own_pdos(context, pdos)
+    return [_row(context, control, key, listed[key], own.get(key, [])) for key in sorted(listed)]
 
 
 def proofs(control: ControlTables) -> dict[NodeKey, list[str]]:
@@ -52,9 +53,10 @@ def _fragment(sdo: SdoNodeCounts, control: ControlTables, key: NodeKey) -> bool:
 
 
 def _row(
-    context: Context, control: ControlTables, key: NodeKey, proof: list[str], pdo_frames: int
+    context: Context, control: ControlTables, key: NodeKey, proof: list[str], pdos: list[PdoRow]
 ) -> NodeRow:
     bus, node = key
+    identity = identification(context, bus, node, pdos)
     nmt = control.nmt.nodes.get(key, NodeNmt())
     sdo = control.sdo.counts.get(key, SdoNodeCounts())
     device = context.shadow.device(bus, node)
@@ -74,7 +76,7 @@ def _row(
         sdo_transfers=sdo.transfers,
         sdo_aborts=sdo.aborts,
         sdo_unanswered=sdo.unanswered,
-        pdo_frames=pdo_frames,
+        pdo_frames=sum(pdo.frames for pdo in pdos),
         state_share=nmt.share,
         final_state=nmt.final_state if key in control.nmt.nodes else NmtState.UNKNOWN.value,
         proof=proof,
@@ -83,14 +85,17 @@ def _row(
         guard_missed=nmt.guarding.missed,
         confirmed_ms=nmt.confirmed_ms,
         boot_ms=nmt.boot_ms,
+        device_source=identity.source,
+        device_reason=identity.reason,
+        device_guess=identity.guesses,
     )
 
 
-def _pdo_frames(context: Context, pdos: Iterable[PdoRow]) -> dict[NodeKey, int]:
+def _own_pdos(context: Context, pdos: Iterable[PdoRow]) -> dict[NodeKey, list[PdoRow]]:
+    """TPDOs by the node that sends them."""
     numbers = {name: number for number, name in enumerate(context.buses)}
-    frames: dict[NodeKey, int] = {}
+    found: dict[NodeKey, list[PdoRow]] = {}
     for pdo in pdos:
         if pdo.node is not None and (pdo.pdo or "").startswith("TPDO") and pdo.bus in numbers:
-            key = (numbers[pdo.bus], pdo.node)
-            frames[key] = frames.get(key, 0) + pdo.frames
-    return frames
+            found.setdefault((numbers[pdo.bus], pdo.node), []).append(pdo)
+    return found

@@ -121,7 +121,7 @@ def _row(
 ) -> ObjectRow:
     device = context.shadow.device(bus, node)
     name, unit = named(device, *key, _profile(context, bus, node))
-    value = _shown(device, key, known)
+    value = shown_value(device, key, known)
     return ObjectRow(
         bus=context.bus_name(bus),
         node=node,
@@ -155,7 +155,7 @@ def _history_of(
     words: dict[int, str] = {}
     for change, until_seq, until_ns in list(history.spans())[-MAX_ROWS:]:
         known = change.known or context.shadow.assumed(bus, node, *key)
-        value = _shown(device, key, known) if known else None
+        value = shown_value(device, key, known) if known else None
         if isinstance(value, int) and value not in words:
             words[value] = meaning(device, *key, value)
         yield ObjectHistoryRow(
@@ -177,7 +177,7 @@ def _history_of(
         )
 
 
-def _shown(device: Device | None, key: Key, known: Known) -> int | float | str:
+def shown_value(device: Device | None, key: Key, known: Known) -> int | float | str:
     """The value by the object's type; bytes of an unknown type as hexadecimal."""
     if isinstance(known.value, int):
         return known.value

@@ -21,7 +21,7 @@ MAX_MAPPED = 64
 """Objects that one PDO can carry (CiA 301 7.5.2.36)."""
 _TIME_ID, _EMCY_ID = (0x1012, 0), (0x1014, 0)
 _SERVICE_IDS = {_TIME_ID, _EMCY_ID}
-_SYNC_PARAMETERS = (0x1005, 0x1007)
+_SYNC_PARAMETERS = (0x1005, 0x1006, 0x1007, 0x1019)
 _RANK = {"sdo-read": 0, "sdo-write": 0, "bus-description": 1, "eds-default": 2, "predefined": 3}
 
 
@@ -137,7 +137,7 @@ class PdoBindings:
     def turns(self, bus: int, first: int, last: int) -> list[int]:
         """Moments `first < seq <= last` at which the timing of any PDO or SYNC of a bus changed.
 
-        These are new values of 1005h, 1007h and the communication parameters of PDOs; a value that
+        These are new values of 1005h to 1007h, 1019h and the communication parameters of PDOs; a value that
         is written once more is none.
         """
         found: set[int] = set()

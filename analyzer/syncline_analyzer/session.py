@@ -33,6 +33,7 @@ def open_session(
     description: AnyPath | BusDescription | None = None,
     devices: Mapping[int, str] | None = None,
     bitrate: int | None = None,
+    data_bitrate: int | None = None,
     start: str | int | None = None,
     end: str | int | None = None,
 ) -> Session:
@@ -43,6 +44,7 @@ def open_session(
         description: bus description (TOML); by default the one attached to the capture.
         devices: device name or EDS path by node id, for nodes the description leaves open.
         bitrate: bit/s of every bus whose bit rate is not told otherwise.
+        data_bitrate: the same of the data phase of CAN FD frames.
         start, end: half-open range: "90s" into the capture, UTC as ISO text, or `t_ns`.
 
     Raises:
@@ -62,6 +64,7 @@ def open_session(
         bitrate,
         _moment(start),
         _moment(end),
+        data_bitrate,
     )
 
 
@@ -76,11 +79,13 @@ class Session:
         bitrate: int | None,
         start: Moment | None,
         end: Moment | None,
+        data_bitrate: int | None = None,
     ) -> None:
         self.paths = list(paths)
         self._description = description
         self._devices = dict(devices)
         self._bitrate = bitrate
+        self._data_bitrate = data_bitrate
         self._start = start
         self._end = end
         self._analysis: Analysis | None = None
@@ -102,6 +107,7 @@ class Session:
                 description=self._description_of(readers),
                 devices=self._devices,
                 bitrate=self._bitrate,
+                data_bitrate=self._data_bitrate,
                 origin_ns=merge.first_ns,
                 progress=progress,
             )
@@ -191,11 +197,34 @@ class Session:
         """Every value of a node's objects with the stretch in which it held, by object and time."""
         return self._of_node("object_history", node, bus)
 
+    def object_changes(self) -> pd.DataFrame:
+        """Every change of a parameter: who made it, when, from what to what, in words."""
+        return self._frame("object_changes")
+
+    def device_health(self) -> pd.DataFrame:
+        """What devices were asked of their state: EEPROM wear, hours, temperature, stored errors."""
+        return self._frame("device_health")
+
     def traces(self) -> pd.DataFrame:
         """One row per sample of every trace."""
         from syncline_analyzer.views.tables import traces_frame
 
         return traces_frame(self.analysis.trace_data, dated=self._dated)
+
+    def tilt(self, node: int, bus: str | None = None) -> pd.DataFrame:
+        """One row per pose of an inclinometer: direction of gravity, angles by every definition.
+
+        Where two angles do not tell a pose, `reason` says why and the columns are NaN.
+        """
+        from syncline_analyzer.views.tables import tilts_frame
+
+        found = self.analysis.tilt_data
+        chosen = [each for each in found if each.node == node and bus in (None, each.bus)]
+        return tilts_frame(chosen, dated=self._dated)
+
+    def tilts(self) -> pd.DataFrame:
+        """One row per inclinometer and pair of its objects: how far it tilted."""
+        return self._frame("tilts")
 
     def bus_load(self) -> pd.DataFrame:
         """One row per bus."""
@@ -216,6 +245,34 @@ class Session:
     def time_stamps(self) -> pd.DataFrame:
         """TIME messages: the first one, then one a minute, and each one that jumps."""
         return self._frame("time_stamps")
+
+    def bus_shares(self) -> pd.DataFrame:
+        """One row per identifier: its share of the traffic and of the time."""
+        return self._frame("bus_shares")
+
+    def node_shares(self) -> pd.DataFrame:
+        """One row per node: what all that it sends takes of the traffic and of the time."""
+        return self._frame("node_shares")
+
+    def error_control_periods(self) -> pd.DataFrame:
+        """One row per node and kind: the rhythm of its heartbeat, or of the guard requests to it."""
+        return self._frame("error_control_periods")
+
+    def worst(self) -> pd.DataFrame:
+        """The longest and shortest periods, responses and answers, each with its `seq`."""
+        return self._frame("worst")
+
+    def waits(self) -> pd.DataFrame:
+        """The worst answers of each synchronous PDO, and the frames that went ahead of them."""
+        return self._frame("waits")
+
+    def delays(self) -> pd.DataFrame:
+        """Whose frames synchronous PDOs waited for, and how long at most."""
+        return self._frame("delays")
+
+    def lateness(self) -> pd.DataFrame:
+        """Why each synchronous PDO was late or missed: the bus, or its device."""
+        return self._frame("lateness")
 
     def gaps(self) -> pd.DataFrame:
         """One row per stretch in which the recorder was blind."""

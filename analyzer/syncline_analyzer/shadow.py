@@ -3,6 +3,7 @@
 from bisect import bisect_right, insort
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from typing import Literal
 
 from syncline_analyzer.object_history import (
     MAX_CHANGES,
@@ -15,7 +16,15 @@ from syncline_analyzer.object_history import (
     Value,
 )
 from syncline_schemas.description import BusDescription
-from syncline_schemas.devices import Device, either, identify, lookalikes, quirks
+from syncline_schemas.devices import (
+    ABSENT,
+    Device,
+    either,
+    identify,
+    identity_objects,
+    lookalikes,
+    quirks,
+)
 
 __all__ = ["MAX_CHANGES", "Known", "Shadow", "Source"]
 
@@ -43,6 +52,7 @@ class Shadow:
         self._bus_name = bus_name
         self._description = description or BusDescription()
         self._devices_by_node = dict(devices or {})
+        self._telling = identity_objects()
         self._identified: dict[tuple[int, int], Device | None] = {}
         self._known: dict[tuple[int, int], dict[Key, ObjectHistory]] = {}
         self._refused: dict[tuple[int, int], set[Key]] = {}
@@ -63,7 +73,7 @@ class Shadow:
             return
         facts = quirks(self.device(bus, node))
         self._store(bus, node, facts.aliases.get(key, key), known, key in facts.stored_at_once)
-        if index in _IDENTITY:
+        if index in self._telling:
             self.version += 1
             self._identified.pop((bus, node), None)
         if known.source != "sdo-write":
@@ -74,19 +84,19 @@ class Shadow:
         """Note that the node said that it has no such object (abort 0602 0000)."""
         self._refused.setdefault((bus, node), set()).add((index, sub))
         self.version += 1
-        if index in _IDENTITY:
+        if index in self._telling:
             self._identified.pop((bus, node), None)
 
     def save(self, bus: int, node: int, seq: int, sub: int = 1) -> None:
         """Keep the values at `seq` as those that a reset falls back to (1010h `save`)."""
         for key, history in self._known.get((bus, node), {}).items():
-            if history.changes and self._kept_by(bus, node, key, sub):
+            if history.changes and self.kept_by(bus, node, key, sub):
                 history.keep(seq, history.last, unsaved=False)
 
     def restore(self, bus: int, node: int, seq: int, sub: int = 1) -> None:
         """Forget what was saved: the next reset falls back to what is assumed (1011h `load`)."""
         for key, history in self._known.get((bus, node), {}).items():
-            if self._kept_by(bus, node, key, sub):
+            if self.kept_by(bus, node, key, sub):
                 history.keep(seq, None, unsaved=True)
 
     def reset(self, bus: int, node: int, seq: int, t_ns: int = 0, specifier: int = 0) -> None:
@@ -187,13 +197,20 @@ class Shadow:
         entry = self._description.node(self._bus_name(bus), node)
         return set(entry.objects) if entry else set()
 
+    def told_by(self, bus: int, node: int) -> Literal["--device", "bus description"] | None:
+        """Who said what device a node is, before anything was seen of it."""
+        if node in self._devices_by_node:
+            return "--device"
+        entry = self._description.node(self._bus_name(bus), node)
+        return "bus description" if entry is not None and entry.device is not None else None
+
     def _find_device(self, bus: int, node: int) -> Device | None:
         if node in self._devices_by_node:
             return self._devices_by_node[node]
         entry = self._description.node(self._bus_name(bus), node)
         if entry is not None and entry.device is not None:
             return entry.device
-        identity = self._identity(bus, node)
+        identity = self.identity(bus, node)
         if not identity:
             return None
         return identify(identity) or either(lookalikes(identity))
@@ -236,7 +253,7 @@ class Shadow:
 
     def _identity_lost(self, bus: int, node: int) -> bool:
         found = self._known.get((bus, node), {})
-        return any(found[key].last is None for key in found if key[0] in _IDENTITY)
+        return any(found[key].last is None for key in found if key[0] in self._telling)
 
     def _store(
         self, bus: int, node: int, key: Key, known: Known, at_once: bool, cause: Cause | None = None
@@ -272,21 +289,22 @@ class Shadow:
             return known
         return replace(known, value=before & ~mask | known.value & mask)
 
-    def _kept_by(self, bus: int, node: int, key: Key, sub: int) -> bool:
+    def kept_by(self, bus: int, node: int, key: Key, sub: int) -> bool:
         """Whether 1010h:sub keeps an object (CiA 301 7.5.2.13, or what the device's maker says)."""
         facts = quirks(self.device(bus, node))
         if facts.storage and not facts.saves_all:
             return key in facts.storage.get(sub, ())
         return key[0] in _SAVED_BY_SUB.get(sub, _ALL)
 
-    def _identity(self, bus: int, node: int) -> dict[Key, Value]:
+    def identity(self, bus: int, node: int) -> dict[Key, Value]:
+        """What a node told of itself: value, or `ABSENT`, of the objects that tell devices apart."""
         known = self._known.get((bus, node), {})
         identity: dict[Key, Value] = {
-            key: b"absent" for key in self._refused.get((bus, node), ()) if key[0] in _IDENTITY
+            key: ABSENT for key in self._refused.get((bus, node), ()) if key[0] in self._telling
         }
         for key, history in known.items():
             value = history.last
-            if key[0] in _IDENTITY and value is not None:
+            if key[0] in self._telling and value is not None:
                 identity[key] = value.value
         return identity
 
@@ -300,11 +318,6 @@ class Shadow:
         return Known(default, "eds-default") if default is not None else None
 
 
-_IDENTITY = frozenset(
-    {0x1000, 0x1008, 0x1009, 0x100A, 0x1010, 0x1015, 0x1018, 0x3000, 0x3001, 0x6200}
-    | set(range(0x6503, 0x6509))
-)
-"""Indexes by which devices are told apart."""
 _ALL = range(0x1000, 0x10000)
 _COMMUNICATION = range(0x1000, 0x2000)
 _MANUFACTURER = range(0x2000, 0x6000)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from syncline_logger import service_messages
-from syncline_logger.node_objects import IDENTITY, NodeObjects, PdoBinding
+from syncline_logger.node_objects import NodeObjects, PdoBinding
 from syncline_logger.pdo_channel import PdoChannel
 from syncline_logger.sdo_listener import LearnedValue, SdoListener
 from syncline_schemas.batch import FrameBatch, FrameFlag
@@ -18,7 +18,7 @@ from syncline_schemas.capture.layout import node_topic, service_topic
 from syncline_schemas.capture.message import MessageBlock, MessageSchema
 from syncline_schemas.decoder import PdoMapping
 from syncline_schemas.description import BusDescription
-from syncline_schemas.devices import Device, identify, quirks
+from syncline_schemas.devices import Device, identify, identity_objects, quirks
 
 Rows = NDArray[np.intp]
 Change = Callable[[], None]
@@ -160,7 +160,7 @@ class _BusDecoder:
         node = self.nodes[value.node]
         node.learn((value.index, value.sub), value.data, written=value.written)
         self._stale = True
-        if value.index in IDENTITY and node.device is None:
+        if value.index in identity_objects() and node.device is None:
             device = identify(node.identity())
             if device is not None:
                 node.device = device

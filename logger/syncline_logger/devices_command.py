@@ -1,10 +1,9 @@
 """`syncline devices`."""
 
 import sys
-from collections.abc import Iterator, Mapping
-from dataclasses import fields
+from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -13,7 +12,7 @@ from syncline_schemas.errors import DescriptionError, UsageError
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from syncline_schemas.devices import Device, ObjectFacts
+    from syncline_schemas.devices import Device
     from syncline_schemas.devices.check import FileCheck
 
 EPILOG = """\b
@@ -23,8 +22,6 @@ Examples:
 """
 _PIPE_WIDTH = 200
 """Columns of a table that goes into a pipe, where no terminal says how wide it is."""
-_BYTES = ("bootup_bytes", "event_timer_types", "sdo_read_specifiers")
-"""Quirks that list bytes as they are on the wire."""
 
 
 @click.command(epilog=EPILOG)
@@ -95,6 +92,8 @@ def _list_of_devices() -> "Table":
 
 
 def _show(device: "Device") -> None:
+    from syncline_logger.device_sheet import objects, sections
+
     click.echo(
         f"{device.name}: {device.title} ({device.vendor or 'vendor unknown'}), {device.kind}"
     )
@@ -102,108 +101,14 @@ def _show(device: "Device") -> None:
         click.echo(f"Factory settings: node {device.default_node}, {device.default_bitrate} bit/s")
     for note in device.notes:
         click.echo(f"  - {note}")
-    _print(_objects(device))
-    for title, rows in (
-        ("EMCY codes", _emcy(device)),
-        ("Quirks", _quirks(device)),
-        ("Limits", [(name, _text(value)) for name, value in device.limits.items()]),
-        ("Settings per node", _settings(device)),
-        ("Repaired in the EDS", [(w.where, w.text) for w in device.warnings]),
-    ):
-        rows = list(rows)
-        if rows:
-            click.echo(f"\n{title}")
-            _print(_pairs(rows))
-
-
-def _objects(device: "Device") -> "Table":
-    table = _table("object", "name", "type", "access", "default", "unit", "meaning")
-    node = device.default_node or 1
-    for (index, sub), facts in sorted(device.facts.items()):
-        default = device.default(index, sub, node)
-        place = f"{index:04X}h:{sub:02X}" if facts.record else f"{index:04X}h"
-        shown = _shown(device, facts, default)
-        table.add_row(
-            place,
-            facts.full_name,
-            facts.type_name,
-            facts.access,
-            shown,
-            _unit(facts),
-            _meaning(facts),
-        )
-    return table
-
-
-def _shown(device: "Device", facts: "ObjectFacts", default: int | bytes | None) -> str:
-    if isinstance(default, bytes):
-        return str(device.value(facts.index, facts.sub, default))
-    if default is None:
-        return ""
-    return f"{default:X}h" if default > 9 and not facts.unit else str(default)
-
-
-def _unit(facts: "ObjectFacts") -> str:
-    scale = "" if facts.scale == 1 else f"{facts.scale:g} "
-    by = f"{facts.scale_object[0]:04X}h x " if facts.scale_object else ""
-    return f"{by}{scale}{facts.unit}"
-
-
-def _meaning(facts: "ObjectFacts") -> str:
-    """The maker's words, which name the values too; else the values and bits alone."""
-    words = [f"{value} = {text}" for value, text in facts.values.items()]
-    words += [f"bit {bit} = {text}" for bit, text in facts.bits.items()]
-    return facts.meaning or "; ".join(words)
-
-
-def _emcy(device: "Device") -> Iterator[tuple[str, str]]:
-    yield from ((f"{code:04X}h", text) for code, text in sorted(device.emcy_codes.items()))
-    yield from (
-        (f"register bit {bit}", text) for bit, text in sorted(device.emcy_register_names.items())
-    )
-    for field in device.emcy_fields:
-        first = 3 + field.start
-        bits = "; ".join(f"bit {bit} = {text}" for bit, text in field.bits.items())
-        yield f"bytes {first}..{first + field.length - 1}", f"{field.name}: {bits}"
-
-
-def _quirks(device: "Device") -> Iterator[tuple[str, str]]:
-    from syncline_schemas.devices import GENERIC_QUIRKS
-
-    for field in fields(device.quirks):
-        value = getattr(device.quirks, field.name)
-        if value != getattr(GENERIC_QUIRKS, field.name):
-            yield field.name.replace("_", " "), _byte_list(field.name, value) or _quirk_text(value)
-
-
-def _byte_list(name: str, value: Any) -> str:
-    return ", ".join(f"{byte:02X}h" for byte in value) if name in _BYTES else ""
-
-
-def _quirk_text(value: Any) -> str:
-    from syncline_schemas.devices import Jump
-
-    match value:
-        case bool():
-            return "yes" if value else "no"
-        case Jump():
-            values = f" = {', '.join(map(str, value.values))}" if value.values else ""
-            return f"{value.index:04X}h{values} ({value.text})"
-        case (int(index), int(sub)) if index > 0xFF:
-            return f"{index:04X}h" + (f":{sub:X}" if sub else "")
-        case int():
-            return f"{value:04X}h" if value > 0xFFF and value % 1000 else str(value)
-        case Mapping():
-            return "; ".join(f"{_quirk_text(k)}: {_quirk_text(v)}" for k, v in value.items())
-        case tuple():
-            return ", ".join(_quirk_text(part) for part in value)
-    return str(value)
-
-
-def _settings(device: "Device") -> Iterator[tuple[str, str]]:
-    for name, setting in device.overrides.items():
-        choices = f" ({' | '.join(map(str, setting.choices))})" if setting.choices else ""
-        yield name, f"{setting.default}{choices}: {setting.meaning}"
+    known = objects(device)
+    table = _table(*known.heads)
+    for row in known.rows:
+        table.add_row(*row)
+    _print(table)
+    for section in sections(device):
+        click.echo(f"\n{section.title}")
+        _print(_grid(section.rows))
 
 
 def _text(value: object) -> str:
@@ -220,7 +125,7 @@ def _table(*columns: str) -> "Table":
     return table
 
 
-def _pairs(rows: list[tuple[str, str]]) -> "Table":
+def _grid(rows: Iterable[tuple[str, ...]]) -> "Table":
     from rich.table import Table
 
     table = Table.grid(padding=(0, 2))

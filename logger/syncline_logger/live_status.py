@@ -11,7 +11,7 @@ from syncline_schemas.batch import FrameBatch, FrameFlag
 from syncline_schemas.canopen.nmt import STATE_OF_BYTE, NmtState
 from syncline_schemas.canopen.services import Service, service_of
 from syncline_schemas.capture.layout import BusInfo
-from syncline_schemas.wire_length import wire_bits
+from syncline_schemas.wire_length import wire_ns
 
 SILENT_PERIODS = 3
 """A node that sent heartbeats is shown as LOST after so many of its periods."""
@@ -89,7 +89,7 @@ class _Bus:
     listening_ns: int
     heard_ns: int
     frames: int = 0
-    bits: int = 0
+    busy_ns: float = 0.0
     nodes: dict[int, _Node] = field(default_factory=dict)
 
 
@@ -107,7 +107,8 @@ class LiveStatus:
             mine = frames[rows]
             bus.frames += len(mine)
             if bus.info.bitrate:
-                bus.bits += int(wire_bits(mine).sum())
+                busy_ns = wire_ns(mine, bus.info.bitrate, bus.info.data_bitrate)
+                bus.busy_ns += float(busy_ns.sum())
             _take_error_control(bus.nodes, mine, log_ns[rows])
 
     def listened(self, bus: int, begin_ns: int, end_ns: int) -> None:
@@ -161,9 +162,9 @@ def _state_of(byte: int) -> NmtState:
 def _snapshot(bus: _Bus, condition: BusCondition, period_ns: int) -> BusSnapshot:
     load = None
     if bus.info.bitrate:
-        load = 100 * bus.bits * 1e9 / (bus.info.bitrate * period_ns)
+        load = 100 * bus.busy_ns / period_ns
     rate = bus.frames * 1e9 / period_ns
-    bus.frames = bus.bits = 0
+    bus.frames, bus.busy_ns = 0, 0.0
     return BusSnapshot(
         name=bus.info.name,
         frames=condition.frames,

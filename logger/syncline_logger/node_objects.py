@@ -5,7 +5,7 @@ from typing import Literal
 
 from syncline_schemas.decoder import PdoMapping
 from syncline_schemas.description import NodeEntry
-from syncline_schemas.devices import Device, quirks
+from syncline_schemas.devices import Device, identity_objects, quirks
 
 Key = tuple[int, int]
 Direction = Literal["tpdo", "rpdo"]
@@ -20,7 +20,7 @@ PREDEFINED_PDOS = 4
 MAX_PDOS = 512
 MAX_ENTRIES = 64
 """More in subindex 0 means a multiplexed PDO (FEh, FFh) or nonsense (CiA 301 7.5.2.36)."""
-IDENTITY = frozenset({0x1000, 0x1008, 0x1009, 0x100A, 0x1018})
+_TEXTS = (0x1008, 0x1009, 0x100A)
 STORE_PARAMETERS = 0x1010
 PDO_PARAMETERS = range(0x1400, 0x1C00)
 
@@ -68,7 +68,7 @@ class NodeObjects:
 
     def shapes_pdos(self, key: Key) -> bool:
         """Whether an object decides which PDOs the node has and what they mean."""
-        if key[0] in IDENTITY or key[0] == STORE_PARAMETERS or key[0] in PDO_PARAMETERS:
+        if key[0] in identity_objects() or key[0] == STORE_PARAMETERS or key[0] in PDO_PARAMETERS:
             return True
         if self.device is None:
             return False
@@ -96,9 +96,9 @@ class NodeObjects:
     def identity(self) -> dict[Key, int | bytes]:
         """What the node answered about itself; numbers where they are 1..4 bytes."""
         return {
-            key: data if key[0] in (0x1008, 0x1009, 0x100A) else int.from_bytes(data, "little")
+            key: data if key[0] in _TEXTS else int.from_bytes(data, "little")
             for key, data in self._values.items()
-            if key[0] in IDENTITY
+            if key[0] in identity_objects()
         }
 
     def number(self, index: int, sub: int) -> int | None:

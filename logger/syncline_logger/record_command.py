@@ -26,6 +26,7 @@ from syncline_logger.standard_output import discard_stdout
 if TYPE_CHECKING:
     from syncline_logger.live_status import StatusSnapshot
     from syncline_logger.recording import RecordResult
+    from syncline_schemas.description import BusDescription
 
 TERMINAL_PERIOD_NS = 1_000_000_000
 JSON_PERIOD_NS = 10_000_000_000
@@ -156,9 +157,7 @@ def record(
     from syncline_logger.stop_signals import stop_on_signals
 
     known = load_description(description, devices)
-    chosen = [
-        bus if bus.bitrate else replace(bus, bitrate=known.bitrate(bus.name)) for bus in chosen
-    ]
+    chosen = [_with_bit_rates(bus, known) for bus in chosen]
     options = RecordOptions(flush_ns=flush_ns, decode=not no_decode, description=known)
     quiet_python_can()
     _mention_cut_files(output)
@@ -191,6 +190,16 @@ def choose_buses(
     if not chosen:
         chosen = [replace(common, name=common.interface or "can")]
     return with_unique_names(chosen)
+
+
+def _with_bit_rates(bus: BusOptions, known: "BusDescription") -> BusOptions:
+    """The bus with the bit rates of the description, where the options give none."""
+    data_bitrate = known.data_bitrate(bus.name) if bus.fd else None
+    return replace(
+        bus,
+        bitrate=bus.bitrate or known.bitrate(bus.name),
+        data_bitrate=bus.data_bitrate or data_bitrate,
+    )
 
 
 def _mention_cut_files(folder: Path) -> None:

@@ -34,6 +34,7 @@ class BusDescription:
 
         [bus.can0]
         bitrate = 500000
+        data_bitrate = 2000000         # of CAN FD frames with bit rate switch
         [bus.can0.node.5]
         name = "main shaft"
         device = "lir-da158a"          # or eds = "x.eds", relative to this file
@@ -47,6 +48,7 @@ class BusDescription:
 
     Attributes:
         bitrates: [bit/s] by bus name.
+        data_bitrates: of the data phase of FD frames [bit/s] by bus name.
         nodes: entries by (bus name, node); bus None = on any bus.
         text: the TOML as it was read ("" for the empty one).
         files: every EDS, DCF and device file used, by name, for the attachments of a capture.
@@ -56,6 +58,7 @@ class BusDescription:
     nodes: Mapping[tuple[str | None, int], NodeEntry] = field(default_factory=dict)
     text: str = ""
     files: Mapping[str, bytes] = field(default_factory=dict)
+    data_bitrates: Mapping[str, int] = field(default_factory=dict)
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
@@ -91,7 +94,7 @@ class BusDescription:
         reader.read(data)
         if reader.errors:
             raise DescriptionError(";\n".join(reader.errors))
-        return cls(reader.bitrates, reader.nodes, text, reader.used)
+        return cls(reader.bitrates, reader.nodes, text, reader.used, reader.data_bitrates)
 
     def node(self, bus_name: str, node: int) -> NodeEntry | None:
         """Entry of a node on a bus; [node.N] entries hold on any bus that has none of its own."""
@@ -100,6 +103,10 @@ class BusDescription:
     def bitrate(self, bus_name: str) -> int | None:
         """Bit rate of a bus [bit/s], None when not given."""
         return self.bitrates.get(bus_name)
+
+    def data_bitrate(self, bus_name: str) -> int | None:
+        """Bit rate of the data phase of FD frames [bit/s], None when not given."""
+        return self.data_bitrates.get(bus_name)
 
     def described(self, bus_name: str) -> dict[int, NodeEntry]:
         """All entries that hold on a bus, by node."""
@@ -116,6 +123,7 @@ class _Reader:
     def __init__(self, base: Path | None, files: Mapping[str, bytes]) -> None:
         self.errors: list[str] = []
         self.bitrates: dict[str, int] = {}
+        self.data_bitrates: dict[str, int] = {}
         self.nodes: dict[tuple[str | None, int], NodeEntry] = {}
         self.used: dict[str, bytes] = {}
         self._base = base
@@ -125,17 +133,18 @@ class _Reader:
         self._only(data, "", {"bus", "node"})
         for bus, table in self._tables(data.get("bus", {}), "bus"):
             where = f"bus.{bus}"
-            self._only(table, where, {"bitrate", "node"})
-            if "bitrate" in table:
-                self._bitrate(bus, table["bitrate"], where)
+            self._only(table, where, {"bitrate", "data_bitrate", "node"})
+            for key, rates in (("bitrate", self.bitrates), ("data_bitrate", self.data_bitrates)):
+                if key in table:
+                    self._bitrate(rates, bus, table[key], f"{where}.{key}")
             self._nodes(bus, table.get("node", {}), f"{where}.node")
         self._nodes(None, data.get("node", {}), "node")
 
-    def _bitrate(self, bus: str, value: Any, where: str) -> None:
+    def _bitrate(self, rates: dict[str, int], bus: str, value: Any, where: str) -> None:
         if isinstance(value, int) and not isinstance(value, bool) and 0 < value <= 20_000_000:
-            self.bitrates[bus] = value
+            rates[bus] = value
         else:
-            self.errors.append(f"{where}.bitrate: {value!r} is no bit rate in bit/s, like 500000")
+            self.errors.append(f"{where}: {value!r} is no bit rate in bit/s, like 500000")
 
     def _nodes(self, bus: str | None, data: Any, where: str) -> None:
         for text, table in self._tables(data, where):

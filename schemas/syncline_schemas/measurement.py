@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from syncline_schemas.devices import Device, standard_device, standard_of
+from syncline_schemas.tilt import Angles, angles_of_geometry
 
 Lookup = Callable[[int, int], tuple[int, bool] | None]
 """(index, sub) -> (value, assumed): what is known of an object, and whether it was only assumed."""
@@ -224,17 +225,24 @@ class TiltScale:
     """How an inclinometer's raw values become degrees.
 
     `axes` are longitudinal and lateral. `definition` is the angle definition's name. `assumed`
-    names the settings that rest on a default ("res", "quad", "angle_def").
+    names the settings that rest on a default ("res", "quad", "angle_def"). `angles` is what both
+    angles mean together, None where that is not known. `full_circle` is True where the quadrant
+    correction is known to be on, so that angles tell upside down. `geometry` is the kind of the
+    angle definition, "" where the value of 2044h is none that is known.
     """
 
     deg_per_count: float
     axes: tuple[AxisScale, AxisScale]
     definition: str = ""
     assumed: tuple[str, ...] = ()
+    angles: Angles | None = None
+    full_circle: bool = False
+    geometry: str = ""
 
 
 _PLAIN: dict[str, Any] = {
     "name": "",
+    "geometry": "perpendicular",
     "axes": ("longitudinal", "lateral"),
     "low": (-90, -90),
     "high": (90, 90),
@@ -247,7 +255,8 @@ def tilt_scale(
 ) -> TiltScale:
     """Scale of an inclinometer from the user's overrides, the objects known, and the defaults.
 
-    Overrides: `res` (value of 6000h), `quad`, `angle_def`, `i16_unsigned` ("yes" | "no").
+    Overrides: `res` (value of 6000h), `quad`, `angle_def`, `i16_unsigned` ("yes" | "no"),
+    `perp_formula` ("asin" | "atan").
     """
     settings = _Settings(device, lookup, overrides)
     resolution = _positive(settings.known("res", "resolution")) or (1, True)
@@ -256,6 +265,7 @@ def tilt_scale(
     deg_per_count = resolution[0] * float(settings.data.get("resolution_deg", 0.001))
     listed = {d["value"]: d for d in settings.data.get("definitions", ())}
     definition = listed.get(chosen[0], _PLAIN)
+    geometry = "" if listed and chosen[0] not in listed else definition.get("geometry", "")
     choice = settings.given("i16_unsigned")
     first, second = (_axis(definition, axis, quadrant[0], deg_per_count, choice) for axis in (0, 1))
     assumed = (("res", resolution[1]), ("quad", quadrant[1]), ("angle_def", chosen[1]))
@@ -264,6 +274,9 @@ def tilt_scale(
         (first, second),
         definition["name"],
         tuple(n for n, is_so in assumed if is_so),
+        angles_of_geometry(geometry, str(settings.given("perp_formula"))),
+        quadrant[0] in (1, 2) and not quadrant[1],
+        geometry,
     )
 
 

@@ -1,5 +1,13 @@
-"""How long a frame occupies the bus: its exact length in bits, stuff bits included (ISO 11898-1)."""
+"""How long a frame occupies the bus: its exact length in bits, stuff bits included (ISO 11898-1).
 
+Lengths are those of the frame as its sender puts it out. What no log tells is left out: the delay
+of the bus, for which the receivers' ACK may stretch a frame by a fraction of a bit; the DLC values
+9 to 15 that a classic frame may carry for its eight bytes; error, overload and suspended bits.
+CAN FD is ISO CAN FD: frames of the older, non-ISO protocol have no stuff count and are five bits
+shorter, which their log does not show. ESI is what the frame's flag says.
+"""
+
+from collections.abc import Sequence
 from functools import cache
 from typing import Any
 
@@ -14,22 +22,36 @@ TRAILER_BITS = 10
 """CRC delimiter, ACK slot, ACK delimiter and end of frame; never stuffed."""
 CRC_POLYNOMIAL = 0x4599
 CRC_BITS = 15
+FD_LENGTHS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)
+"""Data bytes of a CAN FD frame by its DLC code."""
 _RUN = 5
 _STATES = 8
 _EXTENDED_HEADER_BITS = 39
 _STANDARD_HEADER_BITS = 19
+_FD_START_BITS = {False: 17, True: 36}
+"""SOF to BRS without stuff bits, by 11- or 29-bit identifier."""
+_FD_CONTROL_BITS = 5
+"""ESI and DLC."""
+_CRC17_LENGTH = 16
+"""Most data bytes that CRC-17 protects."""
+_CRC17_FIELD_BITS = 4 + 17 + 6
+"""Stuff count, CRC-17, and the fixed stuff bits before them and after each fourth bit."""
+_CRC21_FIELD_BITS = 4 + 21 + 7
 
 
 def wire_bits(batch: FrameBatch, *, intermission: bool = True) -> NDArray[np.int64]:
-    """Bits on the wire per frame: SOF to end of frame, and the intermission behind it.
+    """Bits at the nominal bit rate per frame: SOF to end of frame, and the intermission behind it.
 
-    Classic data and remote frames are exact: the CRC-15 is computed and the stuff bits of SOF to
-    CRC are counted in the real bits. A frame's stamp is taken at its end of frame, so the distance
-    of two back-to-back stamps is one intermission plus the second frame without its own: equal to
-    the second frame's length with intermission.
+    Classic data and remote frames: the CRC-15 is computed and the stuff bits of SOF to CRC are
+    counted in the real bits. CAN FD frames: the stuff bits up to the end of the data are counted;
+    those of stuff count and CRC stand at fixed places whatever the CRC is, and the first of them
+    takes the place of a stuff bit behind the last data bit (ISO 11898-1:2015 10.5). A length that
+    no FD frame can have counts as the next longer one, filled up with zeros. FD frames with bit
+    rate switch (BRS): all but `data_phase_bits`. Error frames get 0, as their length is unknown.
 
-    CAN FD frames get the longest their length allows (worst stuffing, all at the nominal bit
-    rate): an upper bound. Error frames get 0, as their length cannot be told.
+    A frame's stamp is taken at its end of frame, so the distance of two back-to-back stamps is one
+    intermission plus the second frame without its own: equal to the second frame's length with
+    intermission.
 
     Returns: (n,) int64 [bit].
     """
@@ -46,12 +68,46 @@ def wire_bits(batch: FrameBatch, *, intermission: bool = True) -> NDArray[np.int
         bits[rows] = _classic_bits(
             batch.can_id[rows], int(kind) & 15, data[rows], bool(kind & 16), bool(kind & 32)
         )
-    rows = np.flatnonzero((shape == 0xFF) & ~error)
-    if len(rows):
-        bits[rows] = _fd_bits_at_most(batch[rows])
+    fd = np.flatnonzero((shape == 0xFF) & ~error)
+    if len(fd):
+        bits[fd] = _fd_nominal_bits(batch[fd])
     if intermission:
         bits[~error] += INTERMISSION_BITS
     return bits
+
+
+def data_phase_bits(batch: FrameBatch) -> NDArray[np.int64]:
+    """Bits at the data bit rate per frame: ESI to CRC delimiter of FD frames with BRS, else 0.
+
+    Exact. BRS counts as a nominal bit and the CRC delimiter as a data bit: the rates are switched
+    at the sample points within these two, and where those are cancels out in the sum.
+
+    Returns: (n,) int64 [bit].
+    """
+    bits = np.zeros(len(batch), np.int64)
+    told = FrameFlag.FD | FrameFlag.BRS
+    rows = np.flatnonzero((batch.flags & (told | FrameFlag.ERROR)) == told)
+    if len(rows):
+        frames = batch[rows]
+        bits[rows] = _fd_data_bits(frames, _fd_start(frames)[1])
+    return bits
+
+
+def wire_ns(
+    batch: FrameBatch,
+    bitrate: float,
+    data_bitrate: float | None = None,
+    *,
+    intermission: bool = True,
+) -> NDArray[np.float64]:
+    """Time on the wire per frame at these bit rates [bit/s].
+
+    Without a data bit rate the data phase counts at the nominal one: at most, as it is no slower.
+
+    Returns: (n,) float64 [ns].
+    """
+    nominal = wire_bits(batch, intermission=intermission) * (1e9 / bitrate)
+    return nominal + data_phase_bits(batch) * (1e9 / (data_bitrate or bitrate))
 
 
 def crc15(message: bytes) -> int:
@@ -66,15 +122,21 @@ def crc15(message: bytes) -> int:
     return crc
 
 
-def longest_bits(length: int, *, extended: bool = False) -> int:
-    """Longest classic frame with this many data bytes, intermission included.
+def longest_bits(length: int, *, extended: bool = False, fd: bool = False) -> int:
+    """No frame with this many data bytes has more bits than this, intermission included.
 
-    >>> longest_bits(8), longest_bits(8, extended=True)
-    (135, 160)
+    >>> longest_bits(8), longest_bits(8, extended=True), longest_bits(64, fd=True)
+    (135, 160, 712)
     """
-    header = _EXTENDED_HEADER_BITS if extended else _STANDARD_HEADER_BITS
-    stuffed = header + 8 * length + CRC_BITS
-    return stuffed + (stuffed - 1) // 4 + TRAILER_BITS + INTERMISSION_BITS
+    if fd:
+        stuffed = _FD_START_BITS[extended] + _FD_CONTROL_BITS + 8 * length
+        # The last bit before the CRC field never gets a stuff bit.
+        places, fixed = stuffed - 1, _fd_crc_field_bits(length)
+    else:
+        header = _EXTENDED_HEADER_BITS if extended else _STANDARD_HEADER_BITS
+        stuffed = header + 8 * length + CRC_BITS
+        places, fixed = stuffed, 0
+    return stuffed + (places - 1) // 4 + fixed + TRAILER_BITS + INTERMISSION_BITS
 
 
 def _rows(shape: NDArray[np.uint8], kind: int) -> slice | NDArray[np.intp]:
@@ -134,14 +196,105 @@ def _stuff_bits(
     return total
 
 
-def _fd_bits_at_most(frames: FrameBatch) -> NDArray[np.int64]:
-    """Longest FD frames of these lengths, without intermission."""
-    length = frames.dlc.astype(np.int64)
-    header = np.where((frames.flags & FrameFlag.EXTENDED) != 0, 41, 22)
-    dynamic = header + 8 * length
-    # Stuff count (4) and CRC-17 or CRC-21 with their fixed stuff bits: 27 or 32 bits.
-    crc = np.where(length <= 16, 27, 32)
-    return dynamic + (dynamic - 1) // 4 + crc + TRAILER_BITS + 1
+def _fd_nominal_bits(frames: FrameBatch) -> NDArray[np.int64]:
+    """Nominal bits without intermission of FD frames."""
+    bits, state = _fd_start(frames)
+    bits += TRAILER_BITS - 1
+    steady = np.flatnonzero((frames.flags & FrameFlag.BRS) == 0)
+    bits[steady] += _fd_data_bits(frames[steady], state[steady])
+    return bits
+
+
+def _fd_start(frames: FrameBatch) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
+    """SOF to BRS of FD frames: bits with stuff bits, and the state after BRS."""
+    bits = np.empty(len(frames), np.int64)
+    state = np.empty(len(frames), np.uint8)
+    extended = (frames.flags & FrameFlag.EXTENDED) != 0
+    # RRS 0, FDF 1, res 0, BRS; with an 11-bit identifier IDE stands between RRS and FDF.
+    ends = ((frames.flags & FrameFlag.BRS) != 0) | np.uint32(0b0100)
+    for kind in (False, True):
+        rows = np.flatnonzero(extended == kind)
+        if len(rows):
+            can_id, end = frames.can_id[rows], ends[rows]
+            stuffed, state[rows] = _fd_extended(can_id, end) if kind else _fd_standard(can_id, end)
+            bits[rows] = stuffed + _FD_START_BITS[kind]
+    return bits, state
+
+
+def _fd_standard(
+    can_id: NDArray[np.uint32], end: NDArray[np.uint32]
+) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
+    """Stuff bits of SOF to BRS and the state after it, with 11-bit identifiers."""
+    return _walk_words(np.broadcast_to(_prefix_table(1), len(can_id)), [can_id << 5 | end])
+
+
+def _fd_extended(
+    can_id: NDArray[np.uint32], end: NDArray[np.uint32]
+) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
+    """Stuff bits of SOF to BRS and the state after it, with 29-bit identifiers."""
+    # SRR and IDE, both 1, stand between the 11 and the 18 bits of the identifier.
+    base = (can_id >> 18 & 0xFF) << 8 | 0xC0 | can_id >> 12 & 0x3F
+    return _walk_words(_prefix_table(4)[can_id >> 26], [base, (can_id & 0xFFF) << 4 | end])
+
+
+def _walk_words(
+    step: NDArray[np.uint8], words: Sequence[NDArray[np.integer[Any]]]
+) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
+    """Stuff bits of the step before and of 16-bit words behind it, and the step of the last."""
+    count = (step >> 3).astype(np.int64)
+    table = _stuff_table_16()
+    for word in words:
+        step = table[(step & 7).astype(np.uint32) << 16 | word]
+        count += step >> 3
+    return count, step
+
+
+def _fd_data_bits(frames: FrameBatch, state: NDArray[np.uint8]) -> NDArray[np.int64]:
+    """ESI to CRC delimiter of FD frames, from the state after BRS."""
+    bits = np.empty(len(frames), np.int64)
+    code = np.searchsorted(FD_LENGTHS, np.minimum(frames.dlc, FD_LENGTHS[-1])).astype(np.uint8)
+    control = (((frames.flags & FrameFlag.ESI) != 0) << np.uint8(4)) | code
+    for kind in np.flatnonzero(np.bincount(code)).tolist():
+        rows, length = _rows(code, kind), FD_LENGTHS[kind]
+        data = _bytes(frames.data[rows], length)
+        stuffed = _fd_data_stuff_bits(state[rows], control[rows], data, length)
+        plain = _FD_CONTROL_BITS + 8 * length + _fd_crc_field_bits(length) + 1
+        bits[rows] = stuffed + plain
+    return bits
+
+
+def _bytes(data: NDArray[np.uint8], length: int) -> NDArray[np.uint8]:
+    """(n, >= length) contiguous bytes, filled up with zeros."""
+    missing = max(length - data.shape[1], 0)
+    return np.pad(data, ((0, 0), (0, missing))) if missing else np.ascontiguousarray(data)
+
+
+def _fd_data_stuff_bits(
+    state: NDArray[np.uint8], control: NDArray[np.uint8], data: NDArray[np.uint8], length: int
+) -> NDArray[np.int64]:
+    """Stuff bits within ESI, DLC and data; a run that their last bit ends makes none."""
+    if not length:
+        return _last_stuff_bits(state, control, _FD_CONTROL_BITS)
+    step = _stuff_table(_FD_CONTROL_BITS)[(state & 7) << np.uint8(_FD_CONTROL_BITS) | control]
+    words = data.view(">u2")
+    count, step = _walk_words(step, [words[:, k] for k in range((length - 1) // 2)])
+    if length % 2 == 0:
+        step = _stuff_table(8)[(step & 7).astype(np.uint16) << 8 | data[:, length - 2]]
+        count += step >> 3
+    return count + _last_stuff_bits(step, data[:, length - 1], 8)
+
+
+def _last_stuff_bits(
+    step: NDArray[np.uint8], value: NDArray[np.uint8], bits: int
+) -> NDArray[np.int64]:
+    """Stuff bits within the last bits before the CRC field, none behind the very last."""
+    last = _stuff_table(bits - 1)[(step & 7).astype(np.uint16) << (bits - 1) | value >> 1]
+    count: NDArray[np.int64] = (last >> 3).astype(np.int64)
+    return count
+
+
+def _fd_crc_field_bits(length: int) -> int:
+    return _CRC17_FIELD_BITS if length <= _CRC17_LENGTH else _CRC21_FIELD_BITS
 
 
 @cache

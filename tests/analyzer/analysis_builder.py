@@ -12,6 +12,7 @@ from syncline_analyzer.results import (
     BusLoadRow,
     BusStateRow,
     CaptureRow,
+    DeviceHealthRow,
     EmcyContextRow,
     EmcyRow,
     ErrorHistoryRow,
@@ -22,6 +23,7 @@ from syncline_analyzer.results import (
     NmtCommandRow,
     NmtStateRow,
     NodeRow,
+    ObjectChangeRow,
     ObjectRow,
     PdoRow,
     Quantiles,
@@ -29,10 +31,13 @@ from syncline_analyzer.results import (
     SdoRow,
     Series,
     SyncRow,
+    TiltSetting,
+    TiltTrace,
     TimeStampRow,
     Trace,
     TraceRow,
 )
+from syncline_schemas.tilt import Angles, gravity_of
 
 T0 = 1_790_000_000_000_000_000
 SECOND = 1_000_000_000
@@ -226,6 +231,18 @@ def tilt(object: int, name: str, period_s: float, count: int = 6_000, node: int 
     )  # fmt: skip
 
 
+def tilt_of(first: Trace, second: Trace, angles: Angles | None = Angles.GIMBAL_X) -> TiltTrace:
+    """Both axes of an inclinometer together; without `angles` they are no pose."""
+    gravity = np.full((len(first.t_ns), 3), np.nan)
+    if angles:
+        gravity = gravity_of(angles, first.value, second.value).gravity
+    setting = TiltSetting(angles or "perpendicular", angles or "", "absolute", "")
+    return TiltTrace(
+        first.bus, first.node, first.object, first.t_ns, first.seq, first.value, second.value,
+        gravity, np.zeros(len(gravity), np.uint8), np.zeros(len(gravity), np.int64), [setting],
+    )  # fmt: skip
+
+
 def trace_row(trace: Trace) -> TraceRow:
     flags = {name: int((trace.flags >> bit & 1).sum()) for bit, name in enumerate(TRACE_FLAGS)}
     return TraceRow(
@@ -242,6 +259,7 @@ def responses(cob_id: int = 0x18A, node: int = 10, count: int = 20_000, seed: in
     return Responses(
         "can0", cob_id, node, "TPDO1", np.arange(count, dtype=np.int64) * 20, t_ns, response,
         response - 340, response - 200, counts.astype(np.int64), edges,
+        response - 340, np.full(count, 100.0),
     )  # fmt: skip
 
 
@@ -302,6 +320,7 @@ def bad_day(**changes: Any) -> Analysis:
         "bus_load": [BusLoadRow("can0", 500_000, 33.1, 61.7, 687.2)],
         "findings": _bad_day_findings(),
         "trace_data": traces,
+        "tilt_data": [tilt_of(traces[1], traces[2])],
         "responses": [responses(), responses(0x185, 5, seed=2)],
         "series": [series("bus load", "%", load), series("SYNC 080h period", "us", period)],
     }  # fmt: skip
@@ -414,6 +433,11 @@ def services() -> Analysis:
         ],
         objects=[ObjectRow("can0", 10, 0x1017, 0, "Producer heartbeat time", "ms", 200, "sdo-write",
                            3, at(1), since_seq=3)],
+        object_changes=[ObjectChangeRow("can0", 10, 3, at(1), 0x1017, 0, "Producer heartbeat time",
+                                        "ms", 0, 200, "heartbeat every 200 ms",
+                                        "SDO client on 60Ah", "sdo-write", 0x60A, saved=False)],
+        device_health=[DeviceHealthRow("can0", 10, "jn2100", "temperature", 0x4080, 0, "degC", 2,
+                                       24.5, 25.0, 24.5, 25.0, at(1), at(9), 4, 70)],
     )  # fmt: skip
 
 

@@ -10,7 +10,8 @@ from syncline_samples.faults import (
     PdoOutsideOperational,
     SecondSyncProducer,
 )
-from syncline_samples.truth import BootUpTruth, EmcyTruth
+from syncline_samples.truth import BootUpTruth, EmcyTruth, PdoTruth
+from syncline_schemas.batch import FrameFlag
 from tests.analyzer.fuzz_case import MS, Case
 from tests.analyzer.fuzz_rows import Row, Timed, clear, differences, twins
 
@@ -193,7 +194,8 @@ def responses(case: Case) -> Iterator[str]:
         true = [
             (pdo.end_ns - pdo.sync_ns) / 1000
             for pdo in case.truth.pdos
-            if pdo.cob_id == row.cob_id and pdo.sync_ns is not None
+            if pdo.cob_id == row.cob_id and not _asked_for(case, pdo)
+            if pdo.sync_ns is not None
         ]
         if row.response_us is None or not true or row.node in twins(case):
             continue
@@ -201,6 +203,21 @@ def responses(case: Case) -> Iterator[str]:
         slack_us = 2 * case.slack_ns / 1000 + 0.01
         if abs(told[0] - min(true)) > slack_us or abs(told[1] - max(true)) > slack_us:
             yield f"PDO {row.cob_id:03X}h answers in {told}, not {(min(true), max(true))} us"
+
+
+def _asked_for(case: Case, pdo: PdoTruth) -> bool:
+    """Whether a PDO came on a request since its SYNC, or may have: nobody sees which one did."""
+    frames = case.frames
+    requests = frames.t_ns[(frames.can_id == pdo.cob_id) & ((frames.flags & FrameFlag.REMOTE) != 0)]
+    if not len(requests):
+        return False
+    others = [
+        each for each in case.truth.pdos if each.cob_id == pdo.cob_id and each.end_ns < pdo.end_ns
+    ]
+    before_ns = max((each.end_ns for each in others), default=0)
+    waiting = bool(((requests > before_ns) & (requests < pdo.end_ns)).any())
+    since_ns = pdo.sync_ns if pdo.sync_ns is not None else pdo.end_ns
+    return waiting or any(each.sync_ns is None and each.end_ns > since_ns for each in others)
 
 
 _UNCLEAR_SYNCS = (ExtraPdos, MoveSync, PdoOutsideOperational, SecondSyncProducer)

@@ -53,6 +53,56 @@ def test_the_error_is_far_smaller_where_most_values_lie() -> None:
         assert abs(made.quantile(share) - np.quantile(values, share)) < 50
 
 
+@given(
+    st.lists(st.integers(0, 10**12), min_size=1, max_size=40),
+    st.integers(EXACT_LIMIT + 1, 3 * EXACT_LIMIT),
+    st.floats(0, 1),
+    st.integers(0, 2**32),
+)
+@settings(max_examples=60, deadline=None)
+def test_no_quantile_is_off_by_more_than_the_stated_error(
+    levels: list[int], count: int, share: float, seed: int
+) -> None:
+    """Whatever the values are: clusters anywhere between 0 and a quarter of an hour, in any order."""
+    rng = np.random.default_rng(seed)
+    values = rng.choice(np.array(levels), count) + rng.integers(0, 1000, count)
+    made = distribution(values, 5000)
+    low, high = (
+        np.quantile(values, share, method="lower"),
+        np.quantile(values, share, method="higher"),
+    )
+    error = made.relative_error
+    assert 0 < error <= 0.01
+    assert low * (1 - error) - 1 <= made.quantile(share) <= high * (1 + error) + 1
+    assert (made.minimum, made.maximum) == (values.min(), values.max())
+
+
+def test_a_first_value_far_away_does_not_blur_the_deviation() -> None:
+    values = np.random.default_rng(1).normal(10_000_000, 1000, 100_000).astype(np.int64)
+    values[0] = 86_400_000_000_000
+    assert distribution(values).std == pytest.approx(values.std(), rel=1e-9)
+    calm = Distribution()
+    calm.add(values[:1])
+    calm.add(values[1:])
+    assert calm.std == pytest.approx(values.std(), rel=1e-9)
+
+
+def test_spreads_that_the_stamps_cannot_show_are_left_out() -> None:
+    made = distribution(np.array([10_000_000] * 98 + [10_600_000, 12_000_000]))
+    quantiles = made.quantiles(1000, std=True, resolution_ns=1_000_000)
+    assert quantiles is not None
+    assert (quantiles.min, quantiles.median, quantiles.max) == (10_000, 10_000, 12_000)
+    assert quantiles.std is None
+    coarse, fine = made.jitter(1000, 1_000_000), made.jitter(1000, 1000)
+    assert coarse is not None
+    assert fine is not None
+    assert (coarse.std, coarse.p99_p1, coarse.max_min) == (None, None, 2000)
+    assert fine.std == pytest.approx(np.std([10_000] * 98 + [10_600, 12_000]))
+    assert made.off(10_300_000, 1000, 1_000_000) is None
+    assert made.off(10_300_000, 1000, 1000) == -300
+    assert Distribution().jitter(1000, 1) is None
+
+
 @pytest.mark.parametrize("count", [10, 50_000])
 def test_the_histogram_holds_every_value(count: int) -> None:
     values = samples("narrow", count)

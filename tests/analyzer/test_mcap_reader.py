@@ -34,7 +34,7 @@ def capture(*, finish: bool = True, clock: str = "kernel", time_base: str = "utc
     writer = CaptureWriter(
         stream,
         CaptureMetadata("0.1", "id", clock=clock, resolution_ns=1000, time_base=time_base),
-        [BusInfo("line", 0, 500_000), BusInfo("spare", 1)],
+        [BusInfo("line", 0, 500_000, 2_000_000), BusInfo("spare", 1)],
         attachments=[description_attachment("[bus]\n"), eds_attachment("x.eds", b"[FileInfo]")],
     )
     writer.write_chunk(frames())
@@ -50,6 +50,7 @@ def test_facts_are_known_before_the_first_frame(tmp_path: Path, finish: bool) ->
     facts = McapReader(path).facts
     assert facts.buses == ["line", "spare"]
     assert facts.bitrates == {"line": 500_000}
+    assert facts.data_bitrates == {"line": 2_000_000}
     assert (facts.clock, facts.resolution_ns, facts.time_base) == ("kernel", 1000, "utc")
     assert facts.description_toml == "[bus]\n"
     assert facts.eds_files == {"x.eds": b"[FileInfo]"}

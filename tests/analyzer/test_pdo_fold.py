@@ -10,7 +10,7 @@ from syncline_analyzer.folds.timing.rhythm import Rhythm
 from syncline_analyzer.folds.timing.tables import TimingTables
 from syncline_analyzer.results import PdoRow
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
-from syncline_schemas.wire_length import wire_bits
+from syncline_schemas.wire_length import data_phase_bits, wire_bits
 from tests.analyzer.timing_builder import (
     MS,
     SECOND,
@@ -88,6 +88,19 @@ def test_an_immediate_answer_has_zero_as_lower_bound() -> None:
     (responses,) = timing(told_type(1), ordered(syncs(regular(3, PERIOD)), pdos)).responses
     assert responses.device_low_us.tolist() == [0, 0, 0]
     assert responses.device_high_us.tolist() == [6, 6, 6]
+
+
+def test_a_frame_with_bit_rate_switch_in_between_counts_at_the_slow_rate() -> None:
+    """What its data phase took is not known without the data bit rate: at most that."""
+    flags = int(FrameFlag.FD | FrameFlag.BRS)
+    both = FrameBatch.from_rows([frame(0, 0x201, bytes(8), flags=flags), frame(0, 0x181, DATA)])
+    bits = int(wire_bits(both).sum() + data_phase_bits(both).sum())
+    batch = ordered(
+        syncs([0, PERIOD]),
+        [frame(500 * US, 0x201, bytes(8), flags=flags), frame(MS, 0x181, DATA)],
+    )
+    (responses,) = timing(told_type(1), batch).responses
+    assert responses.device_low_us[0] == pytest.approx(1000 - 2 * bits)
 
 
 def test_an_error_frame_in_between_leaves_no_lower_bound() -> None:

@@ -69,3 +69,11 @@ def test_a_request_that_nobody_answers_hides_one_answer_and_no_more() -> None:
     assert row.response_us is not None
     assert (row.response_us.min, row.response_us.max) == (1000.0, 1000.0)
     assert (row.extra, row.missed) == (0, 0)
+
+
+def test_a_request_written_down_as_an_empty_frame_is_no_answer() -> None:
+    rows = [frame(k * PERIOD + 300 * US, 0x181) for k in (5, 12)]
+    row = answered(asked=[*rows, *(frame(k * PERIOD + 600 * US, 0x181, DATA) for k in (5, 12))])
+    assert row.response_us is not None
+    assert (row.response_us.min, row.response_us.max) == (1000.0, 1000.0)
+    assert row.extra == 0

@@ -133,6 +133,10 @@ def test_a_node_that_is_not_heard_after_a_gap_is_told() -> None:
     (finding,) = found(whole(rows, gap), "nmt.missing_after_gap")
     assert (finding.severity, finding.node) == ("warning", 5)
     assert "lies in the gap" in finding.text
+    new = outside([*beats(5, 0, 32_000), *beats(6, 7, 60_000), *beats(8, 36_000, 60_000)], gap)
+    (finding,) = found(whole(new, gap), "nmt.missing_after_gap")
+    assert finding.text.endswith("Node 8 was heard for the first time after it.")
+    assert finding.cause.startswith("It carries another number since then (8), or ")
 
 
 @pytest.mark.near_miss("nmt.missing_after_gap")

@@ -204,8 +204,9 @@ def responses(values: list[float]) -> Responses:
     column = np.array(values)
     seq = np.arange(len(values))
     return Responses(
-        "can0", 0x284, 4, "TPDO2", seq, at(1) + seq, column, column, column, seq, column
-    )
+        "can0", 0x284, 4, "TPDO2", seq, at(1) + seq, column, column, column, seq, column,
+        column, column,
+    )  # fmt: skip
 
 
 @pytest.mark.triggers("pdo.late")

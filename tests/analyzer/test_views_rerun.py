@@ -3,16 +3,19 @@
 import importlib.util
 import io
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from syncline_analyzer.results import Analysis
 from syncline_analyzer.views.palette import EMCY_COLOUR, LINE_COLOURS
 from syncline_analyzer.views.rerun_view import OVERVIEW_POINTS, write_rrd
+from syncline_schemas.tilt import Angles
 from tests.analyzer.analysis_builder import (
     T0,
     analysis,
@@ -22,6 +25,8 @@ from tests.analyzer.analysis_builder import (
     many_nodes,
     node_row,
     shaft,
+    tilt,
+    tilt_of,
     untimed,
     usual_states,
 )
@@ -126,6 +131,55 @@ def test_buses_keep_their_nodes_apart(tmp_path: Path) -> None:
     assert {"/nmt/can0/005", "/nmt/can1/005"} <= found
 
 
+def still(long_deg: float, lateral_deg: float, angles: Angles | None = Angles.GIMBAL_X) -> Analysis:
+    """An inclinometer that holds a pose, but is level in the first second."""
+    seconds = np.arange(0.0, 10.0)
+    first, second = (
+        replace(tilt(object, "Slope", 40.0), t_ns=T0 + (seconds * 1e9).astype(np.int64),
+                seq=np.arange(10), value=np.where(seconds > 0, angle, 0.0))
+        for object, angle in ((0x601000, long_deg), (0x602000, lateral_deg))
+    )  # fmt: skip
+    return analysis(tilt_data=[tilt_of(first, second, angles)])
+
+
+@pytest.mark.parametrize(("pose", "axis"), [((40.0, 0.0), 1), ((0.0, 40.0), 0), ((-40.0, 0.0), 1)])
+def test_box_turns_about_y_by_the_longitudinal_and_about_x_by_the_lateral_angle(
+    pose: tuple[float, float], axis: int, tmp_path: Path
+) -> None:
+    path = write_rrd(still(*pose), tmp_path / "s.rrd")
+    turns = columns(path, "/world/tilt/0/box", "Transform3D:quaternion")["Transform3D:quaternion"]
+    wanted = np.zeros(4)
+    wanted[axis], wanted[3] = np.sin(np.radians(sum(pose) / 2)), np.cos(np.radians(20))
+    assert turns[0][0] == pytest.approx([0, 0, 0, 1])
+    assert turns[-1][0] == pytest.approx(wanted, abs=1e-6)
+
+
+def test_angles_that_are_no_pose_are_two_needles_each_by_itself(tmp_path: Path) -> None:
+    path = write_rrd(still(40.0, -20.0, None), tmp_path / "s.rrd")
+    assert "/world/tilt/0/box/shape" not in entities(path)
+    for name, wanted in {
+        "longitudinal": [0, np.sin(np.radians(20)), 0, np.cos(np.radians(20))],
+        "lateral": [np.sin(np.radians(-10)), 0, 0, np.cos(np.radians(10))],
+    }.items():
+        turns = columns(path, f"/world/tilt/0/{name}", "Transform3D:quaternion")
+        assert turns["Transform3D:quaternion"][-1][0] == pytest.approx(wanted, abs=1e-6)
+
+
+def test_box_is_there_only_while_there_is_a_pose(tmp_path: Path) -> None:
+    shown = still(40.0, -20.0)
+    shown.tilt_data[0].gravity[4:7] = np.nan
+    path = write_rrd(shown, tmp_path / "s.rrd")
+    sizes = columns(path, "/world/tilt/0/box/shape", "Boxes3D:half_sizes")
+    assert [t - T0 for t in sizes["utc"]] == [0, 4 * 10**9, 7 * 10**9]
+    assert [len(size) for size in sizes["Boxes3D:half_sizes"] if size is not None] == [1, 0, 1]
+    needle = columns(path, "/world/tilt/0/lateral/as_sent", "Arrows3D:vectors")
+    assert [len(v) for v in needle["Arrows3D:vectors"] if v is not None] == [0, 1, 0]
+
+
+def test_an_inclinometer_is_no_shaft(tmp_path: Path) -> None:
+    assert not any("shaft" in entity for entity in entities(write_rrd(still(1, 2), tmp_path / "s")))
+
+
 # -- in the real viewer
 
 LOST, OPERATIONAL, STOPPED, UNKNOWN = (180, 45, 42), (53, 125, 56), (24, 107, 180), (122, 122, 122)
@@ -224,3 +278,27 @@ def test_viewer_shows_no_fault_of_a_healthy_capture(tool: ModuleType, tmp_path: 
     assert len(where(pixels, OPERATIONAL)[0]) > 5_000
     for colour in (LOST, STOPPED, EMCY_COLOUR, LINE_COLOURS[0]):
         assert len(where(pixels, colour)[0]) == 0
+
+
+WORLD = "3D at the cursor"
+
+
+def middle(shape: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Row and column of the middle of a shape below the viewer's menu."""
+    at = np.argwhere(shape[60:-60])
+    assert len(at) > 100
+    centre: NDArray[np.float64] = at.mean(axis=0)
+    return centre
+
+
+@pytest.mark.parametrize("long", [30.0, -30.0, 0.0])
+def test_viewer_tilts_the_box_to_the_right_side(
+    tool: ModuleType, tmp_path: Path, long: float
+) -> None:
+    """x points to the right: a positive turn about y lowers the arrow, a negative one lifts it."""
+    pixels = pictures(tool, still(long, 0.0), tmp_path / "s.rrd", WORLD)[WORLD]
+    bluer = pixels[..., 2] - pixels[..., 0]
+    box, arrow = middle(bluer < -60), middle(bluer > 60)
+    down, right = arrow - box
+    assert right > 0
+    assert down / right == pytest.approx(np.tan(np.radians(long)), abs=0.2)

@@ -55,6 +55,18 @@ def test_bus_load_counts_bits_on_the_wire() -> None:
     assert load == pytest.approx(100 * 111 * 100 / 125_000, rel=0.04)
 
 
+@pytest.mark.parametrize(("data_bitrate", "fast_bits"), [(2_000_000, 106 / 4), (None, 106)])
+def test_bus_load_of_frames_with_bit_rate_switch(
+    data_bitrate: int | None, fast_bits: float
+) -> None:
+    """30 bits at the nominal rate and 106 at the data rate, or as slow as all where it is unknown."""
+    live = LiveStatus([BusInfo("a", 0, 500_000, data_bitrate)], 0)
+    flags = int(FrameFlag.FD | FrameFlag.BRS)
+    take(live, FrameBatch.from_rows([(0, 0, 0x42, flags, 8, bytes(range(8)))] * 100))
+    load = snapshot(live, S).buses[0].load_percent
+    assert load == pytest.approx(100 * 100 * (30 + fast_bits) / 500_000)
+
+
 def test_without_a_bit_rate_there_is_no_load() -> None:
     live = one_bus()
     take(live, heartbeat(0, 5))

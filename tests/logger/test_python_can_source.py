@@ -186,6 +186,20 @@ def test_bit_timing_becomes_python_cans_own(monkeypatch: pytest.MonkeyPatch) -> 
     assert given["timing"].bitrate == 500_000
 
 
+def test_the_bit_rates_of_a_bit_timing_are_recorded() -> None:
+    classic = {"f_clock": 8_000_000, "brp": 1, "tseg1": 13, "tseg2": 2, "sjw": 1}
+    assert PythonCanSource(BusOptions("a", "slcan", "x", timing=classic)).facts.bitrate == 500_000
+    fd = {
+        "f_clock": 80_000_000,
+        "nom_brp": 1, "nom_tseg1": 119, "nom_tseg2": 40, "nom_sjw": 40,
+        "data_brp": 1, "data_tseg1": 29, "data_tseg2": 10, "data_sjw": 10,
+    }  # fmt: skip
+    facts = PythonCanSource(BusOptions("a", "pcan", "x", timing=fd, fd=True)).facts
+    assert (facts.bitrate, facts.data_bitrate) == (500_000, 2_000_000)
+    wrong = BusOptions("a", "pcan", "x", bitrate=125_000, timing={"brp": 0})
+    assert PythonCanSource(wrong).facts.bitrate == 125_000
+
+
 def test_filters_are_applied() -> None:
     frames = received(
         message(arbitration_id=0x185),

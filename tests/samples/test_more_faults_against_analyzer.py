@@ -126,9 +126,6 @@ def test_one_fault_is_one_story(fault: Fault, tmp_path: Path) -> None:
     told_alone(scenario(fault), tmp_path)
 
 
-@pytest.mark.xfail(
-    reason="two heartbeats in one millisecond look like one taken twice", strict=True
-)
 def test_a_second_device_in_step_with_the_first_is_told(tmp_path: Path) -> None:
     told_alone(scenario(faults.DuplicateNode(CABINET, AT_S, "io", 500)), tmp_path)
 

@@ -98,11 +98,20 @@ def test_a_device_of_ones_own_brings_both_files(tmp_path: Path) -> None:
     assert entry.device.title == "Own"
 
 
+def test_the_data_phase_has_a_bit_rate_of_its_own() -> None:
+    text = "[bus.can0]\nbitrate = 500000\ndata_bitrate = 2000000\n[bus.can1]\nbitrate = 250000\n"
+    description = BusDescription.loads(text)
+    assert description.bitrate("can0") == 500_000
+    assert description.data_bitrate("can0") == 2_000_000
+    assert description.data_bitrate("can1") is None
+
+
 def test_all_mistakes_are_told_at_once() -> None:
     text = """
 speed = 3
 [bus.can0]
 bitrate = "fast"
+data_bitrate = -1
 nodes = 1
 [bus.can0.node.300]
 [bus.can0.node.5]
@@ -122,13 +131,14 @@ overrides = { quad = 9, cpr = 1 }
         BusDescription.loads(text)
     said = str(caught.value)
     for part in (
-        "speed: unknown key", "bus.can0.bitrate: 'fast'", "bus.can0.nodes: unknown key",
+        "speed: unknown key", "bus.can0.bitrate: 'fast'", "bus.can0.data_bitrate: -1",
+        "bus.can0.nodes: unknown key",
         "node.300: a node id", "did you mean lir-da158", "colour: unknown key",
         "'xyz' is no object", "'many' is no whole number", "device and eds are both given",
         "quad: 9 is none of", "cpr: there is no such setting", "node.8: is no table",
     ):  # fmt: skip
         assert part in said, part
-    assert said.count("\n") == 10
+    assert said.count("\n") == 11
 
 
 def test_what_is_no_toml_or_not_there(tmp_path: Path) -> None:

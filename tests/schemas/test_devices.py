@@ -17,10 +17,14 @@ from syncline_schemas.devices import (
     device_names,
     emcy_details,
     emcy_meaning,
+    evidence,
+    excluded,
     identify,
+    identity_objects,
     load_device,
     quirks,
     register_bits,
+    telling_objects,
 )
 from syncline_schemas.devices.check import check_file
 from syncline_schemas.eds import variables
@@ -426,3 +430,64 @@ def test_a_file_with_nothing_in_it_is_not_usable(tmp_path: Path) -> None:
     result = check_file(path)
     assert not result.usable
     assert "holds no object" in str(result.problem)
+
+
+def test_what_an_eds_lacks_comes_from_the_profile_of_its_1000h(tmp_path: Path) -> None:
+    """CiA 406: 6000h bit 0 is the code sequence, bit 2 the scaling; the EDS keeps its own names."""
+    text = eds_text("1000").replace("$NODEID+0x100", "0x20196")
+    text += "[6000]\nParameterName=Mine\nObjectType=7\nDataType=6\nAccessType=rw\nDefaultValue=0\n"
+    text += "[6508]\nParameterName=Hours\nObjectType=7\nDataType=7\nAccessType=ro\nDefaultValue=\n"
+    path = tmp_path / "enc.eds"
+    path.write_text(text, encoding="utf-8")
+    device = load_device(path)
+    facts, hours = device.object(0x6000), device.object(0x6508)
+    assert facts is not None
+    assert hours is not None
+    assert (facts.name, facts.describe(5)) == ("Mine", "counter-clockwise, scaling on")
+    assert (hours.unit, hours.scale, hours.name) == ("h", 0.1, "Hours")
+    assert device.health == {"operating time": (0x6508, 0)}
+
+
+def test_words_of_a_change_must_be_a_format_of_value_words_and_unit(tmp_path: Path) -> None:
+    (tmp_path / "x.eds").write_text(eds_text(), encoding="utf-8")
+    (tmp_path / "x.toml").write_text(
+        '[objects]\n"2000" = { change = "set to {valeu}" }\n[health]\n"wear" = "zz"\n',
+        encoding="utf-8",
+    )
+    with pytest.raises(DescriptionError) as caught:
+        load_device(tmp_path / "x.toml")
+    assert "objects.2000.change" in str(caught.value)
+    assert "health: 'zz' is no object" in str(caught.value)
+
+
+@pytest.mark.usefixtures("own_devices")
+def test_objects_that_tell_ones_own_devices_are_asked_for(own_devices: Path) -> None:
+    assert 0x2077 not in identity_objects()
+    (own_devices / "more").mkdir()
+    (own_devices / "more" / "m.eds").write_text(eds_text(), encoding="utf-8")
+    (own_devices / "more" / "m.toml").write_text(
+        '[identity]\nname = "M"\nexcluded_by = [{ object = "2077:1", is = "present" }]\n',
+        encoding="utf-8",
+    )
+    assert 0x2077 in identity_objects((own_devices / "more",))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_built_in_devices_are_told_by_objects_that_are_looked_at(name: str) -> None:
+    rules = load_device(name).identity
+    named = {
+        rule["object"][0] for key in ("needs_one_of", "excluded_by") for rule in rules.get(key, ())
+    }
+    assert named <= identity_objects(())
+
+
+def test_what_speaks_for_a_device_and_what_rules_it_out() -> None:
+    known: dict[tuple[int, int], int | bytes] = {
+        (0x1008, 0): b"L158",
+        (0x1000, 0): 0x10196,
+        (0x6200, 0): ABSENT,
+    }
+    assert evidence(load_device("lir-da158a"), known) == [(0x1008, 0), (0x1000, 0), (0x6200, 0)]
+    assert excluded(load_device("lir-da158"), known) == [(0x6200, 0)]
+    assert excluded(load_device("lir-da158a"), known) == []
+    assert telling_objects([load_device("lir-da158")]) == [(0x6200, 0), (0x1015, 0), (0x1010, 0)]

@@ -8,14 +8,22 @@ from syncline_analyzer.findings.bounded import bounded
 from syncline_analyzer.findings.bus import bus_off as bus
 from syncline_analyzer.findings.bus import capture, clock, errors, lss
 from syncline_analyzer.findings.config import rules as config
-from syncline_analyzer.findings.device import identity, stored
+from syncline_analyzer.findings.device import assignment, identity, stored
 from syncline_analyzer.findings.device import rules as device
 from syncline_analyzer.findings.emcy import errors as emcy
 from syncline_analyzer.findings.nmt import rules as nmt
 from syncline_analyzer.findings.rule import Facts, Rule, apply
 from syncline_analyzer.findings.sdo import transfers as sdo
 from syncline_analyzer.findings.story import joined
-from syncline_analyzer.findings.timing import idle, pdo, sync_end
+from syncline_analyzer.findings.timing import (
+    idle,
+    load,
+    pdo,
+    pdo_asked,
+    sync_counter,
+    sync_end,
+    waiting,
+)
 from syncline_analyzer.findings.timing import sync as timing
 from syncline_analyzer.folds.control import ControlTables
 from syncline_analyzer.results import SEVERITY_RANK, Analysis, Finding
@@ -32,11 +40,16 @@ RULES: tuple[Rule, ...] = (
     *lss.RULES,
     *timing.RULES,
     *sync_end.RULES,
+    *sync_counter.RULES,
     *pdo.RULES,
+    *pdo_asked.RULES,
+    *waiting.RULES,
+    *load.RULES,
     *angle.RULES,
     *device.RULES,
     *stored.RULES,
     *identity.RULES,
+    *assignment.RULES,
     *idle.RULES,
 )
 """Every rule, by family."""

@@ -133,6 +133,8 @@ BONDS: tuple[Bond, ...] = (
     *_bonds("bus.silent", "pdo.missed", "pdo.stopped", same_node=False),
     *_bonds(
         "bus.overload",
+        "pdo.delaying_node",
+        "pdo.outranked",
         "pdo.late",
         "pdo.missed",
         "sync.jitter",
@@ -214,5 +216,8 @@ BONDS: tuple[Bond, ...] = (
     *_bonds("config.save_refused", "sdo.abort", shared=True),
     *_bonds("sdo.configuration_failed", "sdo.abort", shared=True),
     *_bonds("sdo.while_stopped", "sdo.no_answer", shared=True),
+    *_bonds("sdo.delays_pdo", "pdo.late", shared=True),
+    *_bonds("pdo.delaying_node", "pdo.outranked", "pdo.late", shared=True, same_node=False),
+    *_bonds("pdo.outranked", "pdo.late", shared=True),
 )
 """Causes before what follows from them; of several the first one that holds is taken."""

@@ -10,7 +10,8 @@ from syncline_analyzer.folds.bus.lss import LssFold, LssTable
 from syncline_analyzer.folds.bus.time_stamp import TimeFold, TimeTable
 from syncline_analyzer.folds.emcy.fold import EmcyFold, EmcyTable
 from syncline_analyzer.folds.emcy.reads import no_error_reads
-from syncline_analyzer.folds.nmt.fold import NmtFold, NmtTable
+from syncline_analyzer.folds.nmt.fold import NmtFold
+from syncline_analyzer.folds.nmt.table import NmtTable
 from syncline_analyzer.folds.sdo.fold import SdoFold, SdoTable
 from syncline_analyzer.folds.timing.pdo_length import PdoLengthFold, WrongLength
 from syncline_schemas.batch import Gap

@@ -56,6 +56,8 @@ class McapReader:
             self.facts.buses[bus.number] = bus.name
             if bus.bitrate is not None:
                 self.facts.bitrates[bus.name] = bus.bitrate
+            if bus.data_bitrate is not None:
+                self.facts.data_bitrates[bus.name] = bus.data_bitrate
             if bus.interface and bus.interface not in SOCKETCAN_INTERFACES:
                 self.facts.foreign_errors.add(bus.name)
 

@@ -10,21 +10,26 @@ from syncline_analyzer.results.angle import TRACE_FLAGS, Trace, TraceEventRow, T
 from syncline_analyzer.results.bus import (
     BusErrorRow,
     BusLoadRow,
+    BusShareRow,
     BusSilenceRow,
     BusStateRow,
     ClockStepRow,
     DoubledRow,
     LssRow,
+    NodeShareRow,
     OverloadRow,
     TimeStampRow,
 )
 from syncline_analyzer.results.capture import CaptureRow, GapRow
+from syncline_analyzer.results.device import DeviceHealthRow, ObjectChangeRow
 from syncline_analyzer.results.emcy import EmcyContextRow, EmcyRow, ErrorHistoryRow, ErrorRow
 from syncline_analyzer.results.finding import SEVERITY_RANK, Finding, Link, Severity
 from syncline_analyzer.results.nodes import NmtCommandRow, NmtStateRow, NodeRow
-from syncline_analyzer.results.quantiles import Quantiles
+from syncline_analyzer.results.quantiles import Jitter, Quantiles
 from syncline_analyzer.results.sdo import ObjectHistoryRow, ObjectRow, SdoRow
+from syncline_analyzer.results.tilt import TiltRow, TiltSetting, TiltTrace
 from syncline_analyzer.results.timing import (
+    ErrorControlRow,
     HoleRow,
     PdoPauseRow,
     PdoRow,
@@ -32,31 +37,42 @@ from syncline_analyzer.results.timing import (
     SyncDoubleRow,
     SyncJitterRow,
     SyncRow,
+    WorstRow,
 )
+from syncline_analyzer.results.waiting import Ahead, DelayRow, LatenessRow, WaitRow
 
 __all__ = [
     "SEVERITY_RANK",
     "TRACE_FLAGS",
+    "Ahead",
     "Analysis",
     "BusErrorRow",
     "BusLoadRow",
+    "BusShareRow",
     "BusSilenceRow",
     "BusStateRow",
     "CaptureRow",
     "ClockStepRow",
+    "DelayRow",
+    "DeviceHealthRow",
     "DoubledRow",
     "EmcyContextRow",
     "EmcyRow",
+    "ErrorControlRow",
     "ErrorHistoryRow",
     "ErrorRow",
     "Finding",
     "GapRow",
     "HoleRow",
+    "Jitter",
+    "LatenessRow",
     "Link",
     "LssRow",
     "NmtCommandRow",
     "NmtStateRow",
     "NodeRow",
+    "NodeShareRow",
+    "ObjectChangeRow",
     "ObjectHistoryRow",
     "ObjectRow",
     "OverloadRow",
@@ -70,8 +86,13 @@ __all__ = [
     "SyncDoubleRow",
     "SyncJitterRow",
     "SyncRow",
+    "TiltRow",
+    "TiltSetting",
+    "TiltTrace",
     "TimeStampRow",
     "Trace",
     "TraceEventRow",
     "TraceRow",
+    "WaitRow",
+    "WorstRow",
 ]

@@ -9,20 +9,25 @@ from syncline_analyzer.results.angle import Trace, TraceEventRow, TraceRow
 from syncline_analyzer.results.bus import (
     BusErrorRow,
     BusLoadRow,
+    BusShareRow,
     BusSilenceRow,
     BusStateRow,
     ClockStepRow,
     DoubledRow,
     LssRow,
+    NodeShareRow,
     OverloadRow,
     TimeStampRow,
 )
 from syncline_analyzer.results.capture import CaptureRow
+from syncline_analyzer.results.device import DeviceHealthRow, ObjectChangeRow
 from syncline_analyzer.results.emcy import EmcyContextRow, EmcyRow, ErrorHistoryRow, ErrorRow
 from syncline_analyzer.results.finding import Finding
 from syncline_analyzer.results.nodes import NmtCommandRow, NmtStateRow, NodeRow
 from syncline_analyzer.results.sdo import ObjectHistoryRow, ObjectRow, SdoRow
+from syncline_analyzer.results.tilt import TiltRow, TiltTrace
 from syncline_analyzer.results.timing import (
+    ErrorControlRow,
     HoleRow,
     PdoPauseRow,
     PdoRow,
@@ -30,7 +35,9 @@ from syncline_analyzer.results.timing import (
     SyncDoubleRow,
     SyncJitterRow,
     SyncRow,
+    WorstRow,
 )
+from syncline_analyzer.results.waiting import DelayRow, LatenessRow, WaitRow
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,9 +82,27 @@ class Analysis:
     clock_steps: list[ClockStepRow] = field(default_factory=list)
     bus_silences: list[BusSilenceRow] = field(default_factory=list)
     overloads: list[OverloadRow] = field(default_factory=list)
+    bus_shares: list[BusShareRow] = field(default_factory=list)
+    node_shares: list[NodeShareRow] = field(default_factory=list)
     sync_doubles: list[SyncDoubleRow] = field(default_factory=list)
     bus_states: list[BusStateRow] = field(default_factory=list)
     bus_errors: list[BusErrorRow] = field(default_factory=list)
     lss: list[LssRow] = field(default_factory=list)
     time_stamps: list[TimeStampRow] = field(default_factory=list)
     doubled: list[DoubledRow] = field(default_factory=list)
+    tilts: list[TiltRow] = field(default_factory=list)
+    tilt_data: list[TiltTrace] = field(default_factory=list)
+    error_control_periods: list[ErrorControlRow] = field(default_factory=list)
+    worst: list[WorstRow] = field(default_factory=list)
+    unsent_pdos: list[PdoRow] = field(default_factory=list)
+    """PDOs that were asked for by remote frames, and never came."""
+    waits: list[WaitRow] = field(default_factory=list)
+    """The worst answers of each synchronous PDO, with the frames that went ahead of them."""
+    delays: list[DelayRow] = field(default_factory=list)
+    """Whose frames synchronous PDOs waited for."""
+    lateness: list[LatenessRow] = field(default_factory=list)
+    """Why synchronous PDOs were late or missed."""
+    object_changes: list[ObjectChangeRow] = field(default_factory=list)
+    """Every change of a parameter: who, when, from what to what, in words."""
+    device_health: list[DeviceHealthRow] = field(default_factory=list)
+    """Wear counters, hours, temperatures and error lists that were read."""

@@ -25,13 +25,69 @@ class DoubledRow:
 
 @dataclass(frozen=True, slots=True)
 class BusLoadRow:
-    """Load of one bus; percentages are None where the bit rate is not known."""
+    """Load of one bus; percentages are None where the bit rate is not known.
+
+    Moments `*_ns` are where a window, stretch or burst begins. What the stamps are too coarse for,
+    or too irregular (bundles of an adapter), is None.
+    """
 
     bus: str
     bitrate: int | None
     mean_percent: float | None
     peak_percent: float | None
+    """Fullest whole second."""
     frames_per_s: float
+    bitrate_source: Literal["bus-description", "recorded", "command-line", "estimated"] | None = (
+        None
+    )
+    bitrate_confidence: Literal["told", "high", "low"] | None = None
+    """ "told" by somebody, "high" for an estimate that is used; "low" for a guess that is not."""
+    bitrate_estimate: int | None = None
+    """What the spacing of the frames says, whether it is used or not."""
+    data_bitrate: int | None = None
+    peak_ns: int | None = None
+    peak_100ms_percent: float | None = None
+    peak_100ms_ns: int | None = None
+    burst_percent: float | None = None
+    """Fullest 10 ms, wherever they begin."""
+    burst_ns: int | None = None
+    longest_busy_us: float | None = None
+    """Longest stretch of frames back to back, from the start of the first to the end of the last."""
+    longest_busy_frames: int | None = None
+    longest_busy_ns: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class BusShareRow:
+    """What one identifier takes of the traffic of a bus, the largest first.
+
+    `node` is the node that sends it, None for what a master sends and for what is nobody's;
+    `service` says for which node ("SDO request to node 10"). `cob_id` is None for the 29-bit
+    identifiers that are too many to be told apart.
+    """
+
+    bus: str
+    cob_id: int | None
+    extended: bool
+    remote: bool
+    node: int | None
+    service: str
+    frames: int
+    share_percent: float
+    """Share of the time in which the bus was busy."""
+    load_percent: float | None
+    """Share of all the time that was listened to."""
+
+
+@dataclass(frozen=True, slots=True)
+class NodeShareRow:
+    """The same summed over what one node sends; `node` None: masters, and frames of nobody known."""
+
+    bus: str
+    node: int | None
+    frames: int
+    share_percent: float
+    load_percent: float | None
 
 
 @dataclass(frozen=True, slots=True)

@@ -39,6 +39,13 @@ class NodeRow:
     """From an NMT command, not a reset, to the first message that confirms it."""
     boot_ms: Quantiles | None = None
     """From a reset command to the boot-up."""
+    device_source: Literal["--device", "bus description", "objects"] | None = None
+    """Who says what device it is; None where nobody does."""
+    device_reason: str = ""
+    """Why it is that device, or what is known of one that is not: objects that were seen on the bus
+    and what they say, or the pattern of its PDOs."""
+    device_guess: list[str] = field(default_factory=list)
+    """Devices whose factory settings its PDOs look like, where nothing says what it is."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -34,6 +34,8 @@ class SdoRow:
     abort_by: Literal["client", "server"] | None = None
     abort_text: str | None = None
     """The abort code in words."""
+    client_cob_id: int | None = None
+    """COB-ID of the client's requests: which SDO channel it used."""
 
 
 @dataclass(frozen=True, slots=True)

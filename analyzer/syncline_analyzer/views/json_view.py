@@ -26,14 +26,24 @@ TABLES = (
     "sdo",
     "traces",
     "trace_events",
+    "tilts",
     "bus_load",
     "findings",
     "emcy_context",
     "error_history",
+    "object_changes",
+    "device_health",
     "bus_states",
     "bus_errors",
     "lss",
     "time_stamps",
+    "bus_shares",
+    "node_shares",
+    "error_control_periods",
+    "worst",
+    "waits",
+    "delays",
+    "lateness",
 )
 """Lists of the object, in the order of the interface."""
 
@@ -90,6 +100,8 @@ def _pdo(row: PdoRow) -> dict[str, Any]:
         if f.name == "device_us_low":
             bounds = {"low": _plain(row.device_us_low), "high": _plain(row.device_us_high)}
             plain["device_us"] = bounds if any(bounds.values()) else None
+        elif f.name == "response_us" and row.response_us is not None:
+            plain[f.name] = {**_quantiles(row.response_us), "std": _plain(row.response_us.std)}
         elif f.name != "device_us_high":
             plain[f.name] = _plain(getattr(row, f.name))
     return plain

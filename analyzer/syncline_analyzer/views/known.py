@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from itertools import groupby
 from typing import NamedTuple
 
-from syncline_analyzer.results import Analysis, ObjectRow
+from syncline_analyzer.results import Analysis, DeviceHealthRow, ObjectRow
 from syncline_analyzer.views.words import hex_code, printable
 from syncline_schemas.wording import counted
 
@@ -13,6 +13,7 @@ MAX_LINES = 12
 MAX_NODES = 20
 _TEXTS = (0x1008, 0x1009, 0x100A)
 _IDENTITY = 0x1018
+_ERRORS = (0x1001, 0x1003)
 _NUMBERS = {1: "vendor", 2: "product", 4: "serial number"}
 _PDOS = range(0x1400, 0x1C00)
 _CONTROL = (0x1005, 0x1006, 0x100C, 0x100D, 0x1014, 0x1015, 0x1016, 0x1017, 0x1019, 0x1029)
@@ -57,12 +58,16 @@ def source_words(row: ObjectRow) -> str:
 
 
 def _lines(analysis: Analysis, rows: Sequence[ObjectRow]) -> Iterator[tuple[str, str]]:
+    why = _why(analysis, rows[0])
+    if why:
+        yield "device", why
     identity = ", ".join(_identity(rows))
     if identity:
         yield "identity", f"{identity} (sdo-read)"
     for row in rows:
         if row.index in _CONTROL and not _goes_without_saying(row):
             yield _setting(row)
+    yield from _health(analysis, rows[0])
     yield from _pdo_lines(analysis, rows)
     for row in rows:
         plain = row.index not in _CONTROL and row.index not in _PDOS
@@ -71,6 +76,33 @@ def _lines(analysis: Analysis, rows: Sequence[ObjectRow]) -> Iterator[tuple[str,
     unsaved = sum(row.saved is False for row in rows)
     if unsaved:
         yield "not saved", f"{counted(unsaved, 'written value')} not saved (1010h) in this capture"
+
+
+def _why(analysis: Analysis, of: ObjectRow) -> str:
+    """Which device the node is by what it said itself; the user knows what he said."""
+    for row in analysis.nodes:
+        if (row.bus, row.node) == (of.bus, of.node) and row.device_source == "objects":
+            return f"{row.device}: {printable(row.device_reason)}"
+    return ""
+
+
+def _health(analysis: Analysis, of: ObjectRow) -> Iterator[tuple[str, str]]:
+    """What the device told of its own state; the error list has a table of its own."""
+    told = [
+        f"{row.what} {_figure(row)}"
+        for row in analysis.device_health
+        if (row.bus, row.node) == (of.bus, of.node) and row.index not in _ERRORS
+    ]
+    if told:
+        yield "health", f"{', '.join(told)} (sdo-read)"
+
+
+def _figure(row: DeviceHealthRow) -> str:
+    if row.text or row.last_value is None:
+        return printable(row.text) or "not told"
+    unit = f" {printable(row.unit)}" if row.unit and not row.what.endswith(row.unit) else ""
+    span = f" ({row.min:g} to {row.max:g})" if row.min != row.max else ""
+    return f"{row.last_value:g}{unit}{span}"
 
 
 def _identity(rows: Sequence[ObjectRow]) -> Iterator[str]:

@@ -62,6 +62,19 @@ def line_colour(number: int) -> Rgb:
     return LINE_COLOURS[number % len(LINE_COLOURS)]
 
 
+def paler(colour: Rgb) -> Rgb:
+    """A colour for what lies behind a line of that colour, to be told apart on black and on white.
+
+    >>> paler((80, 160, 255))
+    (115, 155, 202)
+    """
+    red, green, blue = ((part + _MIDDLE_GREY) // 2 for part in colour)
+    return red, green, blue
+
+
+_MIDDLE_GREY = 150
+
+
 def css(colour: Rgb) -> str:
     """A colour as CSS and rich write it.
 

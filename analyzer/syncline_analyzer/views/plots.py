@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.results import Analysis, Responses, Series, Trace
-from syncline_analyzer.views.palette import Rgb, line_colour
+from syncline_analyzer.views.basis import estimated_buses
+from syncline_analyzer.views.palette import Rgb, line_colour, paler
 from syncline_analyzer.views.words import hex_code, names_of, node_label, printable, trace_object
 
 QUANTITIES = {
@@ -28,6 +29,12 @@ _WITH_OUTLIERS = ("us", "rpm")
 _REACH = 4.0
 """Spreads (1st to 99th percentile) that an axis reaches beyond them."""
 
+RESPONSES_APART = 12
+"""So many nodes have a plot of their answers that is shown at once: those that spread most."""
+
+_SHORT_WINDOWS = " in 100 ms"
+_ESTIMATED = ", bit rate estimated"
+
 _SILENCE_NS = 1_000_000_000
 _SILENT_STEPS = 20
 
@@ -38,7 +45,8 @@ _HALF_TURN_DEG = 180.0
 class Line:
     """A line of a plot: t_ns and seq (n,) int64, value (n,) float64, NaN where it is interrupted.
 
-    `seq` is empty where the quantity belongs to no single frame.
+    `seq` is empty where the quantity belongs to no single frame. A `band` is what lies behind the
+    other lines: short windows, of which the smallest and the largest matter.
     """
 
     bus: str
@@ -48,6 +56,7 @@ class Line:
     seq: NDArray[np.int64]
     value: NDArray[np.float64]
     colour: Rgb
+    band: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,6 +67,11 @@ class Panel:
     unit: str
     subject: str = ""
     lines: list[Line] = field(default_factory=list)
+
+    @property
+    def is_timing(self) -> bool:
+        """Whether it shows the bus at work rather than what devices measured."""
+        return self.title in _TIMING
 
     def told(self, analysis: Analysis) -> Analysis:
         """What belongs to this plot: with a subject, only what that node did."""
@@ -89,6 +103,8 @@ class Panel:
         if not len(known):
             return 0.0, 1.0
         low, high = float(known.min()), float(known.max())
+        if self.title in _FROM_ZERO:
+            low = min(low, 0.0)
         if self.unit in _WITH_OUTLIERS:
             first, last = (float(q) for q in np.percentile(known, (1, 99)))
             reach = _REACH * max(last - first, abs(last) * 0.001)
@@ -103,14 +119,26 @@ class Panel:
 
 
 def panels(analysis: Analysis) -> list[Panel]:
-    """Plots of an analysis: angles and other traces first, then SYNC, PDO answers and bus load."""
+    """Plots of an analysis: angles and other traces first, then load, SYNC and PDO answers."""
     found: dict[tuple[str, str, str], Panel] = {}
     for title, unit, subject, line in _lines(analysis):
         panel = found.setdefault((title, unit, subject), Panel(title, unit, subject))
-        panel.lines.append(_coloured(line, len(panel.lines)))
-    order = [*QUANTITIES.values(), "SYNC period", "PDO response"]
-    rank = {title: i for i, title in enumerate(order)}
-    return sorted(found.values(), key=lambda panel: rank.get(panel.title, len(rank)))
+        panel.lines.append(line)
+    plots = [replace(panel, lines=_coloured(panel.lines)) for panel in found.values()]
+    return sorted(plots, key=lambda panel: _RANK.get(panel.title, len(_RANK) - len(_TIMING) - 0.5))
+
+
+def shown_at_once(plotted: list[Panel]) -> list[Panel]:
+    """The plots without those of nodes that answer more evenly than twelve others."""
+    answers = [panel for panel in plotted if panel.title == _RESPONSE]
+    steady = sorted(answers, key=_spread)[: max(len(answers) - RESPONSES_APART, 0)]
+    return [panel for panel in plotted if panel not in steady]
+
+
+def _spread(panel: Panel) -> float:
+    """How far the answers of a node lie apart, the widest PDO [us]."""
+    values = (line.value[np.isfinite(line.value)] for line in panel.lines if not line.band)
+    return max((float(np.ptp(np.percentile(v, (1, 99)))) for v in values if len(v)), default=0.0)
 
 
 def _lines(analysis: Analysis) -> Iterator[tuple[str, str, str, Line]]:
@@ -125,11 +153,19 @@ def _lines(analysis: Analysis) -> Iterator[tuple[str, str, str, Line]]:
             yield (
                 (title, unit, subject, line) if apart else (title, unit, "", _named(line, subject))
             )
-    for responses in analysis.responses:
-        yield "PDO response", "us", "", _of_responses(responses, several, gaps)
+    estimated = estimated_buses(analysis)
+    for responses in sorted(analysis.responses, key=_sender):
+        label = labels.get((responses.bus, responses.node or 0), node_label(responses.node))
+        subject = f"{responses.bus} node {label}" if several else f"node {label}"
+        for line in _of_responses(responses, gaps, responses.bus in estimated):
+            yield _RESPONSE, "us", subject, line
     for series in analysis.series:
-        title, unit, line = _of_series(series, several, gaps)
+        title, unit, line = _of_series(series, several, gaps, series.bus in estimated)
         yield title, unit, "", line
+
+
+def _sender(responses: Responses) -> tuple[str, int, int]:
+    return responses.bus, responses.node or 0, responses.cob_id
 
 
 def _of_trace(trace: Trace, gaps: NDArray[np.int64]) -> Iterator[tuple[str, str, Line]]:
@@ -154,21 +190,28 @@ def _wraps(angle: NDArray[np.float64]) -> NDArray[np.bool_]:
     return wrapped
 
 
-def _of_responses(responses: Responses, several: bool, gaps: NDArray[np.int64]) -> Line:
-    where = f"{responses.bus} " if several else ""
-    pdo = responses.pdo or "PDO"
-    name = f"{where}node {node_label(responses.node)} {pdo} ({hex_code(responses.cob_id, 3)})"
+def _of_responses(responses: Responses, gaps: NDArray[np.int64], estimated: bool) -> Iterator[Line]:
+    """Response of one PDO, and behind it the part of it that it can have waited."""
+    name = f"{responses.pdo or 'PDO'} ({hex_code(responses.cob_id, 3)})"
     cuts = _cuts(responses.t_ns, gaps) | _silences(responses.t_ns)
-    return _line(responses, name, responses.response_us, cuts)
+    if np.isfinite(responses.waiting_us).any():
+        waited = f"{name} waited at most{_ESTIMATED if estimated else ''}"
+        yield replace(_line(responses, waited, responses.waiting_us, cuts), band=True)
+    yield _line(responses, name, responses.response_us, cuts)
 
 
-def _of_series(series: Series, several: bool, gaps: NDArray[np.int64]) -> tuple[str, str, Line]:
+def _of_series(
+    series: Series, several: bool, gaps: NDArray[np.int64], estimated: bool
+) -> tuple[str, str, Line]:
     name = printable(series.name)
-    title = "SYNC period" if name.startswith("SYNC") else name[:1].upper() + name[1:]
+    whole = name.removesuffix(_SHORT_WINDOWS)
+    title = "SYNC period" if name.startswith("SYNC") else whole[:1].upper() + whole[1:]
     label = f"{series.bus} {name}" if several else name
+    label += _ESTIMATED if estimated and series.unit == "%" else ""
     cuts = _cuts(series.t_ns, gaps) | _silences(series.t_ns)
     t_ns, value, _ = _interrupted(series.t_ns, series.value, _NO_SEQ, cuts)
-    return title, series.unit, Line(series.bus, None, label, t_ns, _NO_SEQ, value, (0, 0, 0))
+    band = name != whole
+    return title, series.unit, Line(series.bus, None, label, t_ns, _NO_SEQ, value, (0, 0, 0), band)
 
 
 def _line(
@@ -181,8 +224,13 @@ def _line(
     return Line(source.bus, source.node, name, t_ns, seq, value, (0, 0, 0))
 
 
-def _coloured(line: Line, number: int) -> Line:
-    return replace(line, colour=line_colour(number))
+def _coloured(lines: list[Line]) -> list[Line]:
+    """Bands first, which lie behind, each in the paler colour of the line that it belongs to."""
+    told = [line for line in lines if not line.band]
+    bands = [line for line in lines if line.band]
+    front = [replace(line, colour=line_colour(i)) for i, line in enumerate(told)]
+    back = [replace(line, colour=paler(line_colour(i))) for i, line in enumerate(bands)]
+    return [*back, *front]
 
 
 def _named(line: Line, subject: str) -> Line:
@@ -225,5 +273,9 @@ def _interrupted(
     )
 
 
+_RESPONSE = "PDO response"
+_TIMING = ("Bus load", "Frame rate", "SYNC period", _RESPONSE)
+_FROM_ZERO = ("Bus load", "Frame rate", _RESPONSE)
+_RANK = {title: i for i, title in enumerate((*QUANTITIES.values(), *_TIMING))}
 _NO_VALUES = np.zeros(0, np.float64)
 _NO_SEQ = np.zeros(0, np.int64)

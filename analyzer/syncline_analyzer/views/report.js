@@ -39,29 +39,25 @@
 
   function layout(plot) {
     const { fg, dim, axis } = look();
-    const over = plot.kind === "time";
-    const x = over
-      ? { ...axis, type: data.start_ms === null ? "linear" : "date", range: range.map(toX), title: { text: data.start_ms === null ? "s" : "UTC" } }
-      : { ...axis, title: { text: plot.x_title } };
+    const x = { ...axis, type: data.start_ms === null ? "linear" : "date", range: range.map(toX), title: { text: data.start_ms === null ? "s" : "UTC" } };
     return {
       paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { color: fg, size: 12 },
-      margin: { l: 60, r: 12, t: 8, b: 44 }, barmode: "overlay", hovermode: "closest", modebar: { orientation: "v", bgcolor: "rgba(0,0,0,0)", color: dim, activecolor: fg },
+      margin: { l: 60, r: 12, t: 8, b: 44 }, hovermode: "closest", modebar: { orientation: "v", bgcolor: "rgba(0,0,0,0)", color: dim, activecolor: fg },
       legend: { orientation: "h", y: 1.02, yanchor: "bottom", x: 0 }, showlegend: true,
       xaxis: x, yaxis: { ...axis, title: { text: plot.y_title }, ...(plot.y_range ? { range: plot.y_range } : {}) },
-      shapes: over ? data.bands.map(([a, b, colour]) => ({
-        type: "rect", xref: "x", yref: "paper", x0: toX(a), x1: toX(b), y0: 0, y1: 1, fillcolor: colour, opacity: 0.14, line: { width: 1, color: colour } })) : [],
+      shapes: data.bands.map(([a, b, colour]) => ({
+        type: "rect", xref: "x", yref: "paper", x0: toX(a), x1: toX(b), y0: 0, y1: 1, fillcolor: colour, opacity: 0.14, line: { width: 1, color: colour } })),
     };
   }
 
   function traces(plot) {
-    return plot.traces.map((t) => (plot.kind === "time" ? { ...t, x: t.x.map(toX) } : t));
+    return plot.traces.map((t) => ({ ...t, x: t.x.map(toX) }));
   }
 
   function draw() {
     for (const plot of data.plots) {
       const div = document.getElementById(plot.id);
       Plotly.newPlot(div, traces(plot), layout(plot), { responsive: true, displaylogo: false, modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"] });
-      if (plot.kind !== "time") continue;
       plots.push(div);
       div.on("plotly_relayout", (event) => {
         if (moving) return;

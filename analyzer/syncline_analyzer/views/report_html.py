@@ -9,8 +9,12 @@ from plotly.offline import get_plotlyjs
 
 from syncline_analyzer.results import Analysis, Finding, NodeRow
 from syncline_analyzer.views import report_tables as tables
+from syncline_analyzer.views import report_timing as timing
+from syncline_analyzer.views.basis import basis_lines
+from syncline_analyzer.views.histogram_svg import histogram_figures
 from syncline_analyzer.views.html import Html, data_script, element, joined, table
 from syncline_analyzer.views.known import KnownLine, known_lines
+from syncline_analyzer.views.load import load_listing
 from syncline_analyzer.views.markdown import chain_lines, extent, verdict, where
 from syncline_analyzer.views.palette import (
     EMCY_CLEAR_COLOUR,
@@ -24,6 +28,7 @@ from syncline_analyzer.views.report_plots import bands_of, plots_of
 from syncline_analyzer.views.services import error_list, listings
 from syncline_analyzer.views.text import recording_lines
 from syncline_analyzer.views.timeline_svg import node_id, timeline
+from syncline_analyzer.views.waits import waiting_listings
 from syncline_analyzer.views.words import (
     Clock,
     names_of,
@@ -36,6 +41,8 @@ FIRST_STORIES = 6
 
 OPEN_COMMANDS = 12
 """NMT commands shown at once; more open on a click."""
+
+_OF_A_NODE = ("Bus", "Node")
 
 _BADGES = {"error": "ERROR", "warning": "WARNING", "info": "NOTE"}
 _POLICY = (
@@ -103,13 +110,14 @@ def _scripts(analysis: Analysis, clock: Clock, plots: list[dict[str, Any]]) -> I
             "plots": plots,
         },
     )
-    yield element("script", Html(get_plotlyjs()))
+    if plots:
+        yield element("script", Html(get_plotlyjs()))
     yield element("script", Html(_asset("report.js")))
 
 
 def _header(analysis: Analysis, clock: Clock, title: str) -> Html:
-    links = [("findings", "Findings"), ("timeline", "Timeline"), ("plots", "Plots")]
-    links += [("nodes", "Nodes"), ("pdos", "SYNC and PDOs"), ("recording", "Recording")]
+    links = [("findings", "Findings"), ("timeline", "Timeline"), ("plots", "Measured values")]
+    links += [("pdos", "Bus load, SYNC and PDOs"), ("nodes", "Nodes"), ("recording", "Recording")]
     items = (element("li", element("a", text, href=f"#{name}")) for name, text in links)
     worst = next((f.severity for s in _BADGES for f in analysis.findings if f.severity == s), "ok")
     times = None
@@ -139,9 +147,11 @@ def _sections(analysis: Analysis, clock: Clock, plots: list[dict[str, Any]]) -> 
         yield _section("timeline", "Timeline", _controls(), lanes, *_commands(analysis, clock))
     else:
         yield _section("timeline", "Timeline", element("p", "There is nothing to draw over time."))
-    yield _section("plots", "Plots", *_figures(plots))
+    traces = [plot for plot in plots if plot["group"] == "traces"]
+    yield _section("plots", "Measured values", *_figures(traces))
+    about = [plot for plot in plots if plot["group"] == "timing"]
+    yield _section("pdos", "Bus load, SYNC and PDOs", *_timing(analysis, clock, about))
     yield _section("nodes", "Nodes", *_nodes(analysis, clock))
-    yield _section("pdos", "SYNC and PDOs", *_pdos(analysis))
     yield _section("recording", "Recording", *_recording(analysis, clock))
 
 
@@ -269,6 +279,7 @@ def _node(node: NodeRow, analysis: Analysis, known: list[KnownLine], clock: Cloc
     def own(row: object) -> bool:
         return (getattr(row, "bus", None), getattr(row, "node", None)) == (node.bus, node.node)
 
+    pdos = [row for row in analysis.pdos if own(row)]
     contexts = {row.seq: row for row in analysis.emcy_context if own(row)}
     read = [row for row in analysis.error_history if own(row)]
     history = error_list(analysis, read, clock, named=False)
@@ -283,7 +294,14 @@ def _node(node: NodeRow, analysis: Analysis, known: list[KnownLine], clock: Cloc
         *tables.error_table([row for row in analysis.errors if own(row)], clock),
         *tables.emcy_table([row for row in analysis.emcy if own(row)], contexts, clock),
         *(tables.listed_table(history) if history else ()),
-        *tables.pdo_table("PDOs", [row for row in analysis.pdos if own(row)]),
+        *timing.pdo_table("PDOs", pdos, _OF_A_NODE),
+        *timing.response_table("Answers to SYNC", pdos, analysis.lateness, _OF_A_NODE),
+        *timing.error_control_table(
+            "Heartbeat and guarding",
+            [row for row in analysis.error_control_periods if own(row)],
+            names_of(analysis.nodes),
+            _OF_A_NODE,
+        ),
         *tables.sdo_table([row for row in analysis.sdo if own(row) and row.result != "ok"], clock),
         *tables.trace_table([row for row in analysis.traces if own(row)]),
         *tables.state_table([row for row in analysis.nmt_states if own(row)], clock),
@@ -308,16 +326,49 @@ def _identity(node: NodeRow) -> Html:
     )
 
 
-def _pdos(analysis: Analysis) -> Iterator[Html]:
+def _timing(analysis: Analysis, clock: Clock, plots: list[dict[str, Any]]) -> Iterator[Html]:
+    yield element("ul", *(element("li", line) for line in basis_lines(analysis)))
+    if analysis.bus_load:
+        yield from tables.listed_table(load_listing(analysis, clock))
+    yield from _titled(plots, "Bus load", "Frame rate")
+    yield from timing.share_tables(analysis)
     if not (analysis.sync or analysis.pdos):
         yield element("p", "No SYNC and no PDO was recorded.")
-    yield from tables.sync_table(analysis.sync)
-    yield from tables.pdo_table("PDOs of all nodes", analysis.pdos)
+    hidden = () if len(analysis.capture.buses) > 1 else ("Bus",)
+    yield from timing.sync_table(analysis.sync, hidden)
+    yield from _titled(plots, "SYNC period")
+    yield from timing.pdo_table("PDOs of all nodes", analysis.pdos, hidden)
+    yield from timing.answer_table(analysis.pdos, hidden)
+    yield from timing.response_table(
+        "Answers to SYNC: response, and what of it is the device's",
+        analysis.pdos,
+        analysis.lateness,
+        hidden,
+    )
+    yield from histogram_figures(analysis)
+    yield from _titled(plots, "PDO response")
+    for listing in waiting_listings(analysis, clock):
+        yield from tables.listed_table(listing)
+    yield from timing.ahead_table(analysis, clock)
+    yield from timing.delay_table(analysis)
+    yield from timing.error_control_table(
+        "Heartbeats and guarding",
+        analysis.error_control_periods,
+        names_of(analysis.nodes),
+        hidden,
+    )
+    yield from timing.worst_table(analysis, clock)
+
+
+def _titled(plots: list[dict[str, Any]], *titles: str) -> Iterator[Html]:
+    """The plots of some quantities."""
+    if wanted := [plot for plot in plots if plot["title"].startswith(titles)]:
+        yield from _figures(wanted)
 
 
 def _figures(plots: list[dict[str, Any]]) -> Iterator[Html]:
     if not plots:
-        yield element("p", "There is nothing to plot.")
+        yield element("p", "No PDO or SDO of a known device carries a value to plot.")
     for plot in plots:
         caption = plot["title"]
         lines = ", ".join(plot["lines"])
@@ -330,19 +381,6 @@ def _figures(plots: list[dict[str, Any]]) -> Iterator[Html]:
 def _recording(analysis: Analysis, clock: Clock) -> Iterator[Html]:
     capture = analysis.capture
     yield element("ul", *(element("li", line) for line in recording_lines(analysis, clock)))
-    loads = (
-        (
-            row.bus,
-            f"{row.bitrate / 1000:g} kbit/s" if row.bitrate else "not known",
-            number(row.mean_percent, "%", 3),
-            number(row.peak_percent, "%", 3),
-            number(row.frames_per_s),
-        )
-        for row in analysis.bus_load
-    )
-    if analysis.bus_load:
-        heads = ["Bus", ">Bit rate", ">Mean load", ">Peak load", ">Frames/s"]
-        yield table("Bus load", heads, loads)
     for listing in listings(analysis, clock):
         yield from tables.listed_table(listing)
     yield element("p", "Files: ", ", ".join(capture.files))

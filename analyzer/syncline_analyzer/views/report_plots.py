@@ -8,14 +8,15 @@ from numpy.typing import NDArray
 
 from syncline_analyzer.results import Analysis
 from syncline_analyzer.views.events import marks
-from syncline_analyzer.views.histogram import Bars, histograms
-from syncline_analyzer.views.palette import SEVERITY_COLOURS, css, line_colour
-from syncline_analyzer.views.plots import Line, Panel, panels
-from syncline_analyzer.views.thin import extremes
+from syncline_analyzer.views.palette import SEVERITY_COLOURS, css
+from syncline_analyzer.views.plots import Line, Panel, panels, shown_at_once
+from syncline_analyzer.views.thin import envelope, extremes
 from syncline_analyzer.views.words import Clock
 
-POINTS_OF_A_PAGE = 120_000
-MAX_POINTS, MIN_POINTS = 4_000, 500
+POINTS_OF_A_PAGE = 100_000
+MAX_POINTS, MIN_POINTS = 4_000, 100
+MAX_LINES = 40
+"""Lines of one plot; of more, those that reach farthest up and down."""
 MAX_MARKS, MAX_BANDS = 1_000, 200
 
 _LONGEST_BAND = 0.2
@@ -25,18 +26,15 @@ _SYMBOLS = {"down": "triangle-down", "up": "triangle-up", "diamond": "diamond", 
 
 
 def plots_of(analysis: Analysis) -> list[dict[str, Any]]:
-    """Plots in the order of the page: id, kind ("time" or "bars"), titles, traces for plotly.
+    """Plots in the order of the page: id, group ("traces" or "timing"), titles, traces for plotly.
 
-    `x` of a plot over time are seconds of capture time. A capture without times has none.
+    `x` are seconds of capture time. A capture without times has no plots.
     """
     clock = Clock.of(analysis.capture)
-    drawn = panels(analysis) if clock.timed else []
-    lines = sum(len(panel.lines) for panel in drawn)
+    drawn = shown_at_once(panels(analysis)) if clock.timed else []
+    lines = sum(min(len(panel.lines), MAX_LINES) for panel in drawn)
     points = max(MIN_POINTS, min(MAX_POINTS, POINTS_OF_A_PAGE // max(lines, 1)))
     plots = [_over_time(panel, analysis, clock, points) for panel in drawn]
-    shown = [bars for _, bars in histograms(analysis)]
-    if shown:
-        plots.append(_bars(shown))
     return [{"id": f"plot-{i}", **plot} for i, plot in enumerate(plots)]
 
 
@@ -63,26 +61,66 @@ def _second(t_ns: int, clock: Clock) -> float:
 
 
 def _over_time(panel: Panel, analysis: Analysis, clock: Clock, points: int) -> dict[str, Any]:
-    traces = [_trace(line, clock, points) for line in panel.lines]
+    lines = _farthest(panel.lines)
+    left_out = len(panel.lines) - len(lines)
     return {
-        "kind": "time",
-        "title": panel.label,
+        "group": "timing" if panel.is_timing else "traces",
+        "title": panel.label + (f", {left_out} lines left out" if left_out else ""),
         "y_title": panel.unit,
         "y_range": panel.limits(),
-        "lines": [line.name for line in panel.lines],
-        "traces": [*traces, *_marks(panel, analysis, clock)],
+        "lines": [line.name for line in lines],
+        "traces": [
+            *(_trace(line, clock, points) for line in lines),
+            *_marks(panel, analysis, clock),
+        ],
     }
+
+
+def _farthest(lines: list[Line]) -> list[Line]:
+    """The lines of the widest reach, in their order."""
+    if len(lines) <= MAX_LINES:
+        return lines
+    kept = sorted(range(len(lines)), key=lambda i: -_reach(lines[i].value))[:MAX_LINES]
+    return [lines[i] for i in sorted(kept)]
+
+
+def _reach(value: NDArray[np.float64]) -> float:
+    known = value[np.isfinite(value)]
+    return float(np.ptp(known)) if len(known) else 0.0
 
 
 def _trace(line: Line, clock: Clock, points: int) -> dict[str, Any]:
+    if line.band and len(line.value) > points:
+        return _band(line, clock, points)
     rows = extremes(line.value, points)
     return {
         "name": line.name,
-        "mode": "lines",
-        "x": np.round((line.t_ns[rows] - clock.first_ns) / 1e9, 6).tolist(),
+        "mode": "lines" if len(rows) > 1 else "markers",
+        "x": _seconds(line.t_ns[rows], clock),
         "y": _plain(line.value[rows]),
-        "line": {"color": css(line.colour), "width": 1.3},
+        "line": {"color": css(line.colour), "width": 0.8 if line.band else 1.3},
     }
+
+
+def _band(line: Line, clock: Clock, points: int) -> dict[str, Any]:
+    """What lies between the smallest and the largest of many values, as an outline."""
+    t_ns, value = envelope(line.t_ns, line.value, points)
+    return {
+        "name": f"{line.name}, smallest to largest",
+        "mode": "lines",
+        "x": _seconds(t_ns, clock),
+        "y": _plain(value),
+        "fill": "toself",
+        "fillcolor": css(line.colour),
+        "opacity": 0.55,
+        "hoverinfo": "skip",
+        "line": {"color": css(line.colour), "width": 0.5},
+    }
+
+
+def _seconds(t_ns: NDArray[np.int64], clock: Clock) -> list[float]:
+    seconds: list[float] = np.round((t_ns - clock.first_ns) / 1e9, 6).tolist()
+    return seconds
 
 
 def _marks(panel: Panel, analysis: Analysis, clock: Clock) -> Iterator[dict[str, Any]]:
@@ -96,29 +134,6 @@ def _marks(panel: Panel, analysis: Analysis, clock: Clock) -> Iterator[dict[str,
                 "y": [panel.markers_height()] * len(moments),
                 "marker": {"color": css(mark.colour), "symbol": _SYMBOLS[mark.shape], "size": 9},
             }
-
-
-def _bars(shown: list[Bars]) -> dict[str, Any]:
-    return {
-        "kind": "bars",
-        "title": "PDO response times",
-        "y_title": "answers per us",
-        "x_title": "us after the SYNC",
-        "lines": [bars.label for bars in shown],
-        "traces": [_bar(bars, css(line_colour(i))) for i, bars in enumerate(shown)],
-    }
-
-
-def _bar(bars: Bars, colour: str) -> dict[str, Any]:
-    return {
-        "type": "bar",
-        "name": bars.label,
-        "x": _plain(bars.middle_us),
-        "y": _plain(bars.per_us),
-        "width": _plain(bars.width_us),
-        "opacity": 0.65,
-        "marker": {"color": colour, "line": {"width": 0}},
-    }
 
 
 def _plain(values: NDArray[np.float64]) -> list[float | None]:

@@ -8,15 +8,12 @@ from syncline_analyzer.results import (
     ErrorRow,
     NmtCommandRow,
     NmtStateRow,
-    PdoRow,
     SdoRow,
-    SyncRow,
     TraceRow,
 )
 from syncline_analyzer.views.html import Html, element, table
 from syncline_analyzer.views.known import KnownLine
 from syncline_analyzer.views.services import Listing
-from syncline_analyzer.views.text import pdo_type
 from syncline_analyzer.views.words import (
     Clock,
     duration,
@@ -24,7 +21,6 @@ from syncline_analyzer.views.words import (
     number,
     object_name,
     sdo_result,
-    spread,
     trace_object,
 )
 
@@ -33,7 +29,8 @@ MAX_ROWS = 200
 """Rows of a table of events; the parquet files hold all."""
 
 
-def _limited(caption: str, heads: Sequence[str], rows: list[Sequence[object]]) -> Iterator[Html]:
+def limited(caption: str, heads: Sequence[str], rows: Sequence[Sequence[object]]) -> Iterator[Html]:
+    """A table of the first 200 rows that says how many there are; nothing without rows."""
     if rows:
         rest = len(rows) - MAX_ROWS
         told = f"{caption} (the first {MAX_ROWS} of {len(rows)})" if rest > 0 else caption
@@ -54,7 +51,7 @@ def state_table(rows: list[NmtStateRow], clock: Clock) -> Iterator[Html]:
         for row in rows
     ]
     heads = ["State", "When", ">Duration", "Certainty", ">Frame", "Cause"]
-    yield from _limited("NMT states", heads, listed)
+    yield from limited("NMT states", heads, listed)
 
 
 def command_table(
@@ -73,7 +70,7 @@ def command_table(
         for row in rows
     ]
     heads = ["When", "Bus", "Command", "To node", ">Confirmed after", ">Frame"]
-    yield from _limited("NMT commands", heads, listed)
+    yield from limited("NMT commands", heads, listed)
 
 
 def listed_table(listing: Listing) -> Iterator[Html]:
@@ -82,7 +79,7 @@ def listed_table(listing: Listing) -> Iterator[Html]:
         f"{'>' * (h[0] == '>')}{h.lstrip('>')[:1].upper()}{h.lstrip('>')[1:]}"
         for h in listing.heads
     ]
-    yield from _limited(listing.title, heads, [*listing.rows])
+    yield from limited(listing.title, heads, [*listing.rows])
 
 
 def known_table(lines: Sequence[KnownLine]) -> Iterator[Html]:
@@ -128,7 +125,7 @@ def emcy_table(
         for row in rows
     ]
     heads = ["When", "Code", "Transition", "Register", "Bits", "Manufacturer bytes", ">Frame", "Meaning", "State, last write and values around it"]  # fmt: skip
-    yield from _limited("EMCY history", heads, listed)
+    yield from limited("EMCY history", heads, listed)
 
 
 def _meaning(row: EmcyRow) -> str:
@@ -154,43 +151,7 @@ def error_table(rows: list[ErrorRow], clock: Clock) -> Iterator[Html]:
         for row in rows
     ]
     heads = ["Code", "Status", "Raised", "Cleared", ">Messages", "Meaning"]
-    yield from _limited("Errors", heads, listed)
-
-
-def sync_table(rows: list[SyncRow]) -> Iterator[Html]:
-    """SYNC producers."""
-    listed: list[Sequence[object]] = [
-        (row.bus, hex_code(row.cob_id, 3), row.count, spread(row.period_us),
-         number(row.period_us.p99 if row.period_us else None), row.missing, row.counter_jumps, row.backlog)
-        for row in rows
-    ]  # fmt: skip
-    heads = ["Bus", "COB-ID", ">SYNCs", ">Period min/median/max [us]", ">p99 [us]", ">Missing", ">Counter jumps", ">In a backlog (not judged)"]  # fmt: skip
-    yield from _limited("SYNC", heads, listed)
-
-
-def pdo_table(caption: str, rows: list[PdoRow]) -> Iterator[Html]:
-    """PDOs with their timing."""
-    listed: list[Sequence[object]] = [
-        (
-            element("code", hex_code(row.cob_id, 3)),
-            "-" if row.node is None else row.node,
-            row.pdo or "-",
-            row.frames,
-            spread(row.period_us),
-            spread(row.response_us),
-            number(row.response_us.std if row.response_us else None),
-            f"{spread(row.device_us_low)} to {spread(row.device_us_high)}"
-            if row.device_us_low
-            else "-",
-            row.missed,
-            row.extra,
-            row.late,
-            pdo_type(row),
-        )
-        for row in rows
-    ]
-    heads = ["COB-ID", ">Node", "PDO", ">Frames", ">Period min/median/max [us]", ">Response min/median/max [us]", ">Std [us]", ">Device time, bounds [us]", ">Missed", ">Extra", ">Late", "Transmission type"]  # fmt: skip
-    yield from _limited(caption, heads, listed)
+    yield from limited("Errors", heads, listed)
 
 
 def sdo_table(rows: list[SdoRow], clock: Clock) -> Iterator[Html]:
@@ -209,7 +170,7 @@ def sdo_table(rows: list[SdoRow], clock: Clock) -> Iterator[Html]:
         for row in rows
     ]
     heads = ["When", "Object", "Direction", "Kind", "Result", ">Answer after", ">Frame", "Name"]
-    yield from _limited("SDO transfers that failed", heads, listed)
+    yield from limited("SDO transfers that failed", heads, listed)
 
 
 def trace_table(rows: list[TraceRow]) -> Iterator[Html]:
@@ -228,4 +189,4 @@ def trace_table(rows: list[TraceRow]) -> Iterator[Html]:
         for row in rows
     ]
     heads = ["Object", "Name", ">Samples", ">Min", ">Max", "Unit", ">Cuts", "Flags"]
-    yield from _limited("Traces", heads, listed)
+    yield from limited("Traces", heads, listed)

@@ -1,15 +1,34 @@
 """What the bus told besides nodes and PDOs, in rows for the text and HTML views alike."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby
 from typing import NamedTuple
 
-from syncline_analyzer.results import Analysis, BusStateRow, ErrorHistoryRow, TimeStampRow
-from syncline_analyzer.views.words import Clock, duration, hex_code, names_of, object_name
+from syncline_analyzer.results import (
+    Analysis,
+    BusStateRow,
+    ErrorHistoryRow,
+    ObjectChangeRow,
+    TimeStampRow,
+)
+from syncline_analyzer.views.words import (
+    Clock,
+    duration,
+    hex_code,
+    names_of,
+    node_label,
+    object_name,
+)
 from syncline_schemas.wording import counted
 
 ERROR_LIST = 0x1003
 _QUIET = ("active", "unknown")
+BURST_NS = 1_000_000_000
+"""Changes that follow one another so soon are made in one go [ns]."""
+FEW = 3
+"""More changes in one go than these are one line."""
+_TOLD = ("sdo-read", "sdo-write", "bus-description", "before a reset", "unknown")
+"""Sources of a value that somebody stated."""
 
 
 class Listing(NamedTuple):
@@ -21,7 +40,12 @@ class Listing(NamedTuple):
 
 
 def listings(analysis: Analysis, clock: Clock) -> Iterator[Listing]:
-    """Error frames, states of the recorder's controller, LSS and TIME, where there are any."""
+    """Changes of parameters, error frames, states of the recorder's controller, LSS and TIME."""
+    if analysis.object_changes:
+        count = len(analysis.object_changes)
+        changes = [_changes(group, clock) for group in _bursts(analysis.object_changes, clock)]
+        heads = ["time", "bus", "node", "change", "was", "object", "by", "saved"]
+        yield Listing(f"Changes of parameters ({count})", heads, changes)
     errors = [
         [row.bus, str(row.count), clock.short(row.first_ns), clock.short(row.last_ns), row.kind]
         for row in analysis.bus_errors
@@ -39,6 +63,52 @@ def listings(analysis: Analysis, clock: Clock) -> Iterator[Listing]:
     if analysis.time_stamps:
         heads = ["bus", "COB-ID", ">told of", "the first says", "at", ">ahead of the recorder"]
         yield Listing("TIME", heads, list(_time(analysis.time_stamps, clock)))
+
+
+def _bursts(rows: Sequence[ObjectChangeRow], clock: Clock) -> list[list[ObjectChangeRow]]:
+    """Changes one by one; those that a client or a reset made in one go together."""
+    groups: list[list[ObjectChangeRow]] = []
+    last: dict[tuple[str, int | None, str], list[ObjectChangeRow]] = {}
+    for row in rows:
+        key = row.bus, row.node, row.who
+        group = last.get(key)
+        if group and clock.timed and 0 <= row.t_ns - group[-1].t_ns <= BURST_NS:
+            group.append(row)
+        else:
+            last[key] = [row]
+            groups.append(last[key])
+    parts = [[group] if len(group) > FEW else [[row] for row in group] for group in groups]
+    return sorted((part for each in parts for part in each), key=lambda part: part[0].seq)
+
+
+def _changes(rows: Sequence[ObjectChangeRow], clock: Clock) -> list[str]:
+    """One change, or several that were made in one go."""
+    first = _change(rows[0], clock)
+    if len(rows) == 1:
+        return first
+    words = ", ".join(row.words for row in rows[:FEW])
+    more = f" and {len(rows) - FEW} more"
+    saved = {row.saved for row in rows} - {None}
+    told = (
+        "-" if not saved else "yes" if saved == {True} else "no" if saved == {False} else "in part"
+    )
+    return [*first[:3], words + more, "-", counted(len(rows), "object"), first[6], told]
+
+
+def _change(row: ObjectChangeRow, clock: Clock) -> list[str]:
+    """One change of a parameter."""
+    was = f"{row.old_words or '-'}{'' if row.old_source in _TOLD else ' (assumed)'}"
+    again = f" (again {counted(row.repeats, 'time')})" if row.repeats else ""
+    return [
+        clock.short(row.t_ns),
+        row.bus,
+        node_label(row.node),
+        row.words + again,
+        was,
+        object_name(row.index, row.sub) if row.index is not None else "-",
+        row.who,
+        {True: "yes", False: "no", None: "-"}[row.saved],
+    ]
 
 
 def _bus_states(rows: Iterable[BusStateRow], clock: Clock) -> Iterator[list[str]]:

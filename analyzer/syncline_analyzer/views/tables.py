@@ -4,10 +4,12 @@ One column per field of the row's dataclass in `results.py`, except:
 
 - a stamp `x_ns` (int64) has a twin `x` (datetime64[ns, UTC]; `t` for `t_ns`), NaT where the capture
   has no date;
-- quantiles become `period_us_min`, `_median`, `_p99`, `_max` and `_std` (Float64);
-- `state_share` and `flags` become one column per state or flag, `details` and `chain` JSON text;
-- an SDO `value` is text, with its number in `value_number` (Float64) where it is one; `data` is
-  hexadecimal text.
+- quantiles become `period_us_min`, `_median`, `_p99`, `_max` and `_std` (Float64), jitter
+  `jitter_us_std`, `_p99_p1` and `_max_min`;
+- `state_share` and `flags` become one column per state or flag, `details`, `chain`, `ahead` and
+  `blockers` JSON text;
+- an SDO `value` is text, with its number in `value_number` (Float64) where it is one, and so are
+  `old` and `new` of a change; `data` is hexadecimal text.
 
 Text is `string`, whole numbers that may be missing are `Int64`, lists stay lists.
 """
@@ -30,18 +32,26 @@ from syncline_analyzer.results import (
     Analysis,
     BusErrorRow,
     BusLoadRow,
+    BusShareRow,
     BusStateRow,
+    DelayRow,
+    DeviceHealthRow,
     EmcyContextRow,
     EmcyRow,
+    ErrorControlRow,
     ErrorHistoryRow,
     ErrorRow,
     Finding,
     GapRow,
     HoleRow,
+    Jitter,
+    LatenessRow,
     LssRow,
     NmtCommandRow,
     NmtStateRow,
     NodeRow,
+    NodeShareRow,
+    ObjectChangeRow,
     ObjectHistoryRow,
     ObjectRow,
     PdoRow,
@@ -51,12 +61,17 @@ from syncline_analyzer.results import (
     Series,
     SyncJitterRow,
     SyncRow,
+    TiltRow,
+    TiltTrace,
     TimeStampRow,
     Trace,
     TraceEventRow,
     TraceRow,
+    WaitRow,
+    WorstRow,
 )
 from syncline_schemas.canopen.nmt import NmtState
+from syncline_schemas.tilt import Angles, TiltFlag, angles_of, slope_deg
 
 ROW_TYPES: dict[str, type] = {
     "nodes": NodeRow,
@@ -76,17 +91,35 @@ ROW_TYPES: dict[str, type] = {
     "holes": HoleRow,
     "sync_jitter": SyncJitterRow,
     "trace_events": TraceEventRow,
+    "tilts": TiltRow,
     "emcy_context": EmcyContextRow,
     "error_history": ErrorHistoryRow,
+    "object_changes": ObjectChangeRow,
+    "device_health": DeviceHealthRow,
     "bus_states": BusStateRow,
     "bus_errors": BusErrorRow,
     "lss": LssRow,
     "time_stamps": TimeStampRow,
+    "bus_shares": BusShareRow,
+    "node_shares": NodeShareRow,
+    "error_control_periods": ErrorControlRow,
+    "worst": WorstRow,
+    "waits": WaitRow,
+    "delays": DelayRow,
+    "lateness": LatenessRow,
 }
 """Row class by table."""
 
-_QUANTILES = tuple(f.name for f in fields(Quantiles))
 _ROWS_PER_GROUP = 1 << 18
+_RESPONSE_COLUMNS = (
+    "response_us",
+    "device_low_us",
+    "device_high_us",
+    "device_least_us",
+    "waiting_us",
+)
+_MIXED = ("value", "old", "new")
+"""Columns that hold numbers and text."""
 _TRACE_COLUMNS = ("position", "turn", "angle_deg", "unwrapped_deg", "speed_rpm")
 
 
@@ -139,14 +172,14 @@ def datetimes(t_ns: Any, *, dated: bool = True) -> "pd.Series[Any]":
 
 def _columns(name: str, hint: Any, values: list[Any]) -> Iterator[tuple[str, Any]]:
     plain, optional = _without_none(hint)
-    if name == "value" and plain is None:
+    if name in _MIXED and plain is None:
         yield name, pd.array([None if v is None else str(v) for v in values], dtype="string")
-        yield "value_number", _floats([v if isinstance(v, int | float) else None for v in values])
-    elif plain is Quantiles:
-        for part in _QUANTILES:
+        yield f"{name}_number", _floats([v if isinstance(v, int | float) else None for v in values])
+    elif plain in (Quantiles, Jitter):
+        for part in (f.name for f in fields(plain)):
             yield f"{name}_{part}", _floats([v and getattr(v, part) for v in values])
-    elif name == "chain":
-        yield name, pd.array([_json([asdict(link) for link in v]) for v in values], dtype="string")
+    elif name in ("chain", "ahead", "blockers"):
+        yield name, pd.array([_json([asdict(each) for each in v]) for v in values], dtype="string")
     elif name == "state_share":
         for state in NmtState:
             column = "share_" + state.lower().replace("-", "_")
@@ -211,6 +244,40 @@ def trace_frame(trace: Trace, extra: Sequence[str] = (), *, dated: bool = True) 
     return frame
 
 
+def tilt_frame(tilt: TiltTrace, *, dated: bool = True) -> pd.DataFrame:
+    """Poses of one inclinometer: both angles as sent, gravity, and both by every definition.
+
+    Angles that a pose does not have by a definition are NaN; `<definition>_singular` marks those
+    that are meaningless. See `syncline_schemas.tilt` for the frame and the definitions.
+    """
+    frame = pd.DataFrame({"t_ns": tilt.t_ns, "t": datetimes(tilt.t_ns, dated=dated)})
+    for name in ("seq", "longitudinal_deg", "lateral_deg"):
+        frame[name] = getattr(tilt, name)
+    for name in ("definition", "angles", "reference", "reason"):
+        words = np.array([getattr(each, name) for each in tilt.settings], object)
+        frame[name] = pd.array(words[tilt.setting], dtype="string")
+    for axis, name in enumerate("xyz"):
+        frame[f"gravity_{name}"] = tilt.gravity[:, axis]
+    frame["slope_deg"] = slope_deg(tilt.gravity)
+    for angles in Angles:
+        found = angles_of(tilt.gravity, angles)
+        first, second = angles.names
+        frame[f"{angles}_{first}_deg"] = found.first_deg
+        frame[f"{angles}_{second}_deg"] = found.second_deg
+        frame[f"{angles}_singular"] = found.singular
+    for flag in TiltFlag:
+        frame[str(flag.name).lower()] = (tilt.flags & flag).astype(np.bool_)
+    for name in ("object", "node", "bus"):
+        frame.insert(0, name, getattr(tilt, name))
+    return frame
+
+
+def tilts_frame(tilts: Sequence[TiltTrace], *, dated: bool = True) -> pd.DataFrame:
+    """Poses of several inclinometers, one below the other."""
+    frames = [tilt_frame(each, dated=dated) for each in tilts or [_NO_TILT]]
+    return pd.concat(frames, ignore_index=True)
+
+
 def response_frame(responses: Responses, *, dated: bool = True) -> pd.DataFrame:
     """Answers of one PDO to its SYNCs, one row each."""
     frame = pd.DataFrame(
@@ -224,7 +291,7 @@ def response_frame(responses: Responses, *, dated: bool = True) -> pd.DataFrame:
         }
     )
     frame["t"] = datetimes(responses.t_ns, dated=dated)
-    for name in ("response_us", "device_low_us", "device_high_us"):
+    for name in _RESPONSE_COLUMNS:
         frame[name] = getattr(responses, name)
     return frame
 
@@ -268,8 +335,8 @@ def series_frame(series: Series, *, dated: bool = True) -> pd.DataFrame:
 def write_tables(analysis: Analysis, folder: Path) -> list[Path]:
     """Write every table as `<name>.parquet` into a folder, and return the files.
 
-    Besides the tables of `ROW_TYPES`: `trace_samples`, `pdo_responses`, `response_histograms` and
-    `series`. All of them are always there, with all columns, also when they have no rows.
+    Besides the tables of `ROW_TYPES`: `trace_samples`, `tilt_samples`, `pdo_responses`,
+    `response_histograms` and `series`. All of them are always there, with all columns, also when they have no rows.
     """
     folder.mkdir(parents=True, exist_ok=True)
     return [
@@ -285,6 +352,7 @@ def _all_frames(analysis: Analysis) -> dict[str, Iterator[pd.DataFrame]]:
     return {
         **{name: iter([table(analysis, name)]) for name in ROW_TYPES},
         "trace_samples": (trace_frame(x, extra, dated=dated) for x in traces),
+        "tilt_samples": (tilt_frame(x, dated=dated) for x in analysis.tilt_data or [_NO_TILT]),
         "pdo_responses": (response_frame(x, dated=dated) for x in responses),
         "response_histograms": (histogram_frame(x) for x in responses),
         "series": (series_frame(x, dated=dated) for x in analysis.series or [_NO_SERIES]),
@@ -314,16 +382,27 @@ _LIST_TYPES = {
     "active": pa.list_(pa.int64()),
     "evidence": pa.list_(pa.int64()),
     "missed_seq": pa.list_(pa.int64()),
+    "missing_seq": pa.list_(pa.int64()),
+    "doubled_seq": pa.list_(pa.int64()),
+    "overdue_seq": pa.list_(pa.int64()),
+    "unanswered_seq": pa.list_(pa.int64()),
+    "producer_nodes": pa.list_(pa.int64()),
     "extra_seq": pa.list_(pa.int64()),
     "too_soon_seq": pa.list_(pa.int64()),
     "registers": pa.list_(pa.string()),
     "writes": pa.list_(pa.string()),
     "proof": pa.list_(pa.string()),
+    "device_guess": pa.list_(pa.string()),
     "assumed": pa.list_(pa.string()),
+    "reasons": pa.list_(pa.string()),
 }
 """Arrow type by list column, which an empty table does not tell."""
 
 _NO_INTEGERS = np.zeros(0, np.int64)
+_NO_TILT = TiltTrace(
+    "", 0, 0, _NO_INTEGERS, _NO_INTEGERS, np.zeros(0), np.zeros(0), np.zeros((0, 3)),
+    np.zeros(0, np.uint8), _NO_INTEGERS,
+)  # fmt: skip
 _NO_FLOATS = np.zeros(0, np.float64)
 _NO_TRACE = Trace(
     "", 0, 0, "", "", _NO_INTEGERS, _NO_INTEGERS, _NO_INTEGERS, _NO_FLOATS,
@@ -331,6 +410,6 @@ _NO_TRACE = Trace(
 )  # fmt: skip
 _NO_RESPONSES = Responses(
     "", 0, None, None, _NO_INTEGERS, _NO_INTEGERS, _NO_FLOATS, _NO_FLOATS, _NO_FLOATS,
-    _NO_INTEGERS, np.zeros(1, np.float64),
+    _NO_INTEGERS, np.zeros(1, np.float64), _NO_FLOATS, _NO_FLOATS,
 )  # fmt: skip
 _NO_SERIES = Series("", "", "", _NO_INTEGERS, _NO_FLOATS)

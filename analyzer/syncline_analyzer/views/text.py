@@ -16,9 +16,12 @@ from syncline_analyzer.results import Analysis, Finding, PdoRow
 from syncline_analyzer.views.events import CLEARING, RESET, emcy_text
 from syncline_analyzer.views.known import KnownLine, known_lines
 from syncline_analyzer.views.lanes import cells, lanes_of
+from syncline_analyzer.views.load import load_listing
 from syncline_analyzer.views.markdown import chain_lines, extent, verdict, where
 from syncline_analyzer.views.palette import SEVERITY_COLOURS, STATE_COLOURS, STATE_LETTERS, css
 from syncline_analyzer.views.services import Listing, error_list, listings
+from syncline_analyzer.views.timing import timing_listings
+from syncline_analyzer.views.waits import waiting_listings
 from syncline_analyzer.views.words import (
     Clock,
     duration,
@@ -141,8 +144,12 @@ def _tables(analysis: Analysis, clock: Clock, width: int) -> Iterator[tuple[str,
     if lines := known_lines(analysis):
         yield "What is known of the nodes, and from where", _known(analysis, lines)
     if analysis.bus_load:
-        yield "Bus load", _bus_load(analysis)
-    for listing in listings(analysis, clock):
+        yield "Bus load", _listing(load_listing(analysis, clock))
+    for listing in (
+        *timing_listings(analysis),
+        *waiting_listings(analysis, clock),
+        *listings(analysis, clock),
+    ):
         yield listing.title, _listing(listing)
     yield "Recording", _recording(analysis, clock)
 
@@ -312,14 +319,6 @@ def _traces(analysis: Analysis) -> Table:
         what = f"{trace_object(row.object)} {printable(row.name)}"
         spans = (number(row.min), number(row.max), row.unit, row.cuts)
         _row(table, row.bus, row.node, what, row.samples, *spans, flags or "-")
-    return table
-
-
-def _bus_load(analysis: Analysis) -> Table:
-    table = _grid("bus", ">bit rate", ">mean", ">peak", ">frames/s")
-    for row in analysis.bus_load:
-        rate = f"{row.bitrate / 1000:g} kbit/s" if row.bitrate else "not known"
-        _row(table, row.bus, rate, number(row.mean_percent, "%", 3), number(row.peak_percent, "%", 3), number(row.frames_per_s))  # fmt: skip
     return table
 
 

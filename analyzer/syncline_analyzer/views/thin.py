@@ -29,6 +29,36 @@ def extremes(value: NDArray[np.float64], points: int) -> NDArray[np.intp]:
     return np.unique(np.concatenate([low, high, first_holes]))
 
 
+def envelope(
+    t_ns: NDArray[np.int64], value: NDArray[np.float64], points: int
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Outline of about `points` points around a line, from its smallest values to its largest.
+
+    A NaN interrupts it: then a new outline begins, after a NaN.
+
+    Returns: stamps and values (k,), each outline there along the largest and back along the least.
+    """
+    run = max(-(-2 * len(value) // points), 1)
+    holes = np.flatnonzero(np.isnan(value))
+    stretches = zip(np.append(0, holes + 1), np.append(holes, len(value)), strict=True)
+    times: list[NDArray[np.int64]] = []
+    values: list[NDArray[np.float64]] = []
+    for first, end in stretches:
+        if first == end:
+            continue
+        starts = np.arange(first, end, run)
+        part = slice(first, end)
+        high = np.maximum.reduceat(value[part], starts - first)
+        low = np.minimum.reduceat(value[part], starts - first)
+        at = np.append(t_ns[starts], t_ns[end - 1])
+        high, low = np.append(high, high[-1]), np.append(low, low[-1])
+        times += [at, at[::-1], at[:1]]
+        values += [high, low[::-1], np.full(1, np.nan)]
+    if not times:
+        return t_ns[:0], value[:0]
+    return np.concatenate(times)[:-1], np.concatenate(values)[:-1]
+
+
 def _first_of_run(
     value: NDArray[np.float64], starts: NDArray[np.intp], pick: np.ufunc
 ) -> NDArray[np.intp]:

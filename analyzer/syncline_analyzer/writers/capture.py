@@ -33,7 +33,7 @@ class McapWriter(LogWriter):
             source=survey.source,
         )
         buses = [
-            BusInfo(name, number, survey.bitrates.get(name))
+            BusInfo(name, number, survey.bitrates.get(name), survey.data_bitrates.get(name))
             for number, name in enumerate(survey.buses)
         ]
         self._writer = CaptureWriter(stream, metadata, buses, attachments=attachments)

@@ -16,7 +16,7 @@ class Survey:
 
     Attributes:
         buses: names by number.
-        bitrates: bit/s by bus name, where known.
+        bitrates, data_bitrates: bit/s by bus name, where known.
         first_ns: the earliest stamp, which need not be the first frame's.
         whole_us: whether all stamps are whole microseconds.
         time_base, clock, resolution_ns: as in `CaptureFacts`.
@@ -25,6 +25,7 @@ class Survey:
 
     buses: tuple[str, ...]
     bitrates: dict[str, int]
+    data_bitrates: dict[str, int]
     frames: int
     first_ns: int
     whole_us: bool

@@ -70,12 +70,13 @@ class PythonCanSource:
         self._owned = True
         self._offset_ns: int | None = None
         interface = options.interface or ""
+        bitrate, data_bitrate = _bit_rates(options)
         self.facts = SourceFacts(
             name=options.name,
             interface=interface,
             channel="" if options.channel is None else str(options.channel),
-            bitrate=options.bitrate,
-            data_bitrate=options.data_bitrate,
+            bitrate=bitrate,
+            data_bitrate=data_bitrate,
             fd=options.fd,
             clock=CLOCK_KIND.get(interface, "unknown"),
             resolution_ns=FLOAT_STEP_NS,
@@ -120,8 +121,7 @@ class PythonCanSource:
             if value is not None
         }
         if options.timing:
-            timing: Any = can.BitTimingFd if "nom_brp" in options.timing else can.BitTiming
-            arguments["timing"] = timing(**options.timing)
+            arguments["timing"] = _timing(options.timing)
         return arguments | {"receive_own_messages": False} | options.arguments
 
     def read(self, buffer: FrameBuffer, bus: int, timeout_s: float) -> int:
@@ -191,6 +191,26 @@ def _configured(options: BusOptions) -> BusOptions:
         return options
     channel = options.channel if options.channel is not None else found.get("channel")
     return replace(options, interface=found["interface"], channel=channel)
+
+
+def _timing(parameters: dict[str, int]) -> can.BitTiming | can.BitTimingFd:
+    """Bit timing by python-can's names. Raises ValueError or TypeError where it is none."""
+    kind: Any = can.BitTimingFd if "nom_brp" in parameters else can.BitTiming
+    timing: can.BitTiming | can.BitTimingFd = kind(**parameters)
+    return timing
+
+
+def _bit_rates(options: BusOptions) -> tuple[int | None, int | None]:
+    """Bit rate and data bit rate of the options, else those that their bit timing makes."""
+    bitrate, data_bitrate = options.bitrate, options.data_bitrate
+    if options.timing:
+        # A wrong timing is told of when the bus is opened.
+        with contextlib.suppress(ValueError, TypeError):
+            timing = _timing(options.timing)
+            if isinstance(timing, can.BitTimingFd):
+                return timing.nom_bitrate, timing.data_bitrate
+            return timing.bitrate, data_bitrate
+    return bitrate, data_bitrate
 
 
 def _flags(message: can.Message) -> int:

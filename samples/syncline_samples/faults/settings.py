@@ -208,6 +208,7 @@ def number_changed(machine: Machine, node: int, at_s: float) -> None:
     """What may be said of a number that a node has left for another one."""
     for finding in (
         "nmt.node_lost",
+        "nmt.missing_after_gap",
         "nmt.command_ignored",
         "nmt.no_boot_up",
         "device.node_id_change",

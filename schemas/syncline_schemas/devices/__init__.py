@@ -14,7 +14,16 @@ from syncline_schemas.devices.catalog import (
     device_names as device_names,
 )
 from syncline_schemas.devices.catalog import (
+    evidence as evidence,
+)
+from syncline_schemas.devices.catalog import (
+    excluded as excluded,
+)
+from syncline_schemas.devices.catalog import (
     identify as identify,
+)
+from syncline_schemas.devices.catalog import (
+    identity_objects as identity_objects,
 )
 from syncline_schemas.devices.catalog import (
     is_path as is_path,
@@ -24,6 +33,9 @@ from syncline_schemas.devices.catalog import (
 )
 from syncline_schemas.devices.catalog import (
     lookalikes as lookalikes,
+)
+from syncline_schemas.devices.catalog import (
+    telling_objects as telling_objects,
 )
 from syncline_schemas.devices.lookalike import (
     either as either,
@@ -69,6 +81,9 @@ from syncline_schemas.devices.profile import (
 )
 from syncline_schemas.devices.standard import (
     standard_device as standard_device,
+)
+from syncline_schemas.devices.standard import (
+    standard_facts as standard_facts,
 )
 from syncline_schemas.devices.standard import (
     standard_of as standard_of,

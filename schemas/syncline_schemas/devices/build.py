@@ -54,6 +54,7 @@ def _from_pair(
     name: str, loaded: LoadedEds, profile: Profile, files: Mapping[str, bytes]
 ) -> Device:
     codes = profile.emcy
+    facts = with_profile(facts_of(loaded), profile)
     more: dict[str, Any] = {"emcy_register_names": codes["register"]} if "register" in codes else {}
     return Device(
         name=name,
@@ -61,7 +62,7 @@ def _from_pair(
         vendor=profile.vendor or loaded.info.get("deviceinfo.vendorname", ""),
         kind=cast("Kind", profile.kind),
         od=loaded.od,
-        facts=with_profile(facts_of(loaded), profile),
+        facts=facts,
         quirks=profile.quirks,
         default_node=profile.default_node,
         default_bitrate=profile.default_bitrate,
@@ -72,6 +73,7 @@ def _from_pair(
         emcy_fields=emcy_fields(profile),
         measurement=profile.measurement,
         limits=profile.limits,
+        health={what: key for what, key in profile.health.items() if key in facts},
         overrides=profile.overrides,
         notes=profile.notes,
         warnings=tuple(loaded.warnings),
@@ -85,7 +87,16 @@ def _from_eds(name: str, loaded: LoadedEds, files: Mapping[str, bytes]) -> Devic
     device_type = getattr(loaded.od.indices.get(0x1000), "default", None)
     number = device_type & 0xFFFF if isinstance(device_type, int) else 0
     profile = standard_profiles().get(number, Profile())
-    plain = Profile(kind=profile.kind, measurement=profile.measurement, overrides=profile.overrides)
+    objects = {
+        key: {k: v for k, v in more.items() if k != "name"} for key, more in profile.objects.items()
+    }
+    plain = Profile(
+        kind=profile.kind,
+        measurement=profile.measurement,
+        overrides=profile.overrides,
+        health=profile.health,
+        objects=objects,
+    )
     plain.identity = _eds_identity(loaded)
     return _from_pair(name, loaded, plain, files)
 

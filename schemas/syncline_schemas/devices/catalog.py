@@ -163,6 +163,56 @@ def lookalikes(
     return []
 
 
+def evidence(device: Device, known: Mapping[Key, int | bytes]) -> list[Key]:
+    """Objects of `known` that speak for a device, the most telling first."""
+    rules = device.identity
+    name = _text_of(known.get((0x1008, 0)))
+    keys: list[Key] = []
+    if name is not None and name == rules.get("name"):
+        keys.append((0x1008, 0))
+    if known.get((0x1018, 2)) in rules.get("product", ()):
+        keys += [key for key in ((0x1018, 1), (0x1018, 2)) if key in known]
+    if known.get((0x1000, 0)) in rules.get("device_type", ()):
+        keys.append((0x1000, 0))
+    keys += [rule["object"] for rule in rules.get("needs_one_of", ()) if _holds(rule, known)]
+    return list(dict.fromkeys(keys))
+
+
+def excluded(device: Device, known: Mapping[Key, int | bytes]) -> list[Key]:
+    """Objects of `known` that rule a device out."""
+    rules = device.identity.get("excluded_by", ())
+    return [rule["object"] for rule in rules if _holds(rule, known)]
+
+
+def telling_objects(devices: Iterable[Device]) -> list[Key]:
+    """Objects that tell devices apart which answer the same name."""
+    rules = (rule for device in devices for rule in device.identity.get("needs_one_of", ()))
+    return list(dict.fromkeys(rule["object"] for rule in rules))
+
+
+def identity_objects(folders: tuple[Path, ...] | None = None) -> frozenset[int]:
+    """Indexes of the objects by which devices are told, those of the user's devices included."""
+    return _identity_objects(user_folders() if folders is None else folders)
+
+
+@lru_cache(maxsize=16)
+def _identity_objects(folders: tuple[Path, ...]) -> frozenset[int]:
+    named = (
+        rule["object"][0]
+        for device in _usable(_own(folders).values())
+        for rules in ("needs_one_of", "excluded_by")
+        for rule in device.identity.get(rules, ())
+    )
+    return _IDENTITY.union(named)
+
+
+_IDENTITY: frozenset[int] = frozenset(
+    {0x1000, 0x1008, 0x1009, 0x100A, 0x1010, 0x1015, 0x1018, 0x3000, 0x3001, 0x6200}
+    | set(range(0x6503, 0x6509))
+)
+"""Indexes by which the built-in devices are told apart."""
+
+
 def _usable(paths: Iterable[Path]) -> Iterator[Device]:
     """Devices of files; a user's file that is broken is told when it is asked for."""
     for path in paths:

@@ -56,6 +56,8 @@ class ObjectFacts:
     fields: tuple[BitField, ...] = ()
     text: str = ""
     """Format that writes the fields as people do, for example "{year:02d}.{number}"."""
+    change: str = ""
+    """Format that says what a write did: {value} is the number, {words} its meaning, {unit} its unit."""
     persisted: str = ""
     low: int | None = None
     high: int | None = None
@@ -236,6 +238,7 @@ class Device:
         emcy_registers: EMCY code by register bit that stays set while the error is active.
         measurement: profile-specific facts, read by `syncline_schemas.measurement`.
         limits: plausibility limits, for example `max_rpm`.
+        health: objects that tell the state of the device, by what they are ("EEPROM writes").
     """
 
     name: str
@@ -255,6 +258,7 @@ class Device:
     emcy_fields: tuple[EmcyField, ...] = ()
     measurement: Mapping[str, Any] = field(default_factory=dict)
     limits: Mapping[str, float] = field(default_factory=dict)
+    health: Mapping[str, Key] = field(default_factory=dict)
     overrides: Mapping[str, Override] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     warnings: tuple[EdsWarning, ...] = ()

@@ -37,6 +37,7 @@ class Profile:
     emcy: dict[str, Any] = field(default_factory=dict)
     measurement: dict[str, Any] = field(default_factory=dict)
     limits: dict[str, float] = field(default_factory=dict)
+    health: dict[str, Key] = field(default_factory=dict)
     overrides: dict[str, Override] = field(default_factory=dict)
     objects: dict[Key, dict[str, Any]] = field(default_factory=dict)
 
@@ -148,6 +149,15 @@ def _bit_fields(value: Any) -> tuple[BitField, ...]:
     return tuple(BitField(name, bits[0], bits[-1]) for name, bits in table.items())
 
 
+def _change(value: Any) -> str:
+    read = _text(value)
+    try:
+        read.format(value=0, words="", unit="")
+    except (LookupError, ValueError) as error:
+        raise ValueError(f"{read!r} may hold {{value}}, {{words}} and {{unit}} only") from error
+    return read
+
+
 def _jump(value: Any) -> Jump:
     read = _record({"object": object_key, "text": _text}, {"values": _list(integer)})(value)
     index, sub = read["object"]
@@ -222,6 +232,7 @@ _MEASUREMENT: dict[str, Convert] = {
     "scaling": _BIT,
     "gray": _BIT,
     "reference": _KEYS,
+    "zero": object_key,
     "alarms": object_key,
     "warnings": object_key,
     "resolution": object_key,
@@ -239,7 +250,10 @@ _MEASUREMENT: dict[str, Convert] = {
                 "high": _pair(_number),
                 "corrected": _list(integer),
             },
-            {"singular": _text},
+            {
+                "singular": _text,
+                "geometry": _one_of("perpendicular", "euler", "gimbal_x", "gimbal_y"),
+            },
         )
     ),
     "defaults": _table(_text, _number),
@@ -276,6 +290,7 @@ _IDENTITY: dict[str, Convert] = {
     "excluded_by": _RULES,
 }
 _OBJECT: dict[str, Convert] = {
+    "name": _text,
     "unit": _text,
     "scale": _number,
     "scale_object": object_key,
@@ -284,6 +299,7 @@ _OBJECT: dict[str, Convert] = {
     "bits": _table(_bit, _text),
     "fields": _bit_fields,
     "text": _text,
+    "change": _change,
     "persisted": _one_of("yes", "no", "?", "-"),
 }
 _OVERRIDE: dict[str, Convert] = {
@@ -304,6 +320,7 @@ _TOP: dict[str, Convert] = {
     "default_bitrate": integer,
     "notes": _list(_text),
     "limits": _table(_text, _number),
+    "health": _table(_text, object_key),
 }
 
 
@@ -374,6 +391,21 @@ def read_profile(text: str, where: str) -> Profile:
 
 
 _PARTS = ("identity", "quirks", "emcy", "measurement", "objects", "overrides")
+
+
+def known_keys() -> dict[str, list[str]]:
+    """Keys of a device's TOML file by table; "" is the head of the file."""
+    tables: dict[str, Mapping[str, Convert]] = {
+        "identity": _IDENTITY,
+        "measurement": _MEASUREMENT,
+        "quirks": _QUIRKS,
+        "emcy": _EMCY,
+        "objects.INDEX": _OBJECT,
+        "overrides.NAME": _OVERRIDE,
+    }
+    head = [name for name in _TOP if name not in ("limits", "health")]
+    free = {"limits": ["max_rpm", "max_angle_deg"], "health": ["any name of a quantity"]}
+    return {"head": head, **{name: list(keys) for name, keys in tables.items()}, **free}
 
 
 def configured(device: Device, given: Mapping[str, Any]) -> Device:

@@ -55,6 +55,18 @@ def standard_device(number: int) -> Device | None:
     )
 
 
+@cache
+def standard_facts(number: int, index: int, sub: int) -> ObjectFacts | None:
+    """Name, unit and words of an object by a CiA profile, None where it tells nothing of it.
+
+    >>> standard_facts(406, 0x6003, 0).name, standard_facts(402, 0x6003, 0)
+    ('preset value', None)
+    """
+    profile = standard_profiles().get(number)
+    more = profile.objects.get((index, sub)) if profile else None
+    return ObjectFacts(index, sub, **{"name": "", **more}) if more is not None else None
+
+
 def standard_of(index: int, sub: int) -> int | None:
     """Number of the CiA profile in which an object holds a position.
 

@@ -4,10 +4,11 @@ from collections.abc import Iterator
 from itertools import groupby
 
 from syncline_analyzer.context import Context
+from syncline_analyzer.findings.reaction import told_until_ns
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import Stretch, seconds
 from syncline_analyzer.folds.nmt.events import Interval, Lost
-from syncline_analyzer.folds.nmt.fold import NodeKey
+from syncline_analyzer.folds.nmt.table import NodeKey
 from syncline_analyzer.folds.nmt.timeline import Timeline
 from syncline_analyzer.folds.timing.load import OVERLOAD_PERCENT
 from syncline_analyzer.results import BusSilenceRow, EmcyRow, Finding
@@ -150,10 +151,11 @@ def _fall(timeline: Timeline, rows: list[EmcyRow], lost: list[Lost]) -> Interval
     """The state that the node went to from OPERATIONAL by itself, about when it was bus-off."""
     fallen = {change[0] for change in timeline.changes if change[2] == "OPERATIONAL"}
     operational = any(stretch.state_before == "OPERATIONAL" for stretch in lost)
+    until_ns = told_until_ns(timeline, rows[-1].t_ns)
     for interval in timeline.intervals:
         told = operational and interval.cause.endswith("says so")
         if (
-            rows[0].t_ns <= interval.start_ns <= rows[-1].t_ns + TOGETHER_NS
+            rows[0].t_ns <= interval.start_ns <= until_ns
             and interval.state.value in ("PRE-OPERATIONAL", "STOPPED")
             and (interval.evidence in fallen or told)
         ):
@@ -246,6 +248,7 @@ def _overload(facts: Facts) -> Iterator[Finding]:
             "See which identifiers come most often; raise inhibit times and event timers, use SYNC"
             " with a longer period, or a higher bit rate.",
             [],
+            assumed=facts.context.assumed_bitrate(bus),
         )
 
 

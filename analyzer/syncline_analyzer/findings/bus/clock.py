@@ -176,10 +176,11 @@ RULES = (
         "The first frame after the step.",
         (
             (
-                "At least three identifiers, all heartbeats among them, go on after exactly one period"
-                " and the same step."
+                "At least three identifiers that came steadily up to then, all heartbeats among them,"
+                " go on after exactly one period and the same step."
             ),
-            "Not where a true silence would look the same.",
+            "Not where a true silence would look the same: what follows SYNC counts as one clock.",
+            "Not where a node starts anew after it.",
         ),
         _step_forward,
     ),

@@ -226,6 +226,7 @@ def _factory_resets(facts: Facts) -> Iterator[Finding]:
             "A client gave the order; all settings of the device are gone with it.",
             f"Look for {home}, and configure it anew.",
             severe=gone_ns is not None and moves,
+            assumed=facts.context.assumed_bitrate(row.bus) if bus_rate != rate else (),
         )
 
 

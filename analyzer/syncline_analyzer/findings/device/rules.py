@@ -1,6 +1,6 @@
 """Findings on what a device does with the writes that it acknowledged (the device sheets' traps)."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 from syncline_analyzer.findings.rule import Facts, Rule
@@ -44,7 +44,14 @@ def named(device: Device | None, key: Key) -> str:
 
 
 def told(
-    id: str, row: SdoRow, text: str, cause: str, check_next: str, *, severe: bool = False
+    id: str,
+    row: SdoRow,
+    text: str,
+    cause: str,
+    check_next: str,
+    *,
+    severe: bool = False,
+    assumed: Sequence[str] = (),
 ) -> Finding:
     """A finding on one transfer."""
     return Finding(
@@ -58,6 +65,7 @@ def told(
         cause,
         check_next,
         [row.seq] if row.end_seq in (None, row.seq) else [row.seq, row.end_seq or row.seq],
+        assumed=list(assumed),
     )
 
 

@@ -11,7 +11,7 @@ from syncline_analyzer.object_history import Change, Known
 from syncline_analyzer.results import Finding
 from syncline_schemas.devices import Device, quirks
 
-LOAD = 0x1011
+SAVE, LOAD = 0x1010, 0x1011
 REWRITTEN_NS = 30_000_000_000
 """A master that writes its settings again this soon after a reset has lost nothing [ns]."""
 LISTED = 8
@@ -45,16 +45,16 @@ class _Fall:
     reset: Change
     written: Known
     now: Known | None
-    saved: bool
-    """A save came in between: the device cannot store the object."""
+    why: str
+    """Why it was not kept: "not saved", "not storable" or "the defaults were restored"."""
 
 
 def _lost_at_reset(facts: Facts) -> Iterator[Finding]:
     """Values that were written, not saved, and fell back with a reset."""
-    saves = _saves(facts)
+    saves, loads = _orders(facts, SAVE), _orders(facts, LOAD)
     for bus, node in sorted(facts.context.shadow.nodes()):
-        kept_ns = saves.get((facts.context.bus_name(bus), node), [])
-        fallen = _fallen_back(facts, bus, node, kept_ns)
+        place = facts.context.bus_name(bus), node
+        fallen = _fallen_back(facts, bus, node, saves.get(place, []), loads.get(place, []))
         lost = sorted(fallen, key=lambda fall: (fall.reset.seq, fall.key))
         if not lost:
             continue
@@ -83,8 +83,13 @@ def _lost_at_reset(facts: Facts) -> Iterator[Finding]:
         )
 
 
-def _fallen_back(facts: Facts, bus: int, node: int, saves: list[int]) -> Iterator[_Fall]:
-    """Every written value that a reset took back; `saves` are the times of the node's saves."""
+def _fallen_back(
+    facts: Facts, bus: int, node: int, saves: list[int], loads: list[int]
+) -> Iterator[_Fall]:
+    """Every written value that a reset took back.
+
+    `saves` and `loads` are the times at which the node was told to save, to restore its defaults.
+    """
     shadow = facts.context.shadow
     device = shadow.device(bus, node)
     for key, history in shadow.history(bus, node):
@@ -103,8 +108,11 @@ def _fallen_back(facts: Facts, bus: int, node: int, saves: list[int]) -> Iterato
             if now is not None and now.value == written.value:
                 continue
             saved = any(before.t_ns < save_ns <= after.t_ns for save_ns in saves)
-            if not (saved and _effect_kept(device, key)):
-                yield _Fall(key, after, written, now, saved)
+            restored = any(before.t_ns < load_ns <= after.t_ns for load_ns in loads)
+            if restored or not (saved and _effect_kept(device, key)):
+                why = "not storable" if saved else "not saved"
+                why = "the defaults were restored" if restored else why
+                yield _Fall(key, after, written, now, why)
 
 
 def _rewritten(reset: Change, following: Change | None) -> bool:
@@ -147,7 +155,7 @@ def _in_words(device: Device | None, fall: _Fall) -> str:
     if fall.key == measured.get("preset") and "offset" in measured:
         offset = f"{measured['offset'][0]:04X}h"
         return f"{name} = {then}: the offset {offset} that it made is lost"
-    why = "not storable" if fall.saved else "not saved"
+    why = fall.why
     if fall.now is None:
         return f"{name} no longer {then}, its value is not known ({why})"
     return f"{name} back from {then} to {_shown(fall.now.value)} ({why})"
@@ -159,11 +167,11 @@ def _shown(value: int | bytes) -> str:
     return str(value) if abs(value) < 1 << 16 else f"{value:X}h"
 
 
-def _saves(facts: Facts) -> dict[tuple[str, int], list[int]]:
-    """Times [ns] at which the saves (1010h) of each node were confirmed."""
+def _orders(facts: Facts, index: int) -> dict[tuple[str, int], list[int]]:
+    """Times [ns] at which writes to 1010h or 1011h of each node were confirmed."""
     found: dict[tuple[str, int], list[int]] = {}
     for row in facts.analysis.sdo:
-        if row.index == 0x1010 and (row.direction, row.result) == ("download", "ok"):
+        if row.index == index and (row.direction, row.result) == ("download", "ok"):
             found.setdefault((row.bus, row.node), []).append(row.end_ns)
     return found
 

@@ -3,11 +3,12 @@
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
 
+from syncline_analyzer.findings.bus.clock import REORDERED_NS
 from syncline_analyzer.findings.nmt.guarding_story import guarding_lost
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import seconds
 from syncline_analyzer.folds.nmt.events import Repeated, Unanswered
-from syncline_analyzer.folds.nmt.fold import NodeNmt
+from syncline_analyzer.folds.nmt.table import NodeNmt
 from syncline_analyzer.folds.nmt.timeline import Timeline
 from syncline_analyzer.folds.nmt.timeout import (
     GUARD_TIME,
@@ -33,9 +34,9 @@ def _unanswered(facts: Facts) -> Iterator[Finding]:
     """Guard requests without an answer of a node that was there all the time."""
     for key, nmt in facts.control.nmt.nodes.items():
         timeline = facts.control.nmt.timelines[key]
-        starts = [interval.start_ns for interval in timeline.intervals]
+        away = _away(facts, key[0], timeline)
         period = nmt.guarding.periods.median_ns() or 0
-        runs = [run for run in nmt.guarding.unanswered if not _away(timeline, starts, run)]
+        runs = [run for run in nmt.guarding.unanswered if not _within(away, run)]
         runs = [run for run in runs if run.end_ns - run.start_ns >= run.number * period / 2]
         long = [run for run in runs if run.number >= IN_A_ROW]
         number = sum(run.number for run in runs)
@@ -75,11 +76,32 @@ def _not_recorded(nmt: NodeNmt) -> list[Repeated]:
     ]
 
 
-def _away(timeline: Timeline, starts: list[int], run: Unanswered) -> bool:
-    """Whether the node was lost, restarting, or its state not known then: told elsewhere."""
-    begin = max(0, bisect_left(starts, run.start_ns) - 1)
-    stop = bisect_right(starts, run.end_ns)
-    return any(interval.state in _ELSEWHERE for interval in timeline.intervals[begin:stop])
+def _away(facts: Facts, bus: int, timeline: Timeline) -> list[tuple[int, int]]:
+    """When the node was lost, restarting, or its state not known: disjoint, in order [ns].
+
+    Of times that the stamps go through twice, as the clock was set back, no state is told.
+    """
+    name = facts.context.bus_name(bus)
+    spans = [(i.start_ns, i.end_ns) for i in timeline.intervals if i.state in _ELSEWHERE]
+    spans += [
+        (step.t_ns, step.t_ns + step.back_ns)
+        for step in facts.control.clock.steps
+        if step.bus == name and step.back_ns >= REORDERED_NS
+    ]
+    joined: list[tuple[int, int]] = []
+    for start_ns, end_ns in sorted(spans):
+        if joined and start_ns <= joined[-1][1]:
+            joined[-1] = joined[-1][0], max(end_ns, joined[-1][1])
+        else:
+            joined.append((start_ns, end_ns))
+    return joined
+
+
+def _within(away: list[tuple[int, int]], run: Unanswered) -> bool:
+    """Whether requests without an answer touch such a time: that is told elsewhere."""
+    first, last = sorted((run.start_ns, run.end_ns))
+    at = bisect_right(away, last, key=lambda span: span[0])
+    return at > 0 and away[at - 1][1] >= first
 
 
 def _toggles(facts: Facts) -> Iterator[Finding]:

@@ -6,9 +6,11 @@ from itertools import groupby
 from operator import itemgetter
 from typing import NamedTuple
 
+from syncline_analyzer.findings.reaction import told_until_ns
 from syncline_analyzer.findings.rule import Facts
 from syncline_analyzer.findings.stretch import Stretch, seconds
-from syncline_analyzer.folds.nmt.fold import NodeKey
+from syncline_analyzer.folds.nmt.events import Pause
+from syncline_analyzer.folds.nmt.table import NodeKey
 from syncline_analyzer.folds.nmt.timeout import life_time_ns
 from syncline_analyzer.results import EmcyRow, ErrorRow, Finding
 
@@ -138,7 +140,7 @@ def _story(facts: Facts, bus: str, node: int, told: list[EmcyRow]) -> _Story:
     first, last = told[0], told[-1]
     key = (facts.number(bus), node)
     silent, suspects = _silent_before(facts, key, first)
-    fall = _fall_after(facts, key, first)
+    fall = _fall_after(facts, key, told)
     evidence = [*([silent.last_seq] if silent else []), *(row.seq for row in told)]
     pieces = [f"EMCY 8130h at {facts.moment(first.t_ns)}"]
     if silent is None:
@@ -275,6 +277,12 @@ def _silent_before(
 
 
 def _guarding_paused(facts: Facts, key: NodeKey, t_ns: int) -> _Silent | None:
+    """The guarding master, where a pause of its requests to a node covers a moment."""
+    pause = _pause_at(facts, key, t_ns)
+    return _Silent(None, pause.start_ns, pause.start_seq) if pause is not None else None
+
+
+def _pause_at(facts: Facts, key: NodeKey, t_ns: int) -> Pause | None:
     """The pause of the guard requests to a node that covers a moment."""
     nmt = facts.control.nmt.nodes.get(key)
     pauses = nmt.guarding.pauses if nmt else []
@@ -283,7 +291,7 @@ def _guarding_paused(facts: Facts, key: NodeKey, t_ns: int) -> _Silent | None:
         if t_ns - pause.start_ns > STORY_NS:
             return None
         if pause.end_ns is None or t_ns <= pause.end_ns:
-            return _Silent(None, pause.start_ns, pause.start_seq)
+            return pause
     return None
 
 
@@ -346,14 +354,23 @@ def _watched(facts: Facts, key: NodeKey, seq: int) -> Iterator[_Watch]:
             yield _Watch(node, told if default else "")
 
 
-def _fall_after(facts: Facts, key: NodeKey, emcy: EmcyRow) -> tuple[int, str, int] | None:
-    """(seq, state, time) of the change out of OPERATIONAL that followed."""
+def _fall_after(facts: Facts, key: NodeKey, told: Sequence[EmcyRow]) -> tuple[int, str, int] | None:
+    """(seq, state, time) of the change out of OPERATIONAL that followed one of these EMCYs.
+
+    A guarded node tells it once it is asked again.
+    """
     timeline = facts.control.nmt.timelines.get(key)
-    changes = timeline.changes if timeline else []
-    for number in range(bisect_left(changes, emcy.seq, key=itemgetter(0)), len(changes)):
-        seq, change_ns, before, after = changes[number]
-        if change_ns - emcy.t_ns > STORY_NS:
-            return None
-        if before == "OPERATIONAL" and change_ns >= emcy.t_ns:
-            return seq, after, change_ns
+    if timeline is None:
+        return None
+    changes = timeline.changes
+    for emcy in told:
+        pause = _pause_at(facts, key, emcy.t_ns)
+        asked_ns = pause.end_ns if pause is not None else None
+        until_ns = told_until_ns(timeline, emcy.t_ns if asked_ns is None else asked_ns)
+        for number in range(bisect_left(changes, emcy.seq, key=itemgetter(0)), len(changes)):
+            seq, change_ns, before, after = changes[number]
+            if change_ns > until_ns:
+                break
+            if before == "OPERATIONAL" and change_ns >= emcy.t_ns:
+                return seq, after, change_ns
     return None

@@ -9,8 +9,8 @@ from syncline_analyzer.findings.nmt.twins import NEVER, twins
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import LISTED, seconds, several
 from syncline_analyzer.folds.nmt.events import OffPace
-from syncline_analyzer.folds.nmt.fold import NodeKey, NodeNmt
 from syncline_analyzer.folds.nmt.pace import Late
+from syncline_analyzer.folds.nmt.table import NodeKey, NodeNmt
 from syncline_analyzer.folds.nmt.timeout import CONSUMER_TIME, PRODUCER_TIME, consumer_times
 from syncline_analyzer.results import Finding
 from syncline_schemas.wording import counted

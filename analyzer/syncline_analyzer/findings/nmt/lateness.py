@@ -4,8 +4,8 @@ from bisect import bisect_left
 
 from syncline_analyzer.findings.rule import Facts
 from syncline_analyzer.folds.nmt.events import Lost
-from syncline_analyzer.folds.nmt.fold import NodeKey, NodeNmt
 from syncline_analyzer.folds.nmt.pace import Late
+from syncline_analyzer.folds.nmt.table import NodeKey, NodeNmt
 from syncline_analyzer.folds.nmt.timeout import LOST_FACTOR
 
 MISSING = 1.9

@@ -11,14 +11,14 @@ from syncline_analyzer.findings.device.identity import absences
 from syncline_analyzer.findings.emcy.messages import EMPTY
 from syncline_analyzer.findings.nmt.guarding_story import STORY_NS, told_by_guarding
 from syncline_analyzer.findings.nmt.lateness import late_silences
-from syncline_analyzer.findings.nmt.power import power_breaks, told_at_once
+from syncline_analyzer.findings.nmt.power import APART_NS, power_breaks, told_at_once
 from syncline_analyzer.findings.nmt.switching import bus_silence, faded, fading, others_went_on
 from syncline_analyzer.findings.nmt.twins import Shared, twins
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import seconds, several
 from syncline_analyzer.folds.control import ControlTables
-from syncline_analyzer.folds.nmt.events import IN_FLIGHT_NS, Command, Lost
-from syncline_analyzer.folds.nmt.fold import RESETS, NodeKey
+from syncline_analyzer.folds.nmt.events import IN_FLIGHT_NS, RESETS, Command, Lost
+from syncline_analyzer.folds.nmt.table import NodeKey
 from syncline_analyzer.folds.nmt.timeline import Timeline
 from syncline_analyzer.folds.nmt.timeout import LOST_FACTOR
 from syncline_analyzer.results import Finding, Severity
@@ -127,6 +127,7 @@ def _entries(facts: Facts) -> list[tuple[int, NodeKey, Lost]]:
         if lost.last_seq not in told
         and not _after_reset(timeline, lost)
         and not was_bus_off(facts, key, lost)
+        and not _not_due(facts, key, lost)
         and not _of_one_of_two(doubled, facts, key, lost)
         and not any(
             each.explains(facts.context.bus_name(key[0]), key[1], lost.last_ns, lost.end_ns)
@@ -135,6 +136,30 @@ def _entries(facts: Facts) -> list[tuple[int, NodeKey, Lost]]:
         and not any(each.covers(*key, lost.end_ns) for each in power_breaks(facts))
     ]
     return sorted(entries, key=lambda entry: (entry[1][0], entry[0], entry[1]))
+
+
+def _not_due(facts: Facts, key: NodeKey, lost: Lost) -> bool:
+    """Whether a silence is none but for a time that is not the node's.
+
+    The recorder's clock was set in it, or nobody was heard for a while shortly before the end.
+    """
+    bus = facts.context.bus_name(key[0])
+    others = [
+        (row.start_ns, row.end_ns, row.step_ns)
+        for row in facts.analysis.clock_steps
+        if row.bus == bus
+    ]
+    if lost.end_seq is None:
+        others += [
+            (row.start_ns, row.end_ns, row.end_ns - row.start_ns)
+            for row in facts.analysis.bus_silences
+            if row.bus == bus and row.end_ns < lost.end_ns
+        ]
+    longest = max(
+        (by_ns for start, end, by_ns in others if lost.last_ns < end and start < lost.end_ns),
+        default=0,
+    )
+    return longest > 0 and lost.end_ns - lost.last_ns - longest <= lost.timeout_ns
 
 
 def _of_one_of_two(doubled: Shared, facts: Facts, key: NodeKey, lost: Lost) -> bool:
@@ -193,11 +218,15 @@ def _loss(facts: Facts, group: list[tuple[int, NodeKey, Lost]]) -> _Loss:
     start_ns = min(lost.last_ns for _, _, lost in group)
     end_ns = max(lost.end_ns for _, _, lost in group)
     frames = [seq for _, _, lost in group for seq in (lost.last_seq, lost.end_seq)]
+    booted = any(_booted(facts.control, facts.context, key, lost) for _, key, lost in group)
+    nodes = {key[1] for _, key, _ in group}
+    if first.whole_bus and booted:
+        nodes |= _started_too(facts, bus, min(lost.end_ns for _, _, lost in group))
     return _Loss(
         bus,
-        tuple(sorted({key[1] for _, key, _ in group})),
+        tuple(sorted(nodes)),
         first.whole_bus,
-        any(_booted(facts.control, facts.context, key, lost) for _, key, lost in group),
+        booted,
         any(lost.end_seq is not None for _, _, lost in group),
         start_ns,
         end_ns,
@@ -343,6 +372,16 @@ def _booted(control: ControlTables, context: Context, key: NodeKey, lost: Lost) 
     )
 
 
+def _started_too(facts: Facts, bus: int, end_ns: int) -> set[int]:
+    """Nodes that start anew soon after a silence of everybody, whoever saw them silent."""
+    name = facts.context.bus_name(bus)
+    return {
+        boot.node
+        for boot in facts.control.nmt.boot_ups
+        if boot.bus == name and boot.command_seq is None and 0 <= boot.t_ns - end_ns <= APART_NS
+    }
+
+
 def _names(nodes: tuple[int, ...]) -> str:
     return f"node {nodes[0]}" if len(nodes) == 1 else "nodes " + ", ".join(map(str, nodes))
 
@@ -355,7 +394,8 @@ RULES = (
         (
             (
                 "Never across a capture gap; a silence of the whole bus, as a step of the clock looks"
-                " like one, accuses no node."
+                " like one, accuses no node, unless only heartbeats are there besides and all of them"
+                " came in time."
             ),
             "Only nodes whose error control is periodic, and any frame of a node is a sign of life.",
             "A heartbeat that was switched off or slowed down by a write of 1017h is no loss.",

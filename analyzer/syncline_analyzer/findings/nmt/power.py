@@ -6,7 +6,7 @@ from itertools import pairwise
 
 from syncline_analyzer.findings.rule import Facts
 from syncline_analyzer.findings.stretch import seconds
-from syncline_analyzer.folds.nmt.fold import BootUp
+from syncline_analyzer.folds.nmt.table import BootUp
 from syncline_analyzer.folds.nmt.timeline import Timeline
 from syncline_analyzer.results import Finding
 from syncline_schemas.canopen.nmt import NmtState

@@ -13,8 +13,8 @@ from syncline_analyzer.findings.nmt.power import power_breaks
 from syncline_analyzer.findings.nmt.twins import twins
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import Stretch, seconds, several
-from syncline_analyzer.folds.nmt.events import Lost
-from syncline_analyzer.folds.nmt.fold import RESETS, BootUp, NodeKey
+from syncline_analyzer.folds.nmt.events import RESETS, Lost
+from syncline_analyzer.folds.nmt.table import BootUp, NodeKey
 from syncline_analyzer.folds.nmt.timeline import Timeline
 from syncline_analyzer.results import EmcyRow, Finding, NmtCommandRow
 from syncline_schemas.canopen.nmt import NmtState, command_name
@@ -87,18 +87,27 @@ def _first_sign(timeline: Timeline, boot: BootUp) -> bool:
 
 
 def _recent_command(facts: Facts, timeline: Timeline, boot: BootUp) -> bool:
-    """Whether a reset was commanded shortly before; a step of the clock in between is no time."""
-    commands, quiet = facts.control.nmt.commands, timeline.quiet
+    """Whether a reset was commanded shortly before; a step of the clock in between is no time.
+
+    The silence that the reset itself brings, up to the boot-up that answers it, is none.
+    """
+    commands = facts.control.nmt.commands
     for at in range(bisect_left(commands, boot.seq, key=lambda row: row.seq) - 1, -1, -1):
         row = commands[at]
         passed = boot.t_ns - row.t_ns
         if passed > COMMAND_WINDOW_NS:
-            passed -= quiet.within(row.t_ns, boot.t_ns)
+            passed -= timeline.quiet.within(_answered_ns(timeline, row, boot), boot.t_ns)
         if passed > COMMAND_WINDOW_NS:
             return False
         if row.bus == boot.bus and row.node in (0, boot.node) and row.command.startswith("reset"):
             return True
     return False
+
+
+def _answered_ns(timeline: Timeline, row: NmtCommandRow, boot: BootUp) -> int:
+    """When a node had booted after a command, before another boot-up; else that of the command."""
+    between = (each.t_ns for each in timeline.boot_ups if row.seq < each.seq < boot.seq)
+    return next(between, row.t_ns)
 
 
 def _reset_by_sdo(facts: Facts, key: NodeKey, boot: BootUp) -> bool:

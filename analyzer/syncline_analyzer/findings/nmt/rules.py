@@ -1,9 +1,11 @@
 """Findings on NMT (analysis.md 4): the rules of its parts, causes before what follows from them."""
 
 from syncline_analyzer.findings.nmt import (
+    commands,
     guarding,
     heartbeat,
     lost,
+    outside,
     restarts,
     states,
     twins,
@@ -15,6 +17,8 @@ RULES = (
     *lost.RULES,
     *twins.RULES,
     *restarts.RULES,
+    *commands.RULES,
+    *outside.RULES,
     *states.RULES,
     *heartbeat.RULES,
     *unheard.RULES,

@@ -6,7 +6,7 @@ from itertools import groupby
 from syncline_analyzer.findings.rule import Facts
 from syncline_analyzer.findings.stretch import seconds
 from syncline_analyzer.folds.nmt.events import Lost
-from syncline_analyzer.folds.nmt.fold import NodeKey
+from syncline_analyzer.folds.nmt.table import NodeKey
 from syncline_analyzer.results import Finding
 
 FADE_NS = 2_500_000_000

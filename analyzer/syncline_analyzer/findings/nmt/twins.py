@@ -7,8 +7,8 @@ from itertools import pairwise
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import seconds
 from syncline_analyzer.folds.nmt.events import Beat, BootUpEvent
-from syncline_analyzer.folds.nmt.fold import NodeKey, NodeNmt
 from syncline_analyzer.folds.nmt.pace import ENOUGH, Halved
+from syncline_analyzer.folds.nmt.table import NodeKey, NodeNmt
 from syncline_analyzer.folds.nmt.timeline import Timeline
 from syncline_analyzer.folds.nmt.timeout import PRODUCER_TIME
 from syncline_analyzer.results import Finding
@@ -31,6 +31,8 @@ STARTED_TOGETHER_NS = 2_000_000_000
 """Two devices that are switched on with the machine tell it within this time [ns]."""
 BLURRED = 3
 """Pairs of intervals by which a pace may reach into the next one."""
+ALONE_PERIODS = 2
+"""Even heartbeats over so many of the longer period show that one device was alone."""
 NEVER = 1 << 63
 Place = tuple[str | None, int | None]
 """Bus and node of a finding."""
@@ -46,6 +48,8 @@ class _Sign:
     evidence: list[int]
     sure: bool = True
     """Whether one device cannot do it, however it is set."""
+    alone_ns: tuple[int, ...] = ()
+    """Heartbeat periods of the two devices, as far as they are known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,20 +74,41 @@ def twins(facts: Facts) -> Shared:
 
 def _shared(facts: Facts) -> Shared:
     since: dict[Place, int] = {}
-    for finding in _doubled(facts):
-        nmt = facts.control.nmt.nodes[facts.number(finding.bus or ""), finding.node or 0]
+    for (bus, node), sign in facts.once(_signs).items():
+        nmt = facts.control.nmt.nodes[bus, node]
         least, most = BEFORE_NS
+        alone_ns = _alone_until(nmt, sign)
         before = min(most, max(least, BEATS_BEFORE * (nmt.heartbeat_period_ns or 0)))
-        since[finding.bus, finding.node] = finding.start_ns - before
+        begin_ns = max(sign.start_ns - (most if alone_ns else before), alone_ns)
+        since[facts.context.bus_name(bus), node] = begin_ns
     return Shared(since)
+
+
+def _alone_until(nmt: NodeNmt, sign: _Sign) -> int:
+    """Until when one device sent every heartbeat of a number, before a sign of two; 0 if unknown.
+
+    A heartbeat of the other one would have parted the even intervals of a single one.
+    """
+    slow = max(sign.alone_ns, default=0)
+    found = [
+        even.last_ns
+        for even in nmt.paces.even
+        if even.last_ns <= sign.start_ns
+        and even.last_ns - even.first_ns >= ALONE_PERIODS * slow
+        and any(abs(even.period_ns - each) <= ALIKE * each for each in sign.alone_ns)
+    ]
+    return max(found, default=0)
+
+
+def _signs(facts: Facts) -> dict[NodeKey, _Sign]:
+    """The strongest sign of two devices for each number that shows one."""
+    signs = ((key, _sign(facts, key, nmt)) for key, nmt in facts.control.nmt.nodes.items())
+    return {key: sign for key, sign in signs if sign is not None}
 
 
 def _doubled(facts: Facts) -> Iterator[Finding]:
     """One finding for each number that two devices carry."""
-    for (bus, node), nmt in facts.control.nmt.nodes.items():
-        sign = _sign(facts, (bus, node), nmt)
-        if sign is None:
-            continue
+    for (bus, node), sign in facts.once(_signs).items():
         name = facts.context.bus_name(bus)
         yield Finding(
             "nmt.duplicate_node_id",
@@ -105,7 +130,7 @@ def _sign(facts: Facts, key: NodeKey, nmt: NodeNmt) -> _Sign | None:
     if nmt.twins.periods_ns is not None:
         fast, slow = nmt.twins.periods_ns
         how = f"one heartbeat comes every {seconds(fast)}, the other every {seconds(slow)}"
-        return _Sign(*nmt.twins.span, how, nmt.twins.at)
+        return _Sign(*nmt.twins.span, how, nmt.twins.at, alone_ns=(fast, slow))
     if nmt.doubles.count >= DOUBLED and _believed(facts, key, nmt):
         how = f"short and long heartbeat intervals alternate {nmt.doubles.count} times"
         seqs = nmt.doubles.at
@@ -113,14 +138,17 @@ def _sign(facts: Facts, key: NodeKey, nmt: NodeNmt) -> _Sign | None:
             told = " and ".join(facts.moment(start.t_ns) for start in starts)
             how += f", and it told at {told} that it started, with no reset and no silence between"
             seqs = [*(start.seq for start in starts), *seqs]
-        return _Sign(*nmt.doubles.span, how, seqs)
+        return _Sign(*nmt.doubles.span, how, seqs, alone_ns=(nmt.doubles.pair_ns,))
+    if (sign := _paired(facts, key, nmt)) is not None:
+        return sign
     halved = nmt.paces.halved
     if halved is not None and _goes_on(nmt, halved) and not _rewritten(facts, key, *halved[:2]):
         period, half = seconds(halved.period_ns), seconds(halved.period_ns // 2)
         how = f"the heartbeat came every {period}, and from {facts.moment(halved.t_ns)} on a"
         how += f" second one in the middle between two, so that one comes every {half}"
         seqs = [halved.first_seq, halved.seq]
-        return _Sign(halved.t_ns, nmt.paces.paces[-1].last_ns, how, seqs, sure=False)
+        ends = (halved.t_ns, nmt.paces.paces[-1].last_ns)
+        return _Sign(*ends, how, seqs, sure=False, alone_ns=(halved.period_ns,))
     if nmt.guarding.doubled >= ANSWERED_TWICE:
         how = f"{nmt.guarding.doubled} guard requests were answered twice"
         return _Sign(*nmt.guarding.doubled_span, how, nmt.guarding.doubled_at)
@@ -132,6 +160,39 @@ def _sign(facts: Facts, key: NodeKey, nmt: NodeNmt) -> _Sign | None:
         how = f"{states} are told in turn, {len(flips)} times without any command"
         return _Sign(flips[0][1], flips[-1][1], how, [flip[0] for flip in flips[:20]])
     return _doubled_pdo(facts, timeline, nmt)
+
+
+def _paired(facts: Facts, key: NodeKey, nmt: NodeNmt) -> _Sign | None:
+    """From an unasked boot-up on each heartbeat came twice, which was single before.
+
+    The second device takes over the period that the master writes, at the same moment as the first.
+    """
+    if not nmt.pairs.found or not _single_elsewhere(facts, key):
+        return None
+    boots = facts.control.nmt.timelines[key].boot_ups
+    before = [boot for boot in boots if boot.t_ns <= nmt.pairs.span[0]]
+    if not before or before[-1].command_seq is not None or before[-1].blind:
+        return None
+    boot = before[-1]
+    alone = [even for even in nmt.paces.even if even.last_ns <= boot.t_ns]
+    if not alone or nmt.pairs.span[0] - boot.t_ns > STARTED_TOGETHER_NS + alone[-1].period_ns:
+        return None
+    how = (
+        f"from its boot-up at {facts.moment(boot.t_ns)} on, which nobody asked for, each heartbeat"
+    )
+    how += " comes twice, and those of no other node do"
+    seqs = [boot.seq, *nmt.pairs.at]
+    return _Sign(*nmt.pairs.span, how, seqs, sure=False, alone_ns=(alone[-1].period_ns,))
+
+
+def _single_elsewhere(facts: Facts, key: NodeKey) -> bool:
+    """Whether heartbeats of other nodes come, and none of them twice: it is not the recorder."""
+    others = [
+        nmt
+        for other, nmt in facts.control.nmt.nodes.items()
+        if other[0] == key[0] and other != key and nmt.counts.heartbeats >= ENOUGH
+    ]
+    return bool(others) and not any(nmt.pairs.count for nmt in others)
 
 
 def _doubled_pdo(facts: Facts, timeline: Timeline, nmt: NodeNmt) -> _Sign | None:
@@ -240,7 +301,10 @@ RULES = (
     Rule(
         "nmt.duplicate_node_id",
         "Two devices carry one node id.",
-        "Heartbeats of two cadences, states told in turn, or guard requests answered twice.",
+        (
+            "Heartbeats of two cadences, or in pairs since a boot-up that nobody asked for, states"
+            " told in turn, or guard requests answered twice."
+        ),
         (
             (
                 "Jitter of one producer, heartbeats on the grid of a slow task, a reset or a changed"

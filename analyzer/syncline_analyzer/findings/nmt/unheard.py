@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from syncline_analyzer.findings.nmt.twins import NEVER, twins
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import seconds
-from syncline_analyzer.folds.nmt.fold import NodeKey, NodeNmt
+from syncline_analyzer.folds.nmt.table import NodeKey, NodeNmt
 from syncline_analyzer.folds.nmt.timeout import PRODUCER_TIME
 from syncline_analyzer.results import Finding, GapRow
 
@@ -100,6 +100,8 @@ def _after_gap(facts: Facts) -> Iterator[Finding]:
         if not until_gap or lasted < enough_ns:
             continue
         names = ", ".join(map(str, sorted(others)))
+        new = [n for n in sorted(others) if _first_ns(facts, (key[0], n)) >= gap.start_ns]
+        renumbered = f" {_numbers(new)} heard for the first time after it." if new else ""
         yield Finding(
             "nmt.missing_after_gap",
             "warning" if gap.end_ns - gap.start_ns <= LONG_GAP_NS else "info",
@@ -110,13 +112,34 @@ def _after_gap(facts: Facts) -> Iterator[Finding]:
             f"{facts.who(bus, node)} was heard until the gap in the capture at"
             f" {facts.moment(gap.start_ns)} and not in the {seconds(lasted)} after it, in which"
             f" {'node' if len(others) == 1 else 'nodes'} {names} came back. When it fell silent"
-            " lies in the gap.",
-            "It was switched off, unplugged or failed while nothing was recorded; the capture cannot"
-            " tell when, nor whether somebody meant it.",
+            f" lies in the gap.{renumbered}",
+            (
+                f"It carries another number since then ({' or '.join(map(str, new))}), or it was"
+                " switched off, unplugged or failed while nothing was recorded; the capture cannot"
+                " tell which."
+            )
+            if new
+            else (
+                "It was switched off, unplugged or failed while nothing was recorded; the capture"
+                " cannot tell when, nor whether somebody meant it."
+            ),
             "Is the node still there? If it should be: its supply, its plug, its error memory"
             " (1003h).",
             [],
         )
+
+
+def _first_ns(facts: Facts, key: NodeKey) -> int:
+    """When a node was heard first [ns]."""
+    history = facts.control.nmt.timelines[key].history
+    first = [beat.t_ns for beat in history.beats[:1]] + [s.first_ns for s in history.spans[:1]]
+    return min(first, default=0)
+
+
+def _numbers(nodes: list[int]) -> str:
+    if len(nodes) == 1:
+        return f"Node {nodes[0]} was"
+    return f"Nodes {', '.join(map(str, nodes))} were"
 
 
 def _last_gap(facts: Facts, bus: str) -> GapRow | None:

@@ -198,6 +198,7 @@ def _overload(facts: Facts) -> Iterator[Finding]:
             " device or a cable.",
             "Lengthen the timers, switch unused PDOs off, use SYNC, or raise the bit rate.",
             [],
+            assumed=facts.context.assumed_bitrate(bus),
         )
 
 

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import moment, seconds
+from syncline_analyzer.findings.timing.blame import Why, assumed_window, why_late, why_missed
 from syncline_analyzer.findings.timing.sync import MAX_EVIDENCE, evidence_of, holes_of, together
 from syncline_analyzer.results import Finding, HoleRow, PdoPauseRow, PdoRow
 from syncline_schemas.wording import counted
@@ -20,6 +21,21 @@ _SETTING_NS = 2_000_000_000
 _ACTS_NS = 500_000_000
 _ACTS_PERIODS = 3
 """A setting acts within this time, or so many periods of the PDO [ns]."""
+
+_WHY_MISSED = Why(
+    "The device was too busy or had no new value, it was about to leave OPERATIONAL, or the frame lost"
+    " arbitration until the next one was due.",
+    "Compare with EMCY messages and bus load at these times; read 180xh:2/5 and, on devices that have"
+    " it, the repeat counter (280xh).",
+    [],
+)
+_WHY_LATE = Why(
+    "Frames with a higher priority kept the bus busy after the SYNC, or the device itself takes too"
+    " long.",
+    "Compare the bounds of the device time with the response: if the lower bound is small, relieve the"
+    " bus (identifiers, types, bit rate); else look at the device.",
+    [],
+)
 
 
 def _pdo_missed(facts: Facts) -> Iterator[Finding]:
@@ -50,6 +66,7 @@ def _missed(facts: Facts, row: PdoRow, group: Sequence[HoleRow]) -> Finding:
         if missed > 1
         else f"{facts.at(group[0].start_ns)} after a {due}"
     )
+    why = why_missed(facts, row) or _WHY_MISSED
     return Finding(
         "pdo.missed",
         "warning",
@@ -57,13 +74,11 @@ def _missed(facts: Facts, row: PdoRow, group: Sequence[HoleRow]) -> Finding:
         row.node,
         group[0].start_ns,
         group[-1].end_ns,
-        f"{_name(facts, row)} did not come{often}; {_type(row)}.",
-        "The device was too busy or had no new value, it was about to leave OPERATIONAL, or the"
-        " frame lost arbitration until the next one was due.",
-        "Compare with EMCY messages and bus load at these times; read 180xh:2/5 and, on devices"
-        " that have it, the repeat counter (280xh).",
+        f"{named(facts, row)} did not come{often}; {_type(row)}.",
+        why.cause,
+        why.check_next,
         evidence_of(group),
-        assumed=_assumed_type(row),
+        assumed=[*_assumed_type(row), *why.assumed],
     )
 
 
@@ -83,6 +98,7 @@ def _pdo_late(facts: Facts) -> Iterator[Finding]:
             continue
         slowest = responses[0].response_us.argsort()[::-1][: min(row.late, MAX_EVIDENCE)]
         t_ns = responses[0].t_ns[slowest]
+        why = why_late(facts, row) or _WHY_LATE
         yield Finding(
             "pdo.late",
             "warning",
@@ -90,26 +106,14 @@ def _pdo_late(facts: Facts) -> Iterator[Finding]:
             row.node,
             int(t_ns.min()),
             int(t_ns.max()) + 1,
-            f"{_name(facts, row)} answered {counted(row.late, 'time')} of {row.frames} later than"
+            f"{named(facts, row)} answered {counted(row.late, 'time')} of {row.frames} later than"
             " the synchronous window (1007h) allows; the slowest took"
             f" {row.response_us.max / 1000:.4g} ms.",
-            "Frames with a higher priority kept the bus busy after the SYNC, or the device itself"
-            " takes too long.",
-            "Compare the bounds of the device time with the response: if the lower bound is small,"
-            " relieve the bus (identifiers, types, bit rate); else look at the device.",
+            why.cause,
+            why.check_next,
             sorted(responses[0].seq[slowest].tolist()),
-            assumed=_assumed_window(facts, row),
+            assumed=[*assumed_window(facts, row), *why.assumed],
         )
-
-
-def _assumed_window(facts: Facts, row: PdoRow) -> list[str]:
-    """The synchronous window, where only the device's EDS tells it."""
-    if row.node is None:
-        return []
-    known = facts.context.shadow.get(facts.number(row.bus), row.node, 0x1007)
-    if known is None or known.source != "eds-default" or not isinstance(known.value, int):
-        return []
-    return [f"1007h = {known.value} us (eds-default)"]
 
 
 def _stopped(facts: Facts) -> Iterator[Finding]:
@@ -201,7 +205,7 @@ def _extra(facts: Facts) -> Iterator[Finding]:
             row.node,
             _moment_of(facts, row.extra_first_ns),
             _moment_of(facts, row.extra_last_ns),
-            f"{_name(facts, row)} came a second time before the next SYNC"
+            f"{named(facts, row)} came a second time before the next SYNC"
             f", {row.extra_alone} times; {_type(row)}, which allows one.",
             "A second device sends the same identifier, or the device sends on events as well.",
             "Look for a second node with this identifier (180xh:1) or this node-ID; read 180xh:2.",
@@ -226,7 +230,7 @@ def _inhibit_time(facts: Facts) -> Iterator[Finding]:
             row.node,
             _moment_of(facts, row.too_soon_first_ns),
             _moment_of(facts, row.too_soon_last_ns),
-            f"{_name(facts, row)} came {counted(row.too_soon, 'time')} in less than half of its"
+            f"{named(facts, row)} came {counted(row.too_soon, 'time')} in less than half of its"
             f" inhibit time of {row.inhibit_us / 1000:.4g} ms (180xh:3); the shortest time between"
             f" two was {row.period_us.min / 1000:.4g} ms.",
             "The device does not keep its inhibit time, or a second device sends the same"
@@ -249,7 +253,7 @@ def _event_timer(facts: Facts) -> Iterator[Finding]:
             row.node,
             facts.analysis.capture.begin_ns,
             facts.analysis.capture.end_ns,
-            f"{_name(facts, row)} comes every {row.period_us.median / 1000:.4g} ms, its event timer"
+            f"{named(facts, row)} comes every {row.period_us.median / 1000:.4g} ms, its event timer"
             f" (180xh:5) is {row.event_timer_us / 1000:.4g} ms.",
             "The device rounds the timer to steps of its own or did not take it, or its inhibit time"
             " is longer.",
@@ -265,7 +269,8 @@ def _other_period(row: PdoRow) -> bool:
     return row.period_us.median > _LONGER * row.event_timer_us
 
 
-def _name(facts: Facts, row: PdoRow) -> str:
+def named(facts: Facts, row: PdoRow) -> str:
+    """A PDO by its node, its number and its identifier, at the head of texts."""
     if row.pdo is None or row.node is None:
         return f"A PDO ({row.cob_id:03X}h)"
     name, _, guess = (row.pdo or "PDO").partition(" ")

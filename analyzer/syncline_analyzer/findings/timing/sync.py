@@ -6,6 +6,7 @@ import numpy as np
 
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import seconds
+from syncline_analyzer.folds.timing.sync_settings import PERIOD
 from syncline_analyzer.results import Analysis, Finding, HoleRow, PdoRow, SyncJitterRow, SyncRow
 from syncline_schemas.wording import counted
 
@@ -15,8 +16,6 @@ MAX_FINDINGS = 10
 """More findings of one kind and identifier than this become one."""
 MAX_EVIDENCE = 100
 _LONG_SILENCE_NS = 1_000_000_000
-_PRODUCES = 1 << 30
-"""Bit of 1005h: the node sends SYNC (CiA 301 7.5.2.6)."""
 _PERIOD_OFF = 0.05
 _FEW_PERIODS = 20
 
@@ -173,28 +172,19 @@ def _sync_period(facts: Facts) -> Iterator[Finding]:
 
 def _producers(facts: Facts, row: SyncRow) -> Iterator[tuple[int, int]]:
     """(node, 1006h) of each node that was seen to be set to produce this SYNC."""
-    shadow, bus = facts.context.shadow, facts.number(row.bus)
-    for node_bus, node in shadow.nodes():
-        if node_bus != bus:
+    bus = facts.number(row.bus)
+    for node in row.producer_nodes:
+        period = facts.context.shadow.get(bus, node, PERIOD)
+        if period is None or period.source == "eds-default" or not isinstance(period.value, int):
             continue
-        identifier, period = (shadow.get(bus, node, index) for index in (0x1005, 0x1006))
-        if (
-            identifier is None
-            or period is None
-            or "eds-default" in (period.source, identifier.source)
-        ):
-            continue
-        told, period_us = identifier.value, period.value
-        if not isinstance(told, int) or not isinstance(period_us, int) or not period_us:
-            continue
-        if told & _PRODUCES and told & 0x7FF == row.cob_id:
-            yield node, period_us
+        if period.value:
+            yield node, period.value
 
 
 def _median_since(facts: Facts, row: SyncRow, node: int) -> float | None:
     """Median period [us] since 1006h was last seen to change; None with too few of them."""
     bus = facts.number(row.bus)
-    period = facts.context.shadow.get(bus, node, 0x1006)
+    period = facts.context.shadow.get(bus, node, PERIOD)
     since_ns = period.t_ns if period is not None and period.t_ns is not None else 0
     for series in facts.analysis.series:
         if (series.bus, series.name) == (row.bus, f"SYNC {row.cob_id:03X}h period"):

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import seconds
+from syncline_analyzer.folds.timing.sync_settings import producers
 from syncline_analyzer.results import Finding, SyncRow
 from syncline_schemas.canopen.nmt import NmtState
 
@@ -16,7 +17,6 @@ COMMAND_NS = 10_000_000_000
 """A command to all nodes this close to the last SYNC goes with it [ns]."""
 TOGETHER_NS = 300_000_000
 """The producer's own last sign of life is no further from the last SYNC, beside its timeout [ns]."""
-_PRODUCES = 1 << 30
 _DOWN = ("stop", "enter pre-operational", "reset")
 _SETTINGS = (0x1005, 0x1006)
 
@@ -80,17 +80,6 @@ def _elsewhere(facts: Facts, row: SyncRow) -> bool:
     )
 
 
-def _producers(facts: Facts, bus: int, cob_id: int) -> list[int]:
-    """Nodes whose 1005h, as it was seen or described, says that they send this SYNC."""
-    found = []
-    for on, node in facts.context.shadow.nodes():
-        known = facts.context.shadow.get(on, node, 0x1005) if on == bus else None
-        value = known.value if known is not None and known.source != "eds-default" else None
-        if isinstance(value, int) and value & _PRODUCES and value & 0x7FF == cob_id:
-            found.append(node)
-    return found
-
-
 def _gone(facts: Facts, bus: int, last_ns: int) -> list[int]:
     """Nodes that were heard last at about the last SYNC, and not again."""
     return [
@@ -107,7 +96,8 @@ def _finding(
     facts: Facts, row: SyncRow, last_ns: int, silent_ns: int, waiting: list[int]
 ) -> Finding:
     bus = facts.number(row.bus)
-    told, gone = _producers(facts, bus, row.cob_id), _gone(facts, bus, last_ns)
+    told = producers(facts.context.shadow, bus, row.cob_id)
+    gone = _gone(facts, bus, last_ns)
     both = [node for node in gone if node in told] or (gone if len(gone) == 1 else [])
     producer = both[0] if len(both) == 1 else None
     pdos = [

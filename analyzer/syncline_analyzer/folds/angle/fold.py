@@ -17,6 +17,7 @@ from syncline_analyzer.folds.angle.notes import (
     note_frozen,
     note_gray,
 )
+from syncline_analyzer.folds.angle.pose import Poses
 from syncline_analyzer.folds.angle.samples import (
     Key,
     SampleReader,
@@ -28,7 +29,7 @@ from syncline_analyzer.folds.angle.trace import Converter, Derived, Encoder, Pla
 from syncline_analyzer.folds.timing.block import BLOCK_FRAMES, Block, Blocks
 from syncline_analyzer.object_history import Known, ObjectHistory
 from syncline_analyzer.pdo_binding import PdoBindings
-from syncline_analyzer.results import Trace, TraceEventRow, TraceRow
+from syncline_analyzer.results import TiltRow, TiltTrace, Trace, TraceEventRow, TraceRow
 from syncline_schemas.batch import Gap
 from syncline_schemas.decoder import decode_nmt
 from syncline_schemas.devices import Device, Jump, quirks
@@ -78,6 +79,8 @@ class AngleTables:
     traces: list[TraceRow] = field(default_factory=list)
     trace_data: list[Trace] = field(default_factory=list)
     events: list[TraceEventRow] = field(default_factory=list)
+    tilts: list[TiltRow] = field(default_factory=list)
+    tilt_data: list[TiltTrace] = field(default_factory=list)
 
 
 class AngleFold:
@@ -96,6 +99,7 @@ class AngleFold:
         self._seen: dict[int, int] = {}
         self._resets: dict[tuple[int, int], list[int]] = {}
         self._jump_from_ns: dict[tuple[Key, int], int] = {}
+        self._poses = Poses(context)
 
     def update(self, batch: IndexedBatch) -> None:
         """Take in the next frames."""
@@ -117,7 +121,7 @@ class AngleFold:
             starts: (bus, node, t_ns) of every restart; a jump over one is none.
         """
         self._flush()
-        tables = AngleTables()
+        tables = AngleTables(tilts=self._poses.rows(), tilt_data=self._poses.traces())
         for key, state in sorted(self._states.items()):
             bus, node, _ = key
             note_ambiguous(state)
@@ -145,6 +149,7 @@ class AngleFold:
             for key in sorted(set(found) | {k for k in self._states if k[0] == bus}):
                 self._extend(key, found.get(key), cuts[key[1]])
             self._seen[bus] = last_seq
+        self._poses.join()
 
     def _quantity(self, key: Key) -> tuple[int, int, str, int]:
         """What an object measures: two objects of the same axis measure the same."""
@@ -202,6 +207,8 @@ class AngleFold:
         if state.begun and not converter.same_scale(state.converter):
             state.cut(int(piece.seq[0]), int(piece.t_ns[0]), "another scale")
         derived = state.add(piece, converter, timed=self._context.timed)
+        if isinstance(converter, Tilt):
+            self._poses.take(key, piece, derived, converter)
         self._note_jumps(state, key, piece, derived, converter)
         self._note_outside(state, piece, derived)
         note_frozen(state, piece)
@@ -288,7 +295,8 @@ class AngleFold:
                 return Plain(1.0, "counts", ("res", *profile))
             tilt = replace(tilt, assumed=(*tilt.assumed, *profile))
             reference = self._reference(bus, node, device, seq)
-            return Tilt(tilt, tilt.axes[axis], piece.entry.bits, reference=reference)
+            zeroed = self._zeroed(bus, node, device, seq)
+            return Tilt(tilt, tilt.axes[axis], piece.entry.bits, reference=reference, zeroed=zeroed)
         if by is not None:
             encoder = encoder_scale(by, lookup, overrides)
             return Encoder(replace(encoder, assumed=(*encoder.assumed, *profile)))
@@ -340,6 +348,13 @@ class AngleFold:
         if 1 in values:
             return "relative"
         return "absolute" if all(value == 2 for value in values) else "reference unknown"
+
+    def _zeroed(self, bus: int, node: int, device: Device | None, seq: int) -> bool:
+        """Whether the device subtracts a zero point from its angles."""
+        key = device.measurement.get("zero") if device else None
+        if key is None:
+            return False
+        return self._context.shadow.confirmed(bus, node, key[0], key[1], seq) == 1
 
     def _cuts(self, block: Block, bus: int, node: int, last_seq: int) -> list[Cut]:
         """Everything in a block that cuts the traces of a node."""

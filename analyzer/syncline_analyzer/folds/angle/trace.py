@@ -182,6 +182,8 @@ class Tilt:
     unit: str = "deg"
     reference: str = ""
     """ "absolute", "relative" or "reference unknown"; "" where the device knows no other."""
+    zeroed: bool = False
+    """Whether a zero point is subtracted from the angle."""
 
     @property
     def assumed(self) -> tuple[str, ...]:

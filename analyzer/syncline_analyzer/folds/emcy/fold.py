@@ -21,7 +21,7 @@ from syncline_analyzer.folds.emcy.rates import (
 from syncline_analyzer.folds.emcy.reads import NoError
 from syncline_analyzer.folds.emcy.rpdo import Suspect, Suspects
 from syncline_analyzer.folds.emcy.story import Before, Message, Story
-from syncline_analyzer.folds.nmt.fold import BootUp
+from syncline_analyzer.folds.nmt.table import BootUp
 from syncline_analyzer.results import EmcyRow, ErrorRow
 
 MAX_MESSAGES = 1_000_000

@@ -7,7 +7,7 @@ from typing import Literal
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.folds.control import ControlTables
-from syncline_analyzer.folds.nmt.fold import BootUp
+from syncline_analyzer.folds.nmt.table import BootUp
 from syncline_analyzer.results import EmcyRow, ErrorHistoryRow, GapRow, NmtStateRow, SdoRow
 from syncline_schemas.canopen.nmt import NmtState
 from syncline_schemas.devices import Device, emcy_meaning, quirks, register_bits

@@ -12,7 +12,7 @@ from syncline_analyzer.folds.emcy.left import (
     words_of,
 )
 from syncline_analyzer.folds.emcy.reads import NoError
-from syncline_analyzer.folds.nmt.fold import BootUp
+from syncline_analyzer.folds.nmt.table import BootUp
 from syncline_analyzer.results import EmcyRow, ErrorRow
 from syncline_schemas.canopen.emcy import EMCY_BYTES, short_message
 from syncline_schemas.devices import Device, emcy_details, emcy_meaning, register_bits

@@ -1,7 +1,7 @@
 """Error control of one node (700h + n) reduced to what changes its state, its periods and counts."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from syncline_analyzer.folds.nmt.cadence import (
     Twins,
     longer_than_before,
 )
+from syncline_analyzer.folds.nmt.columns import Columns, Life
 from syncline_analyzer.folds.nmt.events import (
     Beat,
     BeatKind,
@@ -24,8 +25,18 @@ from syncline_analyzer.folds.nmt.events import (
     Repeated,
     Silence,
 )
-from syncline_analyzer.folds.nmt.guarding import GUARD_ANSWER_NS, Guarding, Talk
+from syncline_analyzer.folds.nmt.guarding import Guarding
+from syncline_analyzer.folds.nmt.kinds import (
+    ANSWER,
+    BOOT_UP,
+    EMPTY,
+    HEARTBEAT,
+    ODD,
+    REQUEST,
+    Kinds,
+)
 from syncline_analyzer.folds.nmt.pace import HeartbeatPeriods
+from syncline_analyzer.folds.nmt.pairs import Pairs
 
 WINDOW = 15
 """Periods whose median a silence is held against."""
@@ -35,77 +46,14 @@ MAX_MARKS = 100
 """Commands to a node that is not heard, kept per node."""
 MAX_HELD = 100_000
 """Frames of a node that wait for the next message of its error control to be understood."""
-STATES_SINCE = 2
-"""States told since a remote frame that show that it has not emptied the heartbeats."""
 KEPT_AFTER_MARK = 3
 """State messages kept after an NMT command or a gap, also when they change nothing."""
 MAX_TOGGLES = 10_000
 """Repeated toggle bits kept one by one per node."""
 MAX_ODD = 100
 """Messages that are no state, kept one by one per node."""
-ON_TIME = 0.15
-"""Part of its period by which an empty heartbeat may come early or late."""
-
 _NONE = np.zeros(0, np.int64)
-_HEARTBEAT, _ANSWER, _BOOT_UP, _EMPTY, _REQUEST, _ODD = range(6)
 _KINDS: tuple[BeatKind, ...] = ("heartbeat", "guard answer", "boot-up", "empty")
-_STATE_BYTES = np.isin(np.arange(256), (0x04, 0x05, 0x7F, 0x80, 0x84, 0x85, 0xFF))
-"""State bytes of heartbeats and guard answers (CiA 301 7.2.8.3.2); 00h is looked at apart."""
-
-
-class Columns(NamedTuple):
-    """Frames of one node's error control in order of `seq`; all (n,)."""
-
-    seq: Int64s
-    t_ns: Int64s
-    remote: Mask
-    dlc: NDArray[np.uint8]
-    byte: NDArray[np.uint8]
-
-    def rows(self, chosen: slice | NDArray[np.intp]) -> "Columns":
-        """Some of the rows."""
-        return Columns(
-            self.seq[chosen],
-            self.t_ns[chosen],
-            self.remote[chosen],
-            self.dlc[chosen],
-            self.byte[chosen],
-        )
-
-    def after(self, held: "Columns") -> "Columns":
-        """These rows after others."""
-        return Columns(
-            np.concatenate((held.seq, self.seq)),
-            np.concatenate((held.t_ns, self.t_ns)),
-            np.concatenate((held.remote, self.remote)),
-            np.concatenate((held.dlc, self.dlc)),
-            np.concatenate((held.byte, self.byte)),
-        )
-
-
-@dataclass(slots=True)
-class _Life:
-    """Signs of life of the node since its last beat: the longest silence between them."""
-
-    last_seq: int
-    last_ns: int
-    longest_ns: int = 0
-    start: tuple[int, int] = (0, 0)
-    end: tuple[int, int] = (0, 0)
-
-    def hear(self, seq: Int64s, t_ns: Int64s) -> None:
-        """Take in further frames of the node."""
-        if not len(seq):
-            return
-        seqs = np.concatenate(([self.last_seq], seq))
-        times = np.concatenate(([self.last_ns], t_ns))
-        passed = np.diff(times)
-        row = int(np.argmax(passed))
-        if passed[row] > self.longest_ns:
-            self.longest_ns = int(passed[row])
-            self.start = (int(seqs[row]), int(times[row]))
-            self.end = (int(seqs[row + 1]), int(times[row + 1]))
-        self.last_seq, self.last_ns = int(seq[-1]), int(t_ns[-1])
 
 
 @dataclass(slots=True)
@@ -124,6 +72,8 @@ class ErrorControl:
     """Heartbeats of one period in two interleaved cadences."""
     twins: Twins = field(default_factory=Twins)
     """The same with two periods."""
+    pairs: Pairs = field(default_factory=Pairs)
+    """The same in step with one another."""
     toggles: list[Repeated] = field(default_factory=list)
     """Guard answers with the toggle bit of the one before, the first of them."""
     last_beat_ns: int | None = None
@@ -133,7 +83,7 @@ class ErrorControl:
     """A row whose meaning depends on what follows, ..."""
     _held_life: tuple[Int64s, Int64s] = (_NONE, _NONE)
     """... and the signs of life from it on."""
-    _life: _Life | None = None
+    _life: Life | None = None
     _last: tuple[int, int, int] | None = None
     """(seq, t_ns, kind) of the last beat."""
     _state: int = -1
@@ -142,24 +92,16 @@ class ErrorControl:
     _marks: list[list[int]] = field(default_factory=lambda: [[-1, KEPT_AFTER_MARK]])
     """[`seq`, messages still to keep] of commands, gaps and the beginning."""
     _waiting: int = 0
-    _remote_seq: int = -1
-    _since_remote: int = 0
-    """States told since the last remote frame."""
-    _empty_seq: int = -1
-    """`seq` of the last empty heartbeat."""
-    _reset_seq: int = -1
-    _resets: list[int] = field(default_factory=list)
-    """`seq` of resets that the rows taken in may not have reached yet."""
     _recent: Int64s = field(default_factory=lambda: np.zeros(0, np.int64))
-    _spoken: tuple[Int64s, int] = field(default_factory=lambda: (np.zeros(0, np.int64), 0))
-    """Times of the last states (-1 for one that was asked for), and of the last empty heartbeat."""
     _silences_told: int = 0
     _heard: int | None = None
     """Time of the node's last frame ahead of the row that is held back, if there is one."""
     _periods: Periods = field(default_factory=Periods)
+    _classifier: Kinds = field(init=False)
 
     def __post_init__(self) -> None:
         self.guarding.timed = self.timed
+        self._classifier = Kinds(self.guarding, self.counts, self.timed)
 
     def feed(self, rows: Columns, life: tuple[Int64s, Int64s], marks: list[int]) -> None:
         """Take in the frames of a batch.
@@ -176,7 +118,7 @@ class ErrorControl:
         if len(life[0]):
             self.heard_last_ns = int(life[1][-1])
         self._note_marks(marks)
-        cut = len(rows.seq) - self._undecided(rows)
+        cut = len(rows.seq) - self._classifier.undecided(rows)
         self._held = rows.rows(slice(cut, None)) if cut < len(rows.seq) else None
         if self._held is not None:
             at = int(np.searchsorted(life[0], self._held.seq[0]))
@@ -189,14 +131,14 @@ class ErrorControl:
     def mark(self, marks: list[int]) -> None:
         """Take in commands of a batch that holds no frame of the node."""
         self._note_marks(marks)
-        self._pass_resets()
+        self._classifier.pass_resets(self._stop_seq)
         del self._marks[:-MAX_MARKS]
 
     def gap(self, start_ns: int, next_seq: int) -> None:
         """Nothing follows from the time between the frames around a gap."""
         self.finish(start_ns, next_seq)
         self._life = self._last = None
-        self._spoken = (np.zeros(0, np.int64), 0)
+        self._classifier.gap()
         self._heard = None
         self.twins.cut()
         self._state = self._toggle = -1
@@ -212,6 +154,19 @@ class ErrorControl:
             return
         self._life.hear(np.array([-1]), np.array([end_ns]))
         self._add_silence(self._last[2], self._median(self._recent[-WINDOW:]), next_seq)
+
+    def tell_anew(self, beats: Sequence[Beat]) -> None:
+        """Take some messages for another kind than they were counted as."""
+        told = {beat.seq: beat for beat in beats}
+        changed = [(beat, told[beat.seq]) for beat in self.beats if beat.seq in told]
+        self.beats = [told.get(beat.seq, beat) for beat in self.beats]
+        for old, new in changed:
+            for beat, number in ((old, -1), (new, 1)):
+                self.counts.boot_ups += number * (beat.kind == "boot-up")
+                self.counts.empty += number * (beat.kind == "empty")
+                self.counts.heartbeats += number * (beat.kind == "heartbeat")
+            if new.kind == "empty":
+                self._classifier.zero_seq = new.seq
 
     def median_ns(self) -> int | None:
         """Median of all regular periods [ns], to one part in a thousand."""
@@ -235,22 +190,25 @@ class ErrorControl:
         return self.paces.halved.t_ns if self.paces.halved else 0
 
     @property
+    def zeros(self) -> bool:
+        """Whether empty heartbeats carried a byte 00h, as a boot-up does."""
+        return self._classifier.zero_seq >= 0
+
+    @property
     def alive(self) -> bool:
         """Whether the node itself ever sent error control."""
         counts = self.counts
         return counts.boot_ups + counts.heartbeats + counts.guard_answers + counts.empty > 0
 
-    def _undecided(self, rows: Columns) -> int:
-        """Rows at the end whose meaning depends on what follows: no byte, or a suspicious 00h."""
-        seen_remote = self._remote_seq > self._reset_seq or bool(rows.remote.any())
-        seen_remote = seen_remote and not (self.guarding.answers_seen and not self.counts.empty)
-        quiet = (rows.dlc == 0) | ((rows.dlc == 1) & (rows.byte == 0) & seen_remote)
-        return int(len(rows.seq) and not rows.remote[-1] and quiet[-1])
+    @property
+    def _stop_seq(self) -> int | None:
+        """`seq` of the row that is held back, None without one."""
+        return int(self._held.seq[0]) if self._held is not None else None
 
     def _note_marks(self, marks: list[int]) -> None:
         """Note the commands of a batch."""
         self._marks.extend([_seq_of(mark), KEPT_AFTER_MARK] for mark in marks)
-        self._resets.extend(_seq_of(mark) for mark in marks if mark < 0)
+        self._classifier.resets.extend(_seq_of(mark) for mark in marks if mark < 0)
 
     def _take_held(self) -> None:
         if self._held is not None:
@@ -258,10 +216,11 @@ class ErrorControl:
             self._take(held, self._held_life)
 
     def _take(self, rows: Columns, life: tuple[Int64s, Int64s]) -> None:
-        kinds = self._classify(rows)
-        requests = rows.seq[kinds == _REQUEST]
+        spoke = self._last is not None and self._last[2] in (HEARTBEAT, ANSWER)
+        kinds = self._classifier.classify(rows, spoke=spoke, stop_seq=self._stop_seq)
+        requests = rows.seq[kinds == REQUEST]
         self._keep_odd(rows, kinds)
-        beat_rows = np.flatnonzero(kinds < _REQUEST)
+        beat_rows = np.flatnonzero(kinds < REQUEST)
         beats = rows.rows(beat_rows)
         heard_ns = self._heard
         self._count(kinds, beats, kinds[beat_rows])
@@ -270,83 +229,8 @@ class ErrorControl:
         if len(life[0]):
             self._heard = int(life[1][-1])
 
-    def _classify(self, rows: Columns) -> NDArray[np.int8]:
-        """Kind of each row; requests that a logger stored as empty data frames are recognised."""
-        n = len(rows.seq)
-        if not n:
-            self._pass_resets()
-            return np.zeros(0, np.int8)
-        one_byte = (rows.dlc == 1) & ~rows.remote
-        speaks = one_byte & _STATE_BYTES[rows.byte]
-        bare = (rows.dlc == 0) & ~rows.remote
-        empty = self._empty(rows, speaks, bare)
-        request = rows.remote | (bare & ~empty)
-        kinds = np.full(n, _ODD, np.int8)
-        kinds[request] = _REQUEST
-        kinds[empty] = _EMPTY
-        kinds[speaks] = _HEARTBEAT
-        talk = np.flatnonzero(request | speaks)
-        toggled = (rows.byte[talk] & 0x80) != 0
-        said = Talk(rows.seq[talk], rows.t_ns[talk], request[talk], rows.remote[talk], toggled)
-        kinds[talk[self.guarding.follow(said)]] = _ANSWER
-        since = self._told_since_remote(rows, kinds)
-        self._tell_zeros(rows, kinds, np.flatnonzero(one_byte & (rows.byte == 0)), since)
-        if rows.remote.any():
-            self._remote_seq = max(self._remote_seq, int(rows.seq[rows.remote][-1]))
-        if (blank := np.flatnonzero(kinds == _EMPTY)).size:
-            self._empty_seq = max(self._empty_seq, int(rows.seq[blank[-1]]))
-        self._since_remote = int(since[-1])
-        self._pass_resets()
-        return kinds
-
-    def _pass_resets(self) -> None:
-        """Take resets over that lie before the row that is held back, if there is one."""
-        stop = self._held.seq[0] if self._held is not None else None
-        passed = [seq for seq in self._resets if stop is None or seq < stop]
-        self._reset_seq = max([self._reset_seq, *passed])
-        self._resets = self._resets[len(passed) :]
-
-    def _told_since_remote(self, rows: Columns, kinds: NDArray[np.int8]) -> Int64s:
-        """(n,) states told since the last remote frame, that of the row included."""
-        told = np.cumsum(kinds == _HEARTBEAT) + self._since_remote
-        at_remote: Int64s = np.maximum.accumulate(np.where(rows.remote, told, 0))
-        since: Int64s = told - at_remote
-        return since
-
-    def _empty(self, rows: Columns, speaks: Mask, bare: Mask) -> Mask:
-        """Frames without data that are heartbeats; the others are requests, stored without RTR.
-
-        Once a log holds a remote frame it does not store others as data frames, so a frame without
-        data is an empty heartbeat unless a state follows at once. Where it holds none, the empty
-        ones are those that come just when heartbeats were due that do not come.
-        """
-        waited = np.diff(rows.t_ns, append=rows.t_ns[-1:])
-        soon = (waited <= GUARD_ANSWER_NS) | (not self.timed)
-        answered = bare & np.concatenate((speaks[1:], [False])) & soon
-        marked = (np.cumsum(rows.remote) > 0) | (self._remote_seq >= 0)
-        return (bare & marked & ~answered) | self._in_place(rows, speaks, bare & ~marked, answered)
-
-    def _in_place(self, rows: Columns, speaks: Mask, bare: Mask, answered: Mask) -> Mask:
-        """Frames without data in the place of heartbeats, whose period they keep."""
-        found = np.zeros(len(bare), np.bool_)
-        asked = np.concatenate(([False], answered[:-1]))[speaks]
-        unasked = np.concatenate((self._spoken[0], np.where(asked, -1, rows.t_ns[speaks])))
-        held = len(self._spoken[0])
-        before = np.cumsum(speaks) + held
-        last_found = self._spoken[1]
-        for row in np.flatnonzero(bare & ~answered).tolist() if self.timed else ():
-            last = unasked[max(0, before[row] - MIN_PERIODS - 1) : before[row]]
-            if len(last) <= MIN_PERIODS or (last < 0).any():
-                continue
-            period = int(np.median(np.diff(last)))
-            due = max(int(last[-1]), last_found) + period
-            if abs(int(rows.t_ns[row]) - due) <= ON_TIME * period:
-                found[row], last_found = True, int(rows.t_ns[row])
-        self._spoken = (unasked[-MIN_PERIODS - 1 :], last_found)
-        return found
-
     def _keep_odd(self, rows: Columns, kinds: NDArray[np.int8]) -> None:
-        for row in np.flatnonzero(kinds == _ODD)[: MAX_ODD - len(self.odd)].tolist():
+        for row in np.flatnonzero(kinds == ODD)[: MAX_ODD - len(self.odd)].tolist():
             length = int(rows.dlc[row])
             what = (
                 f"state byte {int(rows.byte[row]):02X}h"
@@ -355,54 +239,19 @@ class ErrorControl:
             )
             self.odd.append(OddMessage(int(rows.seq[row]), int(rows.t_ns[row]), what))
 
-    def _tell_zeros(
-        self, rows: Columns, kinds: NDArray[np.int8], zeros: NDArray[np.intp], since: Int64s
-    ) -> None:
-        """A byte 00h: a boot-up, unless a remote frame has emptied the heartbeats of the node.
-
-        One after others that came with a state since that frame, or a single one between others,
-        is a boot-up all the same: the effect begins at once and lasts until a reset. Once it is
-        there, states in between are those of another device.
-        """
-        if not len(zeros):
-            return
-        asked = np.maximum.accumulate(np.where(rows.remote, rows.seq, self._remote_seq))
-        talked = np.cumsum(kinds == _HEARTBEAT) + self.counts.heartbeats
-        data = np.flatnonzero(~rows.remote)
-        byte = rows.byte[data]
-        before = self._last is not None and self._last[2] in (_HEARTBEAT, _ANSWER)
-        answers = np.cumsum(kinds == _ANSWER) + self.counts.guard_answers
-        empties = np.cumsum(kinds == _EMPTY) + self.counts.empty
-        last_empty = np.maximum.accumulate(np.where(kinds == _EMPTY, rows.seq, self._empty_seq))
-        for row, at in zip(zeros.tolist(), np.searchsorted(data, zeros).tolist(), strict=True):
-            seq = int(rows.seq[row])
-            last_reset = max([self._reset_seq, *(r for r in self._resets if r < seq)])
-            last_empty[row] = max(last_empty[row], self._empty_seq)
-            silent = answers[row] and not empties[row] and last_empty[row] < 0
-            spoiled = last_empty[row] > last_reset
-            single = at + 1 < len(byte) and byte[at + 1] != 0
-            single = single and (bool(byte[at - 1] != 0) if at else before)
-            single = (single or since[row] >= STATES_SINCE) and not spoiled
-            if asked[row] <= last_reset or silent or not talked[row] or single:
-                self._reset_seq = seq
-                kinds[row] = _BOOT_UP
-            else:
-                kinds[row] = _EMPTY
-                self._empty_seq = seq
-
     def _count(self, kinds: NDArray[np.int8], beats: Columns, beat_kinds: NDArray[np.int8]) -> None:
         number = np.bincount(kinds, minlength=6)
         counts = self.counts
-        counts.heartbeats += int(number[_HEARTBEAT])
-        counts.guard_answers += int(number[_ANSWER])
-        counts.boot_ups += int(number[_BOOT_UP])
-        counts.empty += int(number[_EMPTY])
-        counts.guard_requests += int(number[_REQUEST])
-        counts.odd += int(number[_ODD])
-        telling = np.flatnonzero((beat_kinds == _ANSWER) | (beat_kinds == _BOOT_UP))
+        counts.heartbeats += int(number[HEARTBEAT])
+        counts.guard_answers += int(number[ANSWER])
+        counts.boot_ups += int(number[BOOT_UP])
+        counts.empty += int(number[EMPTY])
+        counts.guard_requests += int(number[REQUEST])
+        counts.odd += int(number[ODD])
+        telling = np.flatnonzero((beat_kinds == ANSWER) | (beat_kinds == BOOT_UP))
         if not len(telling):
             return
-        toggles = np.where(beat_kinds[telling] == _ANSWER, beats.byte[telling] >> 7, -1).astype(
+        toggles = np.where(beat_kinds[telling] == ANSWER, beats.byte[telling] >> 7, -1).astype(
             np.int8
         )
         before = np.concatenate(([self._toggle], toggles[:-1]))
@@ -430,13 +279,14 @@ class ErrorControl:
         times = np.concatenate((first, beats.t_ns))
         passed: Int64s = times[1:] - times[:-1]
         all_kinds = np.concatenate((kind0, kinds))
-        regular = (all_kinds[1:] == all_kinds[:-1]) & (all_kinds[1:] != _BOOT_UP) & (passed > 0)
+        regular = (all_kinds[1:] == all_kinds[:-1]) & (all_kinds[1:] != BOOT_UP) & (passed > 0)
         recent = np.concatenate((self._recent, passed[regular]))
         known = len(self._recent) + np.cumsum(regular) - regular
         ends = slice(n - len(passed), None)
-        steady = regular & (all_kinds[1:] == _HEARTBEAT)
+        steady = regular & (all_kinds[1:] == HEARTBEAT)
         self.doubles.note(beats.seq[ends], beats.t_ns[ends], passed, steady)
         self.twins.note(beats.seq[ends], beats.t_ns[ends], steady)
+        self.pairs.note(beats.seq[ends], beats.t_ns[ends], passed, steady)
         rows = longer_than_before(passed, recent, known)
         rows = rows[~_within_usual(passed[rows], recent, known[rows])]
         late = np.zeros(len(passed), np.bool_)
@@ -470,7 +320,7 @@ class ErrorControl:
     ) -> int:
         """Look for the longest silence between a beat and the one before it."""
         if row > 0:
-            self._life = _Life(int(beats.seq[row - 1]), int(beats.t_ns[row - 1]))
+            self._life = Life(int(beats.seq[row - 1]), int(beats.t_ns[row - 1]))
             self._waiting = 0
             self._last = (self._life.last_seq, self._life.last_ns, int(kinds[row - 1]))
         if self._life is None or self._last is None:
@@ -481,7 +331,7 @@ class ErrorControl:
         if self._life.last_seq < beats.seq[row]:
             self._life.hear(beats.seq[row : row + 1], beats.t_ns[row : row + 1])
         between = (requests > self._last[0]) & (requests < beats.seq[row])
-        asked = int(np.count_nonzero(between)) - int(kinds[row] == _ANSWER)
+        asked = int(np.count_nonzero(between)) - int(kinds[row] == ANSWER)
         self._waiting += asked
         self._add_silence(self._last[2], period, int(beats.seq[row]))
         return row
@@ -498,7 +348,7 @@ class ErrorControl:
         if len(beats.seq):
             self._last = (int(beats.seq[-1]), int(beats.t_ns[-1]), int(kinds[-1]))
             self.last_beat_ns = self._last[1]
-            self._life = _Life(self._last[0], self._last[1])
+            self._life = Life(self._last[0], self._last[1])
             self._waiting = 0
         if self._life is None or self._last is None:
             return
@@ -535,9 +385,10 @@ class ErrorControl:
         if not n:
             del self._marks[:-MAX_MARKS]
             return
-        states = np.where(kinds == _EMPTY, -2, np.where(kinds == _BOOT_UP, -3, beats.byte & 0x7F))
+        states = np.where(kinds == EMPTY, -2, np.where(kinds == BOOT_UP, -3, beats.byte & 0x7F))
         keep = states != np.concatenate(([self._state], states[:-1]))
-        keep |= kinds == _BOOT_UP
+        keep |= kinds == BOOT_UP
+        keep[:-1] |= (kinds[:-1] == EMPTY) & (kinds[1:] == HEARTBEAT)
         for silence in self.silences[self._silences_told :]:
             at = int(np.searchsorted(beats.seq, silence.order))
             keep[at : at + 1] = True

@@ -1,18 +1,22 @@
 """What a node's error control, commands and PDOs are reduced to, and what is told from it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.folds.nmt.pace import Pace
+from syncline_analyzer.folds.nmt.witness import Witnesses
 from syncline_schemas.batch import Gap
 from syncline_schemas.canopen.nmt import NmtState
 
 IN_FLIGHT_NS = 10_000_000
 """What a node sends this soon after a command or change may have been on its way [ns]."""
+
+RESETS = (0x81, 0x82)
+"""Command specifiers that start a node anew."""
 
 BeatKind = Literal["heartbeat", "guard answer", "boot-up", "empty"]
 Certainty = Literal["observed", "commanded", "implied", "assumed"]
@@ -175,6 +179,8 @@ class NodeHistory:
     """Whether no other node is known on its bus."""
     others_anew: Sequence[int] = ()
     """Times, ascending, at which other nodes of its bus booted or told PRE-OPERATIONAL."""
+    witnesses: Witnesses = field(default_factory=Witnesses)
+    """The heartbeats of its bus."""
     communication_errors: Sequence[int] = ()
     """Times of its EMCYs that tell of a communication error (75xxh, 81xxh)."""
 
@@ -231,12 +237,16 @@ class Lost(NamedTuple):
 
 
 class Ignored(NamedTuple):
-    """A command that the node demonstrably did not follow."""
+    """A command that the node demonstrably did not follow.
+
+    `can_id` is the PDO that shows it, for a node whose heartbeats tell no state.
+    """
 
     command: Command
     seq: int
     t_ns: int
     state: str
+    can_id: int | None = None
 
 
 class BootUpEvent(NamedTuple):

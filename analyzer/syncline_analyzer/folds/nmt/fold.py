@@ -3,137 +3,48 @@
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
-from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.context import Context
-from syncline_analyzer.distribution import Distribution
 from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.folds.bus.clock import ClockTable
 from syncline_analyzer.folds.emcy.ids import SYNC_BYTES
-from syncline_analyzer.folds.nmt.cadence import Doubles, Int64s, Mask, Twins
-from syncline_analyzer.folds.nmt.error_control import Columns, ErrorControl, reset_mark
+from syncline_analyzer.folds.nmt.cadence import Doubles, Int64s, Mask
+from syncline_analyzer.folds.nmt.columns import Columns
+from syncline_analyzer.folds.nmt.commands import Commands
+from syncline_analyzer.folds.nmt.emptied import never_booted, restarted
+from syncline_analyzer.folds.nmt.error_control import ErrorControl, reset_mark
 from syncline_analyzer.folds.nmt.events import (
+    RESETS,
     Beat,
     Command,
-    Counts,
-    Interval,
     NodeHistory,
-    OddCommand,
-    OddMessage,
-    OffPace,
     PdoSpan,
     Repeated,
-    Violation,
 )
-from syncline_analyzer.folds.nmt.guarding import Guarding
-from syncline_analyzer.folds.nmt.measures import Measures
-from syncline_analyzer.folds.nmt.pace import HeartbeatPeriods, Late
+from syncline_analyzer.folds.nmt.measures import Measures, quantiles_ms, shares
+from syncline_analyzer.folds.nmt.pace import ENOUGH
+from syncline_analyzer.folds.nmt.table import BootUp, NmtTable, NodeKey, NodeNmt
 from syncline_analyzer.folds.nmt.timeline import Timeline
+from syncline_analyzer.folds.nmt.timeout import PRODUCER_TIME
+from syncline_analyzer.folds.nmt.witness import Heartbeat, Witnesses
 from syncline_analyzer.folds.sdo.fold import Reset
 from syncline_analyzer.folds.timing.pdo_spans import PdoSpans, Quietness
 from syncline_analyzer.pdo_binding import Pdo, PdoBindings
-from syncline_analyzer.results import NmtCommandRow, NmtStateRow, Quantiles
+from syncline_analyzer.results import NmtCommandRow, NmtStateRow
 from syncline_schemas.batch import FrameFlag, Gap
-from syncline_schemas.canopen.nmt import COMMANDS, STATE_OF_BYTE, NmtState, command_name
+from syncline_schemas.canopen.nmt import STATE_OF_BYTE, NmtState, command_name
 from syncline_schemas.canopen.services import Service
 from syncline_schemas.devices import quirks
-
-RESETS = (0x81, 0x82)
-SYNC_ID = 0x080
-MAX_NODE = 127
-MAX_ODD = 1000
-"""Frames on 000h that are no NMT commands and are kept one by one."""
 
 _ON_COMMAND = (0x04, 0x05)
 """State bytes of STOPPED and OPERATIONAL, into which a node does not boot."""
 _NOT_PDO = (Service.EMCY, Service.SDO_ANSWER, Service.ERROR_CONTROL)
 
-NodeKey = tuple[int, int]
-"""(bus number, node)."""
-
-
-class BootUp(NamedTuple):
-    """A boot-up of a node and the reset that explains it, if any.
-
-    `repeated` marks the second frame of a pair that one start of the device sends; `blind` that
-    nothing was heard of the node between a gap or a silence of the whole bus and this.
-    """
-
-    bus: str
-    node: int
-    seq: int
-    t_ns: int
-    byte: int
-    command_seq: int | None
-    command_ns: int | None
-    repeated: bool
-    blind: bool
-
-
 FOREIGN = 10
 """So many frames that CANopen does not know on its identifiers mean another protocol."""
-
-
-@dataclass(slots=True)
-class NodeNmt:
-    """What one node's error control and states come to."""
-
-    counts: Counts = field(default_factory=Counts)
-    heartbeat_period_ns: int | None = None
-    share: dict[str, float] = field(default_factory=dict)
-    final_state: str = NmtState.UNKNOWN.value
-    alive: bool = False
-    period_us: Quantiles | None = None
-    """Of the heartbeat, without what silences, gaps and resets explain."""
-    confirmed_ms: Quantiles | None = None
-    boot_ms: Quantiles | None = None
-    guarding: Guarding = field(default_factory=Guarding)
-    paces: HeartbeatPeriods = field(default_factory=HeartbeatPeriods)
-    late: list[Late] = field(default_factory=list)
-    """Heartbeats that came late while nothing explains it."""
-    odd: list[OddMessage] = field(default_factory=list)
-    doubles: Doubles = field(default_factory=Doubles)
-    twins: Twins = field(default_factory=Twins)
-    pdo_doubles: dict[int, Doubles] = field(default_factory=dict)
-    """By identifier, for a node that booted more than once: PDOs in two interleaved cadences."""
-    toggles: list[Repeated] = field(default_factory=list)
-    """Repeated toggle bits, the first of them, without those that a write has restarted."""
-    violations: list[Violation] = field(default_factory=list)
-    heard_ns: int | None = None
-    """Time of its last frame."""
-    told_ns: int | None = None
-    """Time of its last heartbeat or guard answer."""
-    off_pace: list[OffPace] = field(default_factory=list)
-    """Stretches in which the heartbeat comes more slowly or faster than 1017h says."""
-    pdos: Literal["no", "guess", "bound"] = "no"
-    """Whether the node sends PDOs, and whether only their predefined identifiers say so."""
-
-
-@dataclass(frozen=True, slots=True)
-class NmtTable:
-    """Commands, states, and per (bus number, node) what else there is to say."""
-
-    commands: list[NmtCommandRow] = field(default_factory=list)
-    states: list[NmtStateRow] = field(default_factory=list)
-    boot_ups: list[BootUp] = field(default_factory=list)
-    nodes: dict[NodeKey, NodeNmt] = field(default_factory=dict)
-    first_ns: int = 0
-    """Time of the first frame."""
-    end_ns: int = 0
-    """Time of the end."""
-    canopen: frozenset[int] = frozenset()
-    """Numbers of the buses on which something shows CANopen."""
-    foreign: frozenset[int] = frozenset()
-    """Numbers of the buses that use CANopen's identifiers for something else."""
-    malformed: int = 0
-    """Frames on 000h that are no NMT command: length, specifier or node number."""
-    odd: list[OddCommand] = field(default_factory=list)
-    """The first of them."""
-    timelines: dict[NodeKey, Timeline] = field(default_factory=dict)
 
 
 class NmtFold:
@@ -146,15 +57,10 @@ class NmtFold:
     def __init__(self, context: Context) -> None:
         self._context = context
         self._first_ns: int | None = None
-        self._commands: dict[int, list[Command]] = {}
-        self._malformed = 0
-        self._odd: list[OddCommand] = []
+        self._commands = Commands()
         self._control: dict[NodeKey, ErrorControl] = {}
         self._pdos: dict[NodeKey, PdoSpans] = {}
         self._gaps: dict[int | None, list[tuple[int, Gap]]] = {}
-        self._synced: set[int] = set()
-        self._foreign: Counter[int] = Counter()
-        """By bus number: frames on 000h and 080h that have another length than CANopen's."""
         self._cut_beats: dict[NodeKey, int] = {}
         self._cut_commands: dict[NodeKey, int] = {}
         self._found_cuts: dict[NodeKey, list[tuple[int, int]]] = {}
@@ -176,7 +82,7 @@ class NmtFold:
         if self._first_ns is None:
             self._first_ns = int(batch.frames.t_ns[0])
         self._next_seq = batch.seq0 + len(batch)
-        resets = self._take_commands(batch)
+        resets = self._commands.take(batch)
         owner = self._owners(batch)
         by_node = _by_node(batch, owner)
         for key, rows in by_node.items():
@@ -217,23 +123,29 @@ class NmtFold:
         for control in self._control.values():
             control.finish(end_ns, self._next_seq)
         alive = {key for key, control in self._control.items() if control.alive}
-        own = {bus for bus, _ in alive} | self._commanded_buses() | self._synced
+        self._tell_emptied(end_ns)
+        own = {bus for bus, _ in alive} | self._commands.buses() | self._commands.synced
         foreign = self._foreign_buses() - own
         shown = (set(canopen) - foreign) | own
         table = NmtTable(
             first_ns=self._first_ns or 0,
             end_ns=end_ns,
-            malformed=self._malformed,
-            odd=self._odd,
+            malformed=self._commands.malformed,
+            odd=self._commands.odd,
             canopen=frozenset(shown),
             foreign=frozenset(foreign),
         )
         spans = self._spans(shown)
         told = sorted(alive | set(spans))
+        heartbeats = {bus: self._witnesses(bus) for bus, _ in told}
         for key in told:
             alone = sum(bus == key[0] for bus, _ in told) == 1
-            self._tell(table, key, spans.get(key, []), end_ns, clock, alone)
-        for bus, commands in sorted(self._commands.items()):
+            more = key[0] in self._commands.synced or any(
+                k[0] == key[0] and k != key for k in spans
+            )
+            witnesses = Witnesses() if more else heartbeats[key[0]]
+            self._tell(table, key, spans.get(key, []), end_ns, clock, alone, witnesses)
+        for bus, commands in sorted(self._commands.by_bus.items()):
             table.commands.extend(self._command_row(bus, command) for command in commands)
         table.commands.sort(key=lambda row: row.seq)
         return table
@@ -256,50 +168,10 @@ class NmtFold:
 
         What looks like an answered SDO request there is chance.
         """
-        found = Counter(self._foreign)
+        found = Counter(self._commands.foreign)
         for (bus, _), control in self._control.items():
             found[bus] += control.counts.odd
         return {bus for bus, number in found.items() if number >= FOREIGN}
-
-    def _commanded_buses(self) -> set[int]:
-        return {
-            bus
-            for bus, commands in self._commands.items()
-            if any(c.specifier in COMMANDS and c.node <= 127 for c in commands)
-        }
-
-    def _take_commands(self, batch: IndexedBatch) -> list[Reset]:
-        resets = []
-        for bus, can_id in batch.ids():
-            if can_id == SYNC_ID:
-                long = int(np.count_nonzero(batch.frames.dlc[batch.rows(bus, can_id)] > 1))
-                self._foreign[bus] += long
-                if not long:
-                    self._synced.add(bus)
-            if can_id != 0:
-                continue
-            rows = batch.rows(bus, 0)
-            good = rows[batch.frames.dlc[rows] == 2]
-            self._take_odd(batch, bus, rows)
-            self._foreign[bus] += len(rows) - len(good)
-            kept = self._commands.setdefault(bus, [])
-            for row in good.tolist():
-                specifier, node = batch.frames.data[row, :2].tolist()
-                kept.append(Command(batch.seq(row), int(batch.frames.t_ns[row]), specifier, node))
-                if specifier in RESETS:
-                    resets.append(Reset(row, int(batch.frames.t_ns[row]), bus, node, specifier))
-        return resets
-
-    def _take_odd(self, batch: IndexedBatch, bus: int, rows: NDArray[np.intp]) -> None:
-        """Note the frames on 000h that no node can follow (CiA 301 7.2.8.3.1)."""
-        frames = batch.frames
-        length, data = frames.dlc[rows], frames.data[rows]
-        known = np.isin(data[:, 0], list(COMMANDS)) & (data[:, 1] <= MAX_NODE)
-        odd = rows[(length != 2) | ~known]
-        self._malformed += len(odd)
-        for row in odd[: MAX_ODD - len(self._odd)].tolist():
-            what = _wrong_with(frames.payload(row))
-            self._odd.append(OddCommand(bus, batch.seq(row), int(frames.t_ns[row]), what))
 
     def _owners(self, batch: IndexedBatch) -> NDArray[np.uint16]:
         """(n,) number of the frame's sender as bus << 7 | node; 0 in the low bits: not known."""
@@ -379,14 +251,14 @@ class NmtFold:
             return False
         told = any(
             last.seq < command.seq < beat.seq and command.node in (0, key[1])
-            for command in reversed(self._commands.get(key[0], []))
+            for command in reversed(self._commands.by_bus.get(key[0], []))
         )
         return not told and STATE_OF_BYTE.get(beat.state) is NmtState.PRE_OPERATIONAL
 
     def _marks(self, batch: IndexedBatch, key: NodeKey) -> list[int]:
         """Marks of the commands of this batch that concern a node."""
         marks = []
-        for command in reversed(self._commands.get(key[0], [])):
+        for command in reversed(self._commands.by_bus.get(key[0], [])):
             if command.seq < batch.seq0:
                 break
             if command.node in (0, key[1]):
@@ -430,7 +302,7 @@ class NmtFold:
         cuts.extend((beat.seq, beat.t_ns) for beat in beats[self._cut_beats.get(key, 0) :])
         self._cut_beats[key] = len(beats)
         cuts += self._found_cuts.pop(key, [])
-        commands = self._commands.get(key[0], [])
+        commands = self._commands.by_bus.get(key[0], [])
         fresh = commands[self._cut_commands.get(key, 0) :]
         self._cut_commands[key] = len(commands)
         cuts.extend((c.seq, c.t_ns) for c in fresh if c.node in (0, key[1]))
@@ -444,9 +316,10 @@ class NmtFold:
         end_ns: int,
         clock: ClockTable,
         alone: bool,
+        witnesses: Witnesses,
     ) -> None:
         control = self._control.get(key) or ErrorControl(timed=self._context.timed)
-        commands = [c for c in self._commands.get(key[0], []) if c.node in (0, key[1])]
+        commands = [c for c in self._commands.by_bus.get(key[0], []) if c.node in (0, key[1])]
         commands = sorted([*commands, *self._sdo_resets(key)], key=lambda c: c.seq)
         history = NodeHistory(
             bus=key[0],
@@ -467,6 +340,7 @@ class NmtFold:
             stretches=control.paces.stretches,
             alone=alone,
             others_anew=self._others_anew(key),
+            witnesses=witnesses,
             communication_errors=self._errors.get(key, ()),
         )
         timeline = Timeline(self._context, history, clock)
@@ -490,18 +364,19 @@ class NmtFold:
         table.nodes[key] = NodeNmt(
             counts=control.counts,
             heartbeat_period_ns=control.median_ns() if self._context.timed else None,
-            share=_shares(timeline.intervals),
+            share=shares(timeline.intervals),
             final_state=timeline.intervals[-1].state.value if timeline.intervals else "UNKNOWN",
             alive=control.alive,
             period_us=control.paces.quantiles(late),
-            confirmed_ms=_quantiles_ms(measures.confirmations()),
-            boot_ms=_quantiles_ms(measures.boot_times()),
+            confirmed_ms=quantiles_ms(measures.confirmations()),
+            boot_ms=quantiles_ms(measures.boot_times()),
             guarding=control.guarding,
             paces=control.paces,
             late=late,
             odd=control.odd,
             doubles=control.doubles,
             twins=control.twins,
+            pairs=control.pairs,
             pdo_doubles=self._pdo_doubles.get(key, {}),
             toggles=toggles,
             violations=timeline.violations,
@@ -510,6 +385,42 @@ class NmtFold:
             off_pace=timeline.off_pace,
             pdos="no" if not spans else "guess" if all(s.guess for s in spans) else "bound",
         )
+
+    def _tell_emptied(self, end_ns: int) -> None:
+        """Tell boot-ups from heartbeats that a remote frame has emptied, now that all is known."""
+        for (bus, node), control in self._control.items():
+            gaps = sorted(
+                (seq, gap.start_ns)
+                for seq, gap in self._gaps.get(bus, []) + self._gaps.get(None, [])
+            )
+            resets = [
+                (c.seq, c.t_ns)
+                for c in self._commands.by_bus.get(bus, [])
+                if c.specifier in RESETS and c.node in (0, node)
+            ]
+            period_ns = control.slowest_ns() if self._context.timed else None
+            if self._context.timed:
+                heard = [0, *(seq for seq, _ in gaps)]
+                asked = [seq for seq, _ in resets]
+                writes = self._written((bus, node))
+                control.tell_anew(never_booted(control.beats, heard, asked, period_ns, writes))
+            if control.counts.empty and period_ns is not None:
+                boots = restarted(
+                    self._context,
+                    (bus, node),
+                    control.beats,
+                    sorted([*gaps, *resets]),
+                    period_ns,
+                    end_ns,
+                    zeros=control.zeros,
+                )
+                control.tell_anew(boots)
+
+    def _written(self, key: NodeKey) -> list[int]:
+        """When 1017h of a node was written [ns]."""
+        shadow, place = self._context.shadow, (*key, PRODUCER_TIME)
+        known = (shadow.get(*place, 0, seq) for seq in shadow.changes(*place))
+        return sorted(k.t_ns for k in known if k and k.source == "sdo-write" and k.t_ns is not None)
 
     def _restarted(self, key: NodeKey, toggle: Repeated) -> bool:
         """Whether a write began the toggle bit anew between two answers (a device's habit)."""
@@ -530,6 +441,19 @@ class NmtFold:
                 if known and change.cause == "sdo-write" and known.value == writes[place]:
                     how = f"reset by SDO ({place[0]:04X}h)"
                     yield Command(change.seq, change.t_ns, RESETS[0], key[1], how)
+
+    def _witnesses(self, number: int) -> Witnesses:
+        """The heartbeats of a bus whose period is known."""
+        found = {}
+        for (bus, node), control in self._control.items():
+            period_ns, last_ns = control.median_ns(), control.last_beat_ns
+            if bus != number or period_ns is None or last_ns is None or not control.beats:
+                continue
+            if control.counts.heartbeats > ENOUGH and not control.counts.guard_answers:
+                silent = [(each.start_ns, each.end_ns) for each in control.silences]
+                first_ns, late = control.beats[0].t_ns, control.paces.late
+                found[node] = Heartbeat(period_ns, first_ns, last_ns, late, silent)
+        return Witnesses(found)
 
     def _others_anew(self, key: NodeKey) -> list[int]:
         """When other nodes of the bus may have started: a boot-up may look like a heartbeat."""
@@ -568,25 +492,6 @@ class NmtFold:
         return max(told) if told and len(told) == len(times) else None
 
 
-def _quantiles_ms(times_ns: list[int]) -> Quantiles | None:
-    found = Distribution()
-    found.add(np.array(times_ns, np.int64))
-    return found.quantiles(1e6)
-
-
-def _wrong_with(data: bytes) -> str:
-    """What keeps two bytes on 000h from being an NMT command.
-
-    >>> _wrong_with(b""), _wrong_with(bytes((0x99, 5))), _wrong_with(bytes((1, 255)))
-    ('0 instead of 2 bytes', 'unknown command specifier 99h', 'node number 255')
-    """
-    if len(data) != 2:
-        return f"{len(data)} instead of 2 bytes"
-    wrong = [f"unknown command specifier {data[0]:02X}h"] if data[0] not in COMMANDS else []
-    wrong += [f"node number {data[1]}"] if data[1] > MAX_NODE else []
-    return ", ".join(wrong)
-
-
 def _by_node(batch: IndexedBatch, owner: NDArray[np.uint16]) -> dict[NodeKey, NDArray[np.intp]]:
     """Rows by sender, in arrival order; remote frames of error control count to their node."""
     asked = batch.rows_of(Service.ERROR_CONTROL, remote=True)
@@ -601,13 +506,3 @@ def _by_node(batch: IndexedBatch, owner: NDArray[np.uint16]) -> dict[NodeKey, ND
         for part in np.split(rows[order], cuts)
         if len(part)
     }
-
-
-def _shares(intervals: list[Interval]) -> dict[str, float]:
-    """Share of the told time by state; empty when no time passed."""
-    total = sum(i.end_ns - i.start_ns for i in intervals)
-    shares: dict[str, float] = {}
-    for interval in intervals:
-        part = (interval.end_ns - interval.start_ns) / total if total else 0.0
-        shares[interval.state.value] = shares.get(interval.state.value, 0.0) + part
-    return shares if total else {}

@@ -3,11 +3,16 @@
 from bisect import bisect_left, bisect_right
 from itertools import islice
 
+import numpy as np
+
 from syncline_analyzer.context import Context
-from syncline_analyzer.folds.nmt.events import Command
+from syncline_analyzer.distribution import Distribution
+from syncline_analyzer.folds.nmt.events import Command, Interval
 from syncline_analyzer.folds.nmt.pace import Late
-from syncline_analyzer.folds.nmt.timeline import RESET_WINDOW_NS, Timeline, state_of
+from syncline_analyzer.folds.nmt.silences import RESET_WINDOW_NS
+from syncline_analyzer.folds.nmt.timeline import Timeline, state_of
 from syncline_analyzer.folds.nmt.timeout import period_changed
+from syncline_analyzer.results import Quantiles
 from syncline_schemas.canopen.nmt import STATE_AFTER_COMMAND, NmtState
 
 SILENT_PART = 0.2
@@ -89,3 +94,20 @@ class Measures:
         nobody = self._timeline.quiet.within(start_ns, end_ns)
         stepped = passed > RESET_WINDOW_NS and nobody > passed / 2
         return None if passed < 0 or stepped else passed
+
+
+def quantiles_ms(times_ns: list[int]) -> Quantiles | None:
+    """Row of the tables [ms] of some times [ns]; None without any."""
+    found = Distribution()
+    found.add(np.array(times_ns, np.int64))
+    return found.quantiles(1e6)
+
+
+def shares(intervals: list[Interval]) -> dict[str, float]:
+    """Share of the told time by state; empty when no time passed."""
+    total = sum(i.end_ns - i.start_ns for i in intervals)
+    shares: dict[str, float] = {}
+    for interval in intervals:
+        part = (interval.end_ns - interval.start_ns) / total if total else 0.0
+        shares[interval.state.value] = shares.get(interval.state.value, 0.0) + part
+    return shares if total else {}

@@ -51,6 +51,14 @@ class Pace:
         return self.total_ns // self.number
 
 
+class Even(NamedTuple):
+    """Periods in a row of about one length, their mean `period_ns`."""
+
+    first_ns: int
+    last_ns: int
+    period_ns: int
+
+
 class Halved(NamedTuple):
     """Heartbeats that came twice as often from one moment on, in time with those before."""
 
@@ -83,6 +91,8 @@ class HeartbeatPeriods:
     stretches: list[Pace] = field(default_factory=list)
     """Runs of periods of one length, the first of each length unlike the one before: short ones,
     which the windows may miss, are among them."""
+    even: list[Even] = field(default_factory=list)
+    """All runs of periods of one length, the first of them."""
     _usual: Periods = field(default_factory=Periods)
     _seq: Int64s = field(default_factory=lambda: np.zeros(0, np.int64))
     _t_ns: Int64s = field(default_factory=lambda: np.zeros(0, np.int64))
@@ -173,7 +183,7 @@ class HeartbeatPeriods:
         for begin, stop in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
             if begin:
                 self._end_run()
-            if begin and stop - begin < ENOUGH and stop < len(passed):
+            if begin and stop - begin < MIN_PERIODS and stop < len(passed):
                 continue
             run = self._run = self._run or _Run(int(seq[begin]), int(t_ns[begin]))
             run.last_seq, run.last_ns = int(seq[stop - 1]), int(t_ns[stop - 1])
@@ -183,9 +193,13 @@ class HeartbeatPeriods:
 
     def _end_run(self) -> None:
         run, self._run = self._run, None
-        if run is None or run.number < ENOUGH or len(self.stretches) >= MAX_PACES:
+        if run is None or run.number < MIN_PERIODS:
             return
         mean = run.total_ns // run.number
+        if len(self.even) < MAX_PACES:
+            self.even.append(Even(run.first_ns, run.last_ns, mean))
+        if run.number < ENOUGH or len(self.stretches) >= MAX_PACES:
+            return
         last = self.stretches[-1].median_ns if self.stretches else 0
         if max(last, mean) >= ALIKE * min(last, mean):
             ends = (run.first_seq, run.last_seq, run.first_ns, run.last_ns)

@@ -1,13 +1,15 @@
 """The NMT state timeline of one node, told from its reduced history (analysis.md section 4)."""
 
-from bisect import bisect_left, bisect_right
+from bisect import bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.folds.bus.clock import ClockTable
+from syncline_analyzer.folds.nmt.emptied import boots_with_00h
 from syncline_analyzer.folds.nmt.events import (
     IN_FLIGHT_NS,
+    RESETS,
     Beat,
     BootUpEvent,
     Certainty,
@@ -21,7 +23,8 @@ from syncline_analyzer.folds.nmt.events import (
     Violation,
 )
 from syncline_analyzer.folds.nmt.quiet import Quiet
-from syncline_analyzer.folds.nmt.timeout import PRODUCER_TIME, off_pace, silence_limit
+from syncline_analyzer.folds.nmt.silences import RESET_WINDOW_NS, Silences, loss_of
+from syncline_analyzer.folds.nmt.timeout import off_pace
 from syncline_schemas.batch import Gap
 from syncline_schemas.canopen.nmt import (
     STATE_AFTER_COMMAND,
@@ -38,27 +41,15 @@ RESET_QUIET_NS = 4_000_000_000
 PAIR_NS = 150_000_000
 """A second boot-up this soon after the first belongs to the same start [ns]: devices that send a
 pair have 45 ms and 85 ms between the two."""
-RESTART_NS = 10_000_000_000
-"""A silence that a boot-up ends is a restart up to this length, longer ones are losses [ns]."""
-ALONE_RESTART_NS = 2_000_000_000
-"""The same for the only node of a bus that was silent altogether: nobody switches a machine off and
-on in less, and beyond it that is the likelier story [ns]."""
-RESET_WINDOW_NS = 10_000_000_000
-"""A boot-up this long after a reset command is still its effect [ns]."""
 REACTION = 0x1029
 """What a node does after a communication error: subindex 1, 0 for PRE-OPERATIONAL."""
 REACTION_NS = 10_000_000_000
 """An error explains a fall to PRE-OPERATIONAL this long after it [ns]."""
 TOLD_LATE_NS = 1_000_000_000
 """A node that was bus-off can tell it this long after its first message [ns]."""
-ALIKE = 3
-"""So many long intervals of one length in a row are a period, not silences."""
-FADE_NS = 3_000_000_000
-"""Nodes of a machine that is switched off fall silent within this time of one another [ns]."""
-BUS_SHARE = 0.8
-"""Part of a node's silence during which the whole bus was silent that makes it the bus's."""
-
-_RESETS = (0x81, 0x82)
+TOLD_PERIODS = 2
+"""A node that follows a command has told it after so many periods of its error control."""
+_ENDS_PDOS = (0x02, 0x80)
 
 
 @dataclass(slots=True)
@@ -83,8 +74,8 @@ class Timeline:
     def __init__(self, context: Context, history: NodeHistory, clock: ClockTable) -> None:
         self._context = context
         self.history = history
-        self._clock = clock
         self.quiet = Quiet(clock.silences.get(history.bus, ()))
+        self._silences = Silences(context, history, clock, self.quiet)
         self._quirks = quirks(context.shadow.device(history.bus, history.node))
         self._seqs = [beat.seq for beat in history.beats]
         self.intervals: list[Interval] = []
@@ -100,6 +91,8 @@ class Timeline:
         self.followed = False
         """Whether the node ever did what a command said; the NMT master itself does not."""
         self._heard = False
+        self._blank = False
+        """Whether its last message told no state."""
         self._said: NmtState | None = None
         """What the node told last."""
         self._fresh_seq: int | None = -1
@@ -113,8 +106,7 @@ class Timeline:
     def _events(self) -> Iterator[tuple[int, int, object]]:
         """(seq, order, event): commands before beats, silences before the frame that ends them."""
         history = self.history
-        for silence in self._periodic(history.silences):
-            yield from self._events_of(silence)
+        yield from self._silences.events()
         for seq, gap in history.gaps:
             yield seq, 2, gap
         for command in history.commands:
@@ -123,31 +115,6 @@ class Timeline:
             yield beat.seq, 4, beat
         for span in history.spans:
             yield span.first_seq, 5, span
-
-    def _periodic(self, silences: list[Silence]) -> Iterator[Silence]:
-        """Leave out those that are a new, longer period: several alike, one after the other."""
-        run: list[Silence] = []
-        for silence in silences:
-            if run and not _continues(run[-1], silence):
-                yield from run if len(run) < ALIKE else ()
-                run = []
-            run.append(silence)
-        yield from run if len(run) < ALIKE else ()
-
-    def _events_of(self, silence: Silence) -> Iterator[tuple[int, int, object]]:
-        """Where in the order of `seq` a node gets LOST: commands may come before and after."""
-        timeout = silence_limit(self._context, self.history, silence)
-        if timeout is None or silence.end_ns <= silence.start_ns + timeout[0]:
-            return
-        lost_ns = silence.start_ns + timeout[0]
-        later = [
-            command.seq
-            for command in self.history.commands
-            if silence.start_seq < command.seq and command.t_ns >= lost_ns
-        ]
-        yield min([silence.order, *later[:1]]), 0, (silence, timeout)
-        if silence.end_seq is not None and not self._is_beat(silence.end_seq):
-            yield silence.order, 1, silence
 
     def _take(self, event: object) -> None:
         match event:
@@ -190,7 +157,7 @@ class Timeline:
         if state is None:
             return
         now = self._now
-        if command.specifier in _RESETS:
+        if command.specifier in RESETS:
             now.reset = command
         again = now.command is not None and now.command.specifier == command.specifier
         first = now.first if again else command
@@ -211,8 +178,10 @@ class Timeline:
         if self._is_boot_up(beat, first):
             self._boot_up(beat, blind)
             return
+        again, self._blank = self._blank, beat.kind == "empty"
         if beat.kind == "empty":
-            if self._now.state is not NmtState.UNKNOWN:
+            implied = again and self.intervals[-1].certainty == "implied"
+            if self._now.state is not NmtState.UNKNOWN and not implied:
                 cause = "alive, but its state byte is empty since a remote frame asked for it"
                 self._begin(NmtState.UNKNOWN, beat.t_ns, cause, "observed", beat.seq)
             return
@@ -234,7 +203,7 @@ class Timeline:
         if command is not None and last.certainty == "commanded":
             if beat.t_ns - command.t_ns <= IN_FLIGHT_NS and self._context.timed:
                 return
-            if command.specifier in _RESETS and command.node == 0 and len(self.intervals) > 1:
+            if command.specifier in RESETS and command.node == 0 and len(self.intervals) > 1:
                 self._take_back(state, beat)
                 return
         elif command is not None and STATE_AFTER_COMMAND[command.specifier] is state:
@@ -278,12 +247,28 @@ class Timeline:
         patience = self.history.period_ns
         if patience is None or not self._context.timed or command.by:
             return
-        if command.specifier in _RESETS:
+        if command.specifier in RESETS:
             patience = max(patience, self.reset_quiet_ns)
         passed = beat.t_ns - command.t_ns
         if passed - self.quiet.within(command.t_ns, beat.t_ns) > patience:
             self.ignored.append(Ignored(command, beat.seq, beat.t_ns, state.value))
             self._now.command = None
+
+    def _note_against(self, span: PdoSpan) -> None:
+        """PDOs that go on for two periods after a command contradict it, if no state is told."""
+        command, patience = self._now.command, self.history.period_ns
+        if command is None or patience is None or command.by or not self._context.timed:
+            return
+        if span.guess or span.asked or command.specifier not in _ENDS_PDOS:
+            return
+        due_ns = command.t_ns + TOLD_PERIODS * patience
+        if span.last_ns - self.quiet.within(command.t_ns, span.last_ns) <= due_ns:
+            return
+        t_ns = min(span.last_ns, max(span.first_ns, due_ns))
+        seq = span.first_seq if span.late_seq is None else span.late_seq
+        state = NmtState.OPERATIONAL.value
+        self.ignored.append(Ignored(self._now.first or command, seq, t_ns, state, span.can_id))
+        self._now.command = None
 
     def _cause_of(self, beat: Beat, before: NmtState) -> str:
         if before in (NmtState.UNKNOWN, NmtState.LOST):
@@ -328,15 +313,10 @@ class Timeline:
         return not told and self._stays(beat)
 
     def _boots_with_00h(self) -> bool:
-        """Whether the node booted with 00h before, and 1017h was not stored since (trap 1)."""
+        """Whether the node booted with 00h before, and still does."""
         last = self.boot_ups[-1] if self.boot_ups else None
-        if last is None or last.byte:
-            return False
-        history = self.history
-        objects = dict(self._context.shadow.history(history.bus, history.node))
-        known = objects.get((PRODUCER_TIME, 0))
-        saved = known.saved if known is not None else None
-        return not (saved is not None and saved.value and (saved.seq or 0) > last.seq)
+        place = (self.history.bus, self.history.node)
+        return last is not None and boots_with_00h(self._context, place, last.seq, last.byte)
 
     def _stays(self, beat: Beat) -> bool:
         """Whether the node says the same state until a command comes; two devices do not."""
@@ -384,6 +364,7 @@ class Timeline:
 
     def _pdos(self, span: PdoSpan) -> None:
         self._now.blind = False
+        self._note_against(span)
         now, last = self._now, self.intervals[-1]
         fresh = now.state is NmtState.PRE_OPERATIONAL and last.evidence == self._fresh_seq
         if now.state in (NmtState.UNKNOWN, NmtState.LOST) or fresh:
@@ -415,16 +396,16 @@ class Timeline:
             if passed - self.quiet.within(since, silence.end_ns) <= quiet:
                 return
             start = max(start, since + quiet)
-        anew = self._starts_anew(silence)
-        whole = self._whole_bus(silence, timeout_ns, anew)
-        went_on = not anew or self._went_on(silence.start_ns, silence.end_ns)
+        anew = self._silences.starts_anew(silence)
+        whole = self._silences.whole_bus(silence, timeout_ns, anew)
+        went_on = not anew or self._silences.went_on(silence.start_ns, silence.end_ns)
         before = now.state.value
         now.command = None
-        if self._is_restart(silence, whole):
+        if self._silences.is_restart(silence, whole):
             cause = "it started anew without a command, some time after its last sign of life"
             self._begin(NmtState.INITIALISING, silence.start_ns, cause, "implied", silence.end_seq)
             self.restarts.append(
-                _loss(silence, silence.start_ns, timeout_ns, reason, before, whole)
+                loss_of(silence, silence.start_ns, timeout_ns, reason, before, whole)
             )
             return
         if whole and went_on and silence.end_seq is not None:
@@ -438,75 +419,16 @@ class Timeline:
         if whole:
             cause += "; nobody else was heard either"
         self._begin(NmtState.LOST, start, cause, "observed", silence.start_seq)
-        self.lost.append(_loss(silence, start, timeout_ns, reason, before, whole))
+        self.lost.append(loss_of(silence, start, timeout_ns, reason, before, whole))
 
     def _heard_again(self, silence: Silence) -> None:
         if self._now.state is NmtState.LOST:
             cause = "heard again, but it has not told its state"
             self._begin(NmtState.UNKNOWN, silence.end_ns, cause, "assumed", silence.end_seq)
 
-    def _is_beat(self, seq: int) -> bool:
-        at = bisect_left(self._seqs, seq)
-        return at < len(self._seqs) and self._seqs[at] == seq
-
-    def _whole_bus(self, silence: Silence, timeout_ns: int, anew: bool) -> bool:
-        """Whether a silence is that of everybody, and no restart of this node alone.
-
-        The machine was off if nobody was heard for long enough, from soon after the node was heard
-        last: supplies hold some nodes up for seconds, and some, the master above all, take longer
-        to start.
-        """
-        if not anew or self.history.alone:
-            return self._of_the_bus(silence, timeout_ns)
-        off_ns = self.quiet.off(silence.start_ns, silence.end_ns)
-        return off_ns is not None and off_ns - silence.start_ns <= max(timeout_ns, FADE_NS)
-
-    def _of_the_bus(self, silence: Silence, timeout_ns: int) -> bool:
-        """Whether nobody was heard for most of a silence, or for what makes it too long."""
-        passed = silence.end_ns - silence.start_ns
-        bus = self._clock.silence_within(self.history.bus, silence.start_ns, silence.end_ns)
-        if bus is not None and bus.end_ns - bus.start_ns >= BUS_SHARE * passed:
-            return True
-        nobody = self.quiet.within(silence.start_ns, silence.end_ns)
-        return nobody > 0 and passed - nobody <= timeout_ns
-
-    def _went_on(self, start_ns: int, end_ns: int) -> bool:
-        """Whether the other nodes of the bus did not start anew when this one did."""
-        anew = self.history.others_anew
-        at = bisect_left(anew, start_ns)
-        return not self.history.alone and (at == len(anew) or anew[at] > end_ns + RESTART_NS)
-
     def _switched_on(self, beat: Beat) -> bool:
         """Whether the machine may have been off since the node was heard last."""
         return not self.history.alone and self.quiet.off(beat.previous_ns, beat.t_ns) is not None
-
-    def _is_restart(self, silence: Silence, whole: bool) -> bool:
-        """Whether an unasked boot-up ends a silence no longer than a restart may take."""
-        end_seq = silence.end_seq
-        longest = RESTART_NS
-        if whole:
-            longest = ALONE_RESTART_NS if self.history.alone else 0
-        if end_seq is None or silence.end_ns - silence.start_ns > longest:
-            return False
-        at = bisect_left(self._seqs, end_seq)
-        if not self._is_beat(end_seq) or self.history.beats[at].kind != "boot-up":
-            return False
-        return not any(
-            command.specifier in _RESETS
-            and command.seq < end_seq
-            and silence.end_ns - command.t_ns <= RESET_WINDOW_NS
-            for command in self.history.commands
-        )
-
-    def _starts_anew(self, silence: Silence) -> bool:
-        """Whether the node's first message after a silence is a boot-up."""
-        if silence.end_seq is None:
-            return False
-        at = bisect_left(self._seqs, silence.end_seq)
-        following = self.history.beats[at : at + 1]
-        return any(
-            beat.kind == "boot-up" or beat.state in self._quirks.bootup_bytes for beat in following
-        )
 
     def _gap(self, gap: Gap) -> None:
         cause = f"the recorder was blind ({gap.reason}); nothing heard since"
@@ -519,28 +441,6 @@ class Timeline:
         """Silence after a reset that is not held against the node [ns]."""
         known = self._quirks.reset_quiet_ms * 1_000_000
         return (known or RESET_QUIET_NS) + RESET_MARGIN_NS
-
-
-def _loss(
-    silence: Silence, start_ns: int, timeout_ns: int, reason: str, before: str, whole: bool
-) -> Lost:
-    return Lost(
-        start_ns,
-        silence.end_ns,
-        silence.start_seq,
-        silence.start_ns,
-        silence.end_seq,
-        timeout_ns,
-        reason,
-        before,
-        whole,
-    )
-
-
-def _continues(before: Silence, after: Silence) -> bool:
-    """Whether a silence begins where one of the same length ended."""
-    lengths = [silence.end_ns - silence.start_ns for silence in (before, after)]
-    return before.end_ns == after.start_ns and max(lengths) < 1.2 * min(lengths)
 
 
 def state_of(beat: Beat) -> NmtState | None:

@@ -64,6 +64,8 @@ class SdoChannel:
         self.strays = Strays()
         self.oddities: list[Oddity] = []
         self.answers = 0
+        self.client_id: int | None = None
+        """Identifier on which the client asked last."""
         self._done = done
         self._now: Transfer | None = None
         self._running: Segments | Block | None = None

@@ -34,8 +34,11 @@ class _Side(NamedTuple):
 
     channel: SdoChannel
     request: bool
+    can_id: int
 
     def feed(self, seq: int, t_ns: int, data: bytes) -> None:
+        if self.request:
+            self.channel.client_id = self.can_id
         take = self.channel.request if self.request else self.channel.answer
         take(seq, t_ns, data)
 
@@ -183,6 +186,7 @@ class SdoFold:
             else:
                 ask = int(ask_of[at])
                 if sides[at].channel.expects(data[ask * 8]):
+                    sides[at].channel.client_id = sides[ask].can_id
                     sides[at].channel.take(transfer, data[at * 8 : at * 8 + 8])
                 else:
                     feed(ask)
@@ -217,7 +221,7 @@ class SdoFold:
             return self._moved[key]
         if key not in self._usual:
             channel = self._channel(key >> 11, key & 0x7F, 0x1200)
-            self._usual[key] = _Side(channel, key & 0x780 == 0x600)
+            self._usual[key] = _Side(channel, key & 0x780 == 0x600, key & 0x7FF)
         return self._usual[key]
 
     def _channel(self, bus: int, node: int, server: int) -> SdoChannel:
@@ -237,7 +241,7 @@ class SdoFold:
                     continue
                 if not self._taken(bus, node, can_id):
                     channel = self._channel(bus, node, index)
-                    yield bus << 11 | can_id, _Side(channel, sub == 1)
+                    yield bus << 11 | can_id, _Side(channel, sub == 1, can_id)
 
     def _moved_to(self, bus: int, node: int, index: int, sub: int) -> int | None:
         """Identifier of a server as the bus or its description tells; an EDS is often wrong."""
@@ -274,6 +278,7 @@ class SdoFold:
 
     def _done(self, channel: SdoChannel, transfer: Transfer) -> None:
         bus, node = channel.bus, channel.node
+        transfer.client_id = channel.client_id
         self._note(bus, node, transfer)
         if transfer.result == "ok":
             if transfer.whole:

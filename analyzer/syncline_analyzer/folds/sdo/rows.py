@@ -48,6 +48,7 @@ class SdoRows:
             crc_ok=transfer.crc_good,
             abort_by=transfer.abort_by,
             abort_text=_abort_text(transfer.abort_code) if aborted else None,
+            client_cob_id=transfer.client_id,
         )
 
     def _answer_us(self, transfer: Transfer) -> float | None:

@@ -44,6 +44,7 @@ class Transfer:
         ended_by: what broke it off, or what made the client give up waiting.
         given_up_ns: when the client gave up waiting for the first answer.
         stray_abort: an abort that names another object, while this one waited for its answer.
+        client_id: identifier of the client's frames, None where none of them was seen.
         crc_offered, block_size: what the client's request for a block transfer says.
     """
 
@@ -70,6 +71,7 @@ class Transfer:
     stray_abort: Refusal | None = None
     crc_offered: bool = False
     block_size: int = 0
+    client_id: int | None = None
 
     def names(self, data: bytes) -> bool:
         """Whether a frame carries this object's index and subindex."""

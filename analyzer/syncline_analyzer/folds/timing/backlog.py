@@ -11,6 +11,8 @@ PAUSE = 10.0
 """A period longer than this many medians is a pause of the producer or of the whole bus."""
 _FULL = 1.5
 """Frames that follow one another on the wire take no longer than this many times their length."""
+_IDLE = 2.0
+"""A pause lasts longer than this many times its frames, or the bus was busy meanwhile."""
 _FASTEST_BIT_NS = 1000
 """No CAN bus is faster, and none of CANopen needs to be."""
 
@@ -30,6 +32,8 @@ def backlog(
 
     They are much shorter than the median, one after the other, and full of frames at the spacing
     of the wire or closer. The period that leads from them to the first true one belongs to them.
+    In a pause of the recorder there are few frames: where the bus was full meanwhile, it was SYNC
+    that had to wait.
 
     Args:
         periods: (n,) SYNC periods [ns].
@@ -49,6 +53,8 @@ def backlog(
         wire_ns = bit_ns or (float(np.median(per_bit)) if count else 0.0)
         step = resolution_ns / np.maximum(bits[start : start + count], 1)
         full = _leading(per_bit - step <= np.maximum(_FULL * wire_ns, _FASTEST_BIT_NS))
+        if start and periods[start - 1] < _IDLE * bits[start - 1] * wire_ns:
+            continue
         if full >= MANY:
             found[start : start + full + 1] = True
     return found

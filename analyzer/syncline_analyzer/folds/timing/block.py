@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from syncline_analyzer.echo import COPY
 from syncline_analyzer.fold import IndexedBatch
 from syncline_schemas.batch import FrameBatch, FrameFlag
-from syncline_schemas.wire_length import wire_bits
+from syncline_schemas.wire_length import data_phase_bits, wire_bits
 
 BLOCK_FRAMES = 1 << 16
 """Frames that make a block worth its fixed cost, and enough of them to learn a rhythm from."""
@@ -74,9 +74,17 @@ class Block:
     def wire_bits(self) -> NDArray[np.int64]:
         """(n,) length on the wire with intermission [bit].
 
-        At most for FD frames; 0 for errors, and for what the recorder wrote down twice.
+        Exact; 0 for errors, and for what the recorder wrote down twice. The part of it in
+        `data_phase_bits` passed at the data bit rate, and faster than at the nominal one.
         """
-        bits = wire_bits(self.frames)
+        bits = wire_bits(self.frames) + self.data_phase_bits
+        bits[(self.frames.flags & COPY) != 0] = 0
+        return bits
+
+    @cached_property
+    def data_phase_bits(self) -> NDArray[np.int64]:
+        """(n,) bits at the data bit rate: 0 for all but FD frames with bit rate switch."""
+        bits = data_phase_bits(self.frames)
         bits[(self.frames.flags & COPY) != 0] = 0
         return bits
 
@@ -94,14 +102,5 @@ class Block:
     @cached_property
     def error(self) -> NDArray[np.bool_]:
         """(n,) True for error frames."""
-        return _flagged(self.frames, FrameFlag.ERROR)
-
-    @cached_property
-    def fd(self) -> NDArray[np.bool_]:
-        """(n,) True for FD frames."""
-        return _flagged(self.frames, FrameFlag.FD)
-
-
-def _flagged(frames: FrameBatch, flag: FrameFlag) -> NDArray[np.bool_]:
-    flagged: NDArray[np.bool_] = (frames.flags & flag) != 0
-    return flagged
+        error: NDArray[np.bool_] = (self.frames.flags & FrameFlag.ERROR) != 0
+        return error

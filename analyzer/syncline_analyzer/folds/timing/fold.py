@@ -1,11 +1,13 @@
 """SYNC, PDO timing and bus load in one pass over the frames."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from syncline_analyzer.capture import Unread
 from syncline_analyzer.context import Context
 from syncline_analyzer.fold import IndexedBatch
+from syncline_analyzer.folds.nmt.table import NodeNmt
 from syncline_analyzer.folds.timing.block import BLOCK_FRAMES, Block, Blocks
+from syncline_analyzer.folds.timing.error_control_periods import ErrorControlPeriods
 from syncline_analyzer.folds.timing.load import LoadFold
 from syncline_analyzer.folds.timing.pdo import PdoFold
 from syncline_analyzer.folds.timing.pdo_judge import PdoJudge
@@ -13,6 +15,7 @@ from syncline_analyzer.folds.timing.silence import Silence, SilenceFold
 from syncline_analyzer.folds.timing.sync import SyncFold
 from syncline_analyzer.folds.timing.sync_holes import judged, sync_holes
 from syncline_analyzer.folds.timing.tables import TimingTables
+from syncline_analyzer.folds.timing.waiting_fold import WaitingFold
 from syncline_analyzer.pdo_binding import PdoBindings
 from syncline_analyzer.results import BusSilenceRow, ClockStepRow, NmtCommandRow, NmtStateRow
 from syncline_schemas.batch import Gap
@@ -33,8 +36,10 @@ class TimingFold:
         self._blocks = Blocks(block_frames)
         self._bindings = PdoBindings(context.shadow)
         self._sync = SyncFold(context)
-        self._pdo = PdoFold(context, self._bindings, self._sync)
+        self._waiting = WaitingFold(context, self._bindings)
+        self._pdo = PdoFold(context, self._bindings, self._sync, self._waiting)
         self._load = LoadFold(context)
+        self._error_control = ErrorControlPeriods(context)
         self._silence = SilenceFold()
         self._gap_starts: set[int] = set()
 
@@ -49,8 +54,10 @@ class TimingFold:
         self._gap_starts.add(gap.start_ns)
         self._sync.gap(gap.bus)
         self._pdo.gap(gap.bus)
+        self._waiting.gap(gap.bus)
         self._load.gap(gap.bus)
         self._silence.gap(gap.bus)
+        self._error_control.gap(gap.bus)
 
     def finish(
         self,
@@ -58,20 +65,24 @@ class TimingFold:
         nmt_states: Sequence[NmtStateRow] | None = None,
         commands: Sequence[NmtCommandRow] = (),
         unread: Sequence[Unread] = (),
+        nodes: Mapping[tuple[int, int], NodeNmt] | None = None,
     ) -> TimingTables:
         """All tables; a PDO is missed only while `nmt_states` say OPERATIONAL (None: always).
 
         `commands` are those of the master, which may switch SYNC off while it holds all nodes. Where
-        lines are `unread`, what is missing may be in them.
+        lines are `unread`, what is missing may be in them. `nodes` tell which is guarded, and which
+        sends heartbeats (None: the frames of 700h + node alone do).
         """
         self._flush()
-        load, load_series = self._load.finish()
         syncs = self._sync.finish()
+        load = self._load.finish(self._bindings, [(t.row.bus, t.row.cob_id) for t in syncs])
         tables = TimingTables(
-            bus_load=load,
+            bus_load=load.load,
+            bus_shares=load.shares,
+            node_shares=load.node_shares,
             sync_jitter=[row for table in syncs for row in table.jitter],
-            series=[t.series for t in syncs if t.series is not None] + load_series,
-            overloads=self._load.overloads(),
+            series=[t.series for t in syncs if t.series is not None] + load.series,
+            overloads=load.overloads,
             sync_doubles=[row for table in syncs for row in table.doubles],
         )
         self._add_silences(tables)
@@ -80,19 +91,27 @@ class TimingFold:
             told = judged(table, nmt_states or (), silences, commands, unread)
             tables.sync.append(told.row)
             tables.holes.extend(sync_holes(told))
+            tables.worst.extend(table.worst)
         judge = PdoJudge(
             self._context,
             self._bindings,
             self._sync,
             self._silence,
+            self._waiting,
             self._gap_starts,
             nmt_states,
             [Silence(each.start_ns, each.end_ns, 0, 0, {}) for each in unread],
             end_ns,
         )
         for (bus, can_id), state in sorted(self._pdo.states.items()):
-            if state.frames:
+            if state.frames or state.asked:
                 judge.add(tables, bus, can_id, state)
+        rows, worst = self._error_control.finish(
+            nodes, nmt_states or (), self._silences_and(unread)
+        )
+        tables.error_control_periods.extend(rows)
+        tables.worst.extend(worst)
+        tables.delays.extend(self._waiting.delays())
         return tables
 
     def _add_silences(self, tables: TimingTables) -> None:
@@ -113,11 +132,20 @@ class TimingFold:
         buses = [k for k, name in enumerate(self._context.buses) if name == bus_name]
         return [silence for bus in buses for silence in self._silence.of(bus)]
 
+    def _silences_and(self, unread: Sequence[Unread]) -> dict[int, list[Silence]]:
+        """Where nothing can be missing on each bus: silences, and lines that could not be read."""
+        lost = [Silence(each.start_ns, each.end_ns, 0, 0, {}) for each in unread]
+        return {
+            bus: [*self._silence.of(bus), *self._silence.backs(bus), *lost]
+            for bus in range(len(self._context.buses))
+        }
+
     def _flush(self) -> None:
         for block in self._blocks.flush():
             self._take(block)
 
     def _take(self, block: Block) -> None:
+        self._waiting.listen(block)
         for part in block.parts(self._turns(block)):
             for bus in part.by_bus:
                 self._pdo.update(part, bus)
@@ -125,6 +153,7 @@ class TimingFold:
             self._load.update(block, bus)
             if self._context.timed:
                 self._silence.update(block, bus)
+                self._error_control.update(block, bus)
 
     def _turns(self, block: Block) -> list[int]:
         """Where PDOs or SYNC moved or got another timing: nothing is told over such a frame."""

@@ -1,57 +1,88 @@
-"""Bus load and frame rate per second."""
+"""Bus load over time: windows of 1 s and 100 ms, the fullest burst, the longest busy stretch."""
 
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.folds.timing.block import Block
-from syncline_analyzer.results import BusLoadRow, OverloadRow, Series
-from syncline_analyzer.series import Columns, Thinner
-from syncline_schemas.batch import FrameFlag
+from syncline_analyzer.folds.timing.load_busy import Busy
+from syncline_analyzer.folds.timing.load_shares import Shares
+from syncline_analyzer.folds.timing.load_windows import Whole, Windows
+from syncline_analyzer.pdo_binding import PdoBindings
+from syncline_analyzer.results import (
+    BusLoadRow,
+    BusShareRow,
+    NodeShareRow,
+    OverloadRow,
+    Series,
+)
+from syncline_analyzer.service_ids import moved_emcy_id
 
 WINDOW_NS = 1_000_000_000
-MAX_POINTS = 20_000
-"""Windows that are kept for the plot."""
+SHORT_WINDOW_NS = 100_000_000
 OVERLOAD_PERCENT = 90.0
 """Load from which on frames of low priority wait for long."""
 OVERLOAD_WINDOWS = 3
 """So many such windows in a row are an overload."""
-_POSSIBLE_PERCENT = 101.0
+_POSSIBLE = 1.01
 """A higher load is no load: the recorder stamped late what it had kept."""
 MAX_OVERLOADS = 1000
 _STEP_BACK_NS = 100_000_000
 """A larger step back of the clock starts a new stretch of windows."""
 
+Ints = NDArray[np.int64]
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class LoadTables:
+    """What is told of the load of all buses."""
+
+    load: list[BusLoadRow] = field(default_factory=list)
+    shares: list[BusShareRow] = field(default_factory=list)
+    node_shares: list[NodeShareRow] = field(default_factory=list)
+    series: list[Series] = field(default_factory=list)
+    overloads: list[OverloadRow] = field(default_factory=list)
+
 
 @dataclass(slots=True)
 class _State:
-    """A bus from block to block."""
+    """A bus from block to block; bits at the data bit rate are counted as nominal ones."""
 
     frames: int = 0
-    bits: int = 0
+    bits: float = 0.0
     listened_ns: int = 0
-    switched_rate: bool = False
-    origin_ns: int | None = None
-    """Start of the stretch that is being counted; None at the start and after a gap."""
-    last_ns: int = 0
-    window: int = 0
-    window_frames: int = 0
-    window_bits: int = 0
-    peak_bits: int | None = None
-    over_time: Thinner = field(default_factory=lambda: Thinner("bits", MAX_POINTS))
+    unknown_rate: bool = False
+    """Whether a frame switched to a bit rate that nobody tells."""
+    last_ns: int | None = None
+    """None at the start and after a gap."""
+    seconds: Windows = field(default_factory=lambda: Windows(WINDOW_NS))
+    tenths: Windows = field(default_factory=lambda: Windows(SHORT_WINDOW_NS, _POSSIBLE))
+    busy: Busy = field(default_factory=Busy)
+    shares: Shares = field(default_factory=Shares)
     full: list[OverloadRow] = field(default_factory=list)
     """Windows that are nearly full, joined where they follow one another."""
 
+    def close(self) -> None:
+        """End a stretch of time that is listened to."""
+        self.seconds.close()
+        self.tenths.close()
+        self.busy.close()
+        self.last_ns = None
+
 
 class LoadFold:
-    """Counts bits and frames in windows of one second, per bus.
+    """Counts bits and frames per bus.
 
-    Windows start with the first frame, again after a gap or a step back of the clock. The peak is
-    that of whole windows; error frames are not counted, as their length cannot be told. A frame
-    with a switched bit rate (FD, BRS) makes percentages impossible.
+    Windows start with the first frame, again after a gap or a step back of the clock. Peaks are
+    those of whole windows; error frames are not counted, as their length cannot be told. Frames
+    with a switched bit rate (FD, BRS) make percentages impossible where the data bit rate is not
+    known.
     """
 
     def __init__(self, context: Context) -> None:
@@ -62,162 +93,188 @@ class LoadFold:
         """Take in the frames of one bus."""
         rows = block.by_bus[bus]
         state = self._states.setdefault(bus, _State())
-        t_ns, bits = block.frames.t_ns[rows], block.wire_bits[rows]
-        state.frames += len(t_ns)
-        state.bits += int(bits.sum())
-        state.switched_rate |= bool((block.frames.flags[rows] & FrameFlag.BRS).any())
+        fast = block.data_phase_bits[rows]
+        bits = block.wire_bits[rows].astype(np.float64)
+        if fast.any():
+            ratio = self._nominal_per_data_bit(bus)
+            state.unknown_rate |= ratio is None
+            bits -= fast * (1 - (ratio or 1.0))
+        frames = block.frames if isinstance(rows, slice) else block.frames[rows]
+        state.frames += len(frames)
+        state.bits += float(bits.sum())
+        state.shares.add(frames, bits)
         if not self._context.timed:
             return
+        t_ns, error = frames.t_ns, block.error[rows]
         back = np.flatnonzero(np.diff(t_ns) < -_STEP_BACK_NS) + 1
-        edges = [0, *back.tolist(), len(t_ns)]
-        for first, stop in pairwise(edges):
-            self._stretch(bus, state, t_ns[first:stop], bits[first:stop])
+        for first, stop in pairwise([0, *back.tolist(), len(t_ns)]):
+            part = slice(first, stop)
+            self._stretch(bus, state, t_ns[part], bits[part], error[part])
 
     def gap(self, bus: int | None) -> None:
         """Close the windows: what lies in a gap is not load."""
         for state_bus, state in self._states.items():
             if bus in (None, state_bus):
-                _close(state)
+                state.close()
 
-    def finish(self) -> tuple[list[BusLoadRow], list[Series]]:
-        """One row and one series per bus: "bus load" [%], or "frame rate" without a bit rate."""
-        rows, series = [], []
+    def finish(self, bindings: PdoBindings, syncs: Iterable[tuple[str, int]] = ()) -> LoadTables:
+        """Rows of every bus, and its series: "bus load" [%], or "frame rate" without a bit rate.
+
+        Args:
+            bindings: whose PDO an identifier is.
+            syncs: (bus, identifier) of every SYNC.
+        """
+        tables = LoadTables()
+        known = list(syncs)
         for bus, state in sorted(self._states.items()):
-            _close(state)
-            rows.append(self._row(bus, state))
-            columns = state.over_time.columns()
-            if columns:
-                series.append(self._series(bus, state, columns["t_ns"], columns))
-        return rows, series
+            state.close()
+            name = self._context.bus_name(bus)
+            bitrate = self._percentages(bus, state)
+            tables.load.append(self._row(bus, state))
+            tables.series.extend(_series(name, state, bitrate))
+            bindings.refresh(bus)
+            shares, nodes = state.shares.rows(
+                name,
+                state.listened_ns / 1e9,
+                bitrate,
+                lambda cob_id, bus=bus: bindings.owner(bus, cob_id),  # type: ignore[misc]
+                self._moved_emcys(bus).get,
+                [cob_id for bus_name, cob_id in known if bus_name == name],
+            )
+            tables.shares.extend(shares)
+            tables.node_shares.extend(nodes)
+            if bitrate:
+                tables.overloads.extend(_long_enough(state.full))
+        return tables
 
-    def overloads(self) -> list[OverloadRow]:
-        """Stretches of at least `OVERLOAD_WINDOWS` windows that are nearly full."""
-        shortest_ns = OVERLOAD_WINDOWS * WINDOW_NS
-        return [
-            row
-            for _, state in sorted(self._states.items())
-            for row in state.full
-            if row.end_ns - row.start_ns >= shortest_ns and not state.switched_rate
-        ]
+    def _moved_emcys(self, bus: int) -> dict[int, int]:
+        """Nodes by the identifier to which 1014h moved their EMCYs."""
+        shadow = self._context.shadow
+        moved = {moved_emcy_id(shadow, bus, node): node for node in shadow.nodes_of(bus)}
+        return {cob_id: node for cob_id, node in moved.items() if cob_id is not None}
 
     def _stretch(
-        self, bus: int, state: _State, t_ns: NDArray[np.int64], bits: NDArray[np.int64]
+        self, bus: int, state: _State, t_ns: Ints, bits: Floats, error: NDArray[np.bool_]
     ) -> None:
         """Frames whose stamps run forward."""
-        if state.origin_ns is not None and t_ns[0] < state.last_ns - _STEP_BACK_NS:
-            _close(state)
-        if state.origin_ns is None:
-            state.origin_ns = state.last_ns = int(t_ns[0])
+        if state.last_ns is not None and t_ns[0] < state.last_ns - _STEP_BACK_NS:
+            state.close()
+        bit_ns = self._bit_ns(bus)
+        first = state.last_ns is None
+        if first:
             # The first frame lies before its stamp, outside the time that is listened to.
-            state.bits -= int(bits[0])
+            state.last_ns = int(t_ns[0])
+            state.bits -= float(bits[0])
+        assert state.last_ns is not None
         forward = np.maximum.accumulate(np.maximum(t_ns, state.last_ns))
         state.listened_ns += int(forward[-1]) - state.last_ns
         state.last_ns = int(forward[-1])
-        window = (forward - state.origin_ns) // WINDOW_NS
-        starts = np.flatnonzero(np.diff(window, prepend=window[0] - 1))
-        numbers = window[starts]
-        frames = np.diff(np.append(starts, len(window)))
-        sums = np.add.reduceat(bits, starts)
-        if numbers[0] == state.window:
-            frames[0] += state.window_frames
-            sums[0] += state.window_bits
-        elif state.window_frames:
-            numbers = np.concatenate(([state.window], numbers))
-            frames = np.concatenate(([state.window_frames], frames))
-            sums = np.concatenate(([state.window_bits], sums))
-        _add_windows(state, numbers[:-1], frames[:-1], sums[:-1])
-        bitrate = self._bitrate(bus, state)
-        if bitrate:
-            _add_full(state, self._context.bus_name(bus), numbers[:-1], 100 * sums[:-1] / bitrate)
-        state.window = int(numbers[-1])
-        state.window_frames, state.window_bits = int(frames[-1]), int(sums[-1])
+        for windows in (state.seconds, state.tenths):
+            windows.begin(int(forward[0]))
+            whole = windows.add(forward, bits, bit_ns)
+            if windows is state.seconds and bit_ns:
+                _add_full(state.full, self._context.bus_name(bus), whole, bit_ns)
+        sent = np.flatnonzero(~error)
+        if bit_ns and len(sent):
+            state.busy.add(forward[sent], bits[sent] * bit_ns, bit_ns, self._context.resolution_ns)
 
-    def _bitrate(self, bus: int, state: _State) -> int | None:
-        return self._context.bitrates.get(self._context.bus_name(bus))
+    def _bit_ns(self, bus: int) -> float:
+        """Length of a bit, 0 where it is not known."""
+        bitrate = self._context.bitrates.get(self._context.bus_name(bus))
+        return 1e9 / bitrate if bitrate else 0.0
+
+    def _nominal_per_data_bit(self, bus: int) -> float | None:
+        """How long a bit of the data phase is in nominal bits, None where that is not known."""
+        name = self._context.bus_name(bus)
+        bitrate, data = self._context.bitrates.get(name), self._context.data_bitrates.get(name)
+        return bitrate / data if bitrate and data else None
+
+    def _percentages(self, bus: int, state: _State) -> int | None:
+        """The bit rate, where it makes percentages."""
+        known = self._context.bitrates.get(self._context.bus_name(bus))
+        return None if state.unknown_rate else known
 
     def _row(self, bus: int, state: _State) -> BusLoadRow:
-        bitrate = self._bitrate(bus, state)
-        seconds = state.listened_ns / 1e9
-        mean = peak = None
-        if bitrate and seconds and not state.switched_rate:
-            mean = 100 * state.bits / bitrate / seconds
-            peak = mean if state.peak_bits is None else 100 * state.peak_bits / bitrate
-        rate = state.frames / seconds if seconds else 0.0
-        return BusLoadRow(self._context.bus_name(bus), bitrate, mean, peak, rate)
-
-    def _series(
-        self,
-        bus: int,
-        state: _State,
-        t_ns: NDArray[np.int64],
-        columns: Columns,
-    ) -> Series:
-        bitrate = self._bitrate(bus, state)
         name = self._context.bus_name(bus)
-        if bitrate and not state.switched_rate:
-            return Series(name, "bus load", "%", t_ns, 100 * columns["bits"] / bitrate)
-        return Series(name, "frame rate", "1/s", t_ns, columns["frames"])
+        seconds = state.listened_ns / 1e9
+        estimate = self._context.estimates.get(name)
+        source = self._context.bitrate_sources.get(name)
+        confidence: Literal["told", "high", "low"] | None = None
+        if source is not None:
+            confidence = "high" if source == "estimated" else "told"
+        elif estimate is not None:
+            confidence = "low"
+        row = BusLoadRow(
+            name,
+            self._context.bitrates.get(name),
+            None,
+            None,
+            state.frames / seconds if seconds else 0.0,
+            bitrate_source=source,
+            bitrate_confidence=confidence,
+            bitrate_estimate=estimate.bitrate if estimate else None,
+            data_bitrate=self._context.data_bitrates.get(name),
+        )
+        bitrate = self._percentages(bus, state)
+        return _with_percent(row, state, bitrate, self._context.resolution_ns) if bitrate else row
 
 
-def _add_windows(
-    state: _State, numbers: NDArray[np.int64], frames: NDArray[np.int64], bits: NDArray[np.int64]
-) -> None:
-    """Whole windows; a silent stretch is drawn as two windows of nothing."""
-    if not len(numbers):
-        return
-    assert state.origin_ns is not None
-    state.peak_bits = max(state.peak_bits or 0, int(bits.max()))
-    silent = np.flatnonzero(np.diff(numbers) > 1)
-    edges = np.concatenate([numbers[silent] + 1, numbers[silent + 1] - 1])
-    order = np.argsort(np.concatenate([numbers, edges]), kind="stable")
-    number = np.concatenate([numbers, edges])[order]
-    none = np.zeros(len(edges), np.int64)
-    state.over_time.add(
-        {
-            "t_ns": state.origin_ns + number * WINDOW_NS,
-            "frames": np.concatenate([frames, none])[order].astype(np.float64),
-            "bits": np.concatenate([bits, none])[order].astype(np.float64),
-        }
+def _with_percent(row: BusLoadRow, state: _State, bitrate: int, resolution_ns: int) -> BusLoadRow:
+    """The row with what the bit rate makes of the bits."""
+    if not state.listened_ns:
+        return row
+    mean = 100 * state.bits / bitrate / (state.listened_ns / 1e9)
+    peak, tenth = state.seconds.peak, state.tenths.peak
+    burst = state.busy.peak(resolution_ns)
+    stretch = state.busy.stretch(resolution_ns, 1e9 / bitrate)
+    return replace(
+        row,
+        mean_percent=mean,
+        peak_percent=100 * peak[0] / bitrate if peak else mean,
+        peak_ns=peak and peak[1],
+        peak_100ms_percent=tenth and 1000 * tenth[0] / bitrate,
+        peak_100ms_ns=tenth and tenth[1],
+        burst_percent=burst and 100 * burst[0],
+        burst_ns=burst and burst[1],
+        longest_busy_us=stretch.lasts_ns / 1000 if stretch else None,
+        longest_busy_frames=stretch.frames if stretch else None,
+        longest_busy_ns=stretch.start_ns if stretch else None,
     )
 
 
-def _add_full(
-    state: _State, bus: str, numbers: NDArray[np.int64], percent: NDArray[np.float64]
-) -> None:
+def _series(name: str, state: _State, bitrate: int | None) -> list[Series]:
+    found = []
+    for windows, word in ((state.seconds, ""), (state.tenths, " in 100 ms")):
+        columns = windows.over_time.columns()
+        if not columns:
+            continue
+        a_second = 1e9 / windows.width_ns
+        if bitrate:
+            percent = 100 * columns["bits"] * a_second / bitrate
+            found.append(Series(name, f"bus load{word}", "%", columns["t_ns"], percent))
+        else:
+            rate = columns["frames"] * a_second
+            found.append(Series(name, f"frame rate{word}", "1/s", columns["t_ns"], rate))
+    return found
+
+
+def _add_full(full: list[OverloadRow], bus: str, windows: Whole, bit_ns: float) -> None:
     """Join whole windows that are nearly full to stretches."""
-    assert state.origin_ns is not None
-    full = np.flatnonzero((percent >= OVERLOAD_PERCENT) & (percent <= _POSSIBLE_PERCENT))
-    for at in full.tolist():
-        start_ns = state.origin_ns + int(numbers[at]) * WINDOW_NS
-        last = state.full[-1] if state.full else None
+    percent = 100 * windows.bits * bit_ns / WINDOW_NS
+    for at in np.flatnonzero((percent >= OVERLOAD_PERCENT) & (percent <= 100 * _POSSIBLE)):
+        start_ns = int(windows.start_ns[at])
+        last = full[-1] if full else None
         if last is not None and last.end_ns == start_ns:
             seconds = (last.end_ns - last.start_ns) / WINDOW_NS
             mean = (last.percent * seconds + float(percent[at])) / (seconds + 1)
-            state.full[-1] = OverloadRow(bus, last.start_ns, start_ns + WINDOW_NS, mean)
+            full[-1] = OverloadRow(bus, last.start_ns, start_ns + WINDOW_NS, mean)
         else:
-            _drop_short(state.full)
-            if len(state.full) < MAX_OVERLOADS:
-                state.full.append(
-                    OverloadRow(bus, start_ns, start_ns + WINDOW_NS, float(percent[at]))
-                )
+            if full and not _long_enough(full[-1:]):
+                full.pop()
+            if len(full) < MAX_OVERLOADS:
+                full.append(OverloadRow(bus, start_ns, start_ns + WINDOW_NS, float(percent[at])))
 
 
-def _drop_short(full: list[OverloadRow]) -> None:
-    """Leave out the last stretch if it ended too soon to count."""
-    if full and full[-1].end_ns - full[-1].start_ns < OVERLOAD_WINDOWS * WINDOW_NS:
-        full.pop()
-
-
-def _close(state: _State) -> None:
-    """End a stretch; its last window is not whole and only counts when it is the only one."""
-    if state.origin_ns is not None and not state.over_time.columns() and state.window_frames:
-        start = np.array([state.origin_ns + state.window * WINDOW_NS])
-        state.over_time.add(
-            {
-                "t_ns": start,
-                "frames": np.array([float(state.window_frames)]),
-                "bits": np.array([float(state.window_bits)]),
-            }
-        )
-    state.origin_ns = None
-    state.window = state.window_frames = state.window_bits = 0
+def _long_enough(full: list[OverloadRow]) -> list[OverloadRow]:
+    """Stretches of at least `OVERLOAD_WINDOWS` windows."""
+    return [row for row in full if row.end_ns - row.start_ns >= OVERLOAD_WINDOWS * WINDOW_NS]

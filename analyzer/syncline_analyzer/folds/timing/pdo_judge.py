@@ -8,18 +8,22 @@ import numpy as np
 from syncline_analyzer.context import Context
 from syncline_analyzer.folds.timing.operational import operational
 from syncline_analyzer.folds.timing.pause import pauses
-from syncline_analyzer.folds.timing.pdo import PdoState
 from syncline_analyzer.folds.timing.pdo_rows import pdo_holes, pdo_row, responses
-from syncline_analyzer.folds.timing.rhythm import MissedList
+from syncline_analyzer.folds.timing.pdo_state import PdoState
+from syncline_analyzer.folds.timing.pdo_statistics import with_statistics, worst
+from syncline_analyzer.folds.timing.request_answers import ANSWER_NS
+from syncline_analyzer.folds.timing.rhythm import MissedList, Operational
 from syncline_analyzer.folds.timing.sending import Sending, by_chance, due_step_ns, sending
 from syncline_analyzer.folds.timing.silence import Silence, SilenceFold, within_silence
 from syncline_analyzer.folds.timing.sync import SyncFold
 from syncline_analyzer.folds.timing.tables import TimingTables
+from syncline_analyzer.folds.timing.waiting_fold import WaitingFold
 from syncline_analyzer.pdo_binding import PdoBindings
 from syncline_analyzer.results import NmtStateRow, PdoPauseRow, PdoRow
 
 START_NS = 10_000_000
 """Time that a node has to act on a start command."""
+_NOTHING = MissedList(np.zeros(0, np.int64), np.zeros(0, np.int64))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,6 +38,7 @@ class PdoJudge:
     bindings: PdoBindings
     sync: SyncFold
     silence: SilenceFold
+    waiting: WaitingFold
     gap_starts: set[int]
     nmt_states: Sequence[NmtStateRow] | None
     unread: Sequence[Silence]
@@ -54,8 +59,19 @@ class PdoJudge:
             after_ns = step_ns if how.every > 1 else 0.0
             missed = missed.without(within_silence(missed.t_ns, silences, step_ns, after_ns))
         name = self.context.bus_name(bus)
-        row = pdo_row(name, can_id, state, how, missed)
+        resolution_ns = self.context.resolution_ns
+        told = pdo_row(name, can_id, state, how, missed, resolution_ns)
+        counter = self.bindings.repeat_counter(state.owner) if state.owner else None
+        overdue = self._overdue(bus, state, silences)
+        unanswered = self._unanswered(bus, state, silences)
+        row = with_statistics(told, state, how, overdue, unanswered, counter, resolution_ns)
+        if how.synchronous and state.response.count:
+            row = self.waiting.judge(tables, bus, can_id, row, missed.seq)
+        if not state.frames:
+            tables.unsent_pdos.append(row)
+            return
         tables.pdos.append(row)
+        tables.worst.extend(worst(row, state))
         tables.pdo_pauses.extend(self._pauses(bus, row, state, how, missed))
         tables.holes.extend(pdo_holes(row, missed, due_step_ns(state, how, sync_ns)))
         if how.synchronous and state.response.count:
@@ -117,17 +133,37 @@ class PdoJudge:
         return None
 
     def _missed(self, bus: int, state: PdoState, how: Sending, sync_ns: float) -> MissedList:
-        nothing = MissedList(np.zeros(0, np.int64), np.zeros(0, np.int64))
         counter = self.bindings.repeat_counter(state.owner) if state.owner else None
         if state.polled() or (counter is not None and counter.value):
-            return nothing
-        intervals = None
-        if self.nmt_states is not None and state.owner is not None and self.context.timed:
-            name = self.context.bus_name(bus)
-            intervals = operational(self.nmt_states, name, state.owner.node, self.gap_starts)
+            return _NOTHING
+        intervals = self._intervals(bus, state)
         if how.synchronous:
             if by_chance(state, how, self.context):
-                return nothing
+                return _NOTHING
             return state.rhythm.missed.within(intervals, sync_ns, START_NS)
         timer_ns = state.told_timer_ns()
-        return state.overdue.within(intervals, timer_ns, timer_ns) if timer_ns else nothing
+        state.overdue.flush()
+        return state.overdue.missed.within(intervals, timer_ns, timer_ns) if timer_ns else _NOTHING
+
+    def _overdue(self, bus: int, state: PdoState, silences: Sequence[Silence]) -> MissedList:
+        """Deadlines of an RPDO (140xh:5) that passed while its node was OPERATIONAL."""
+        deadline_ns = state.told_deadline_ns()
+        if deadline_ns is None:
+            return _NOTHING
+        found = state.past_deadline.within(self._intervals(bus, state), deadline_ns, deadline_ns)
+        if not silences:
+            return found
+        return found.without(within_silence(found.t_ns, silences, deadline_ns, 0.0))
+
+    def _unanswered(self, bus: int, state: PdoState, silences: Sequence[Silence]) -> MissedList:
+        """Requests that the node did not answer while it was OPERATIONAL."""
+        intervals = self._intervals(bus, state)
+        found = state.request_answers.missed.within(intervals, ANSWER_NS, START_NS)
+        return found.without(within_silence(found.t_ns, silences, ANSWER_NS, 0.0))
+
+    def _intervals(self, bus: int, state: PdoState) -> list[Operational] | None:
+        """When the PDO's node was OPERATIONAL; None where nothing is known of it."""
+        if self.nmt_states is None or state.owner is None or not self.context.timed:
+            return None
+        name = self.context.bus_name(bus)
+        return operational(self.nmt_states, name, state.owner.node, self.gap_starts)

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from syncline_analyzer.folds.timing.pdo import PdoState
+from syncline_analyzer.folds.timing.pdo_state import PdoState
 from syncline_analyzer.folds.timing.rhythm import MissedList
 from syncline_analyzer.folds.timing.sending import Sending
 from syncline_analyzer.results import HoleRow, PdoRow, Responses
@@ -14,8 +14,17 @@ MAX_HOLES = 1000
 MAX_EVIDENCE = 100
 
 
-def pdo_row(bus: str, can_id: int, state: PdoState, sending: Sending, missed: MissedList) -> PdoRow:
+def pdo_row(
+    bus: str,
+    can_id: int,
+    state: PdoState,
+    sending: Sending,
+    missed: MissedList,
+    resolution_ns: int,
+) -> PdoRow:
+    """The row of a PDO with what it missed; `resolution_ns` is the step of the stamps."""
     owner, answers = state.owner, sending.synchronous
+    response = state.response if answers else None
     return PdoRow(
         bus=bus,
         cob_id=can_id,
@@ -25,7 +34,9 @@ def pdo_row(bus: str, can_id: int, state: PdoState, sending: Sending, missed: Mi
         transmission_type=sending.type,
         type_source=sending.source,
         period_us=state.period.quantiles(1000),
-        response_us=state.response.quantiles(1000, std=True) if answers else None,
+        response_us=response.quantiles(1000, std=True, resolution_ns=resolution_ns)
+        if response
+        else None,
         device_us_low=state.device_low.quantiles(1000) if answers else None,
         device_us_high=state.device_high.quantiles(1000) if answers else None,
         missed=missed.count,
@@ -40,7 +51,7 @@ def pdo_row(bus: str, can_id: int, state: PdoState, sending: Sending, missed: Mi
         too_soon_seq=state.too_soon_seq,
         too_soon_first_ns=state.too_soon_ns[0] if state.too_soon_ns else None,
         too_soon_last_ns=state.too_soon_ns[-1] if state.too_soon_ns else None,
-        inhibit_us=_us(state.told_inhibit_ns()),
+        inhibit_us=_us(state.broken_inhibit_ns or state.told_inhibit_ns()),
         event_timer_us=_us(state.told_timer_ns()),
     )
 
@@ -64,6 +75,8 @@ def responses(row: PdoRow, state: PdoState) -> Responses:
         columns["device_high_us"],
         counts,
         edges / 1000,
+        columns["device_least_us"],
+        columns["waiting_us"],
     )
 
 

@@ -153,6 +153,8 @@ class Rhythm:
     missed: Missed = field(default_factory=Missed)
     steps: NDArray[np.int64] = field(default_factory=lambda: np.zeros(_MAX_STEP + 1, np.int64))
     """How often n SYNCs lay between two answers, by n; the last one holds all longer ones."""
+    crowded: int = 0
+    """SYNC periods with more than one frame."""
     _last: int | None = None
     _due: int | None = None
     """The last SYNC that was answered, or found missed."""
@@ -166,6 +168,7 @@ class Rhythm:
         """Forget the pattern too."""
         self.restart()
         self.steps[:] = 0
+        self.crowded = 0
 
     def first_of_period(self, ordinal: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Which frames are the first after their SYNC, by the SYNC's number."""
@@ -206,7 +209,7 @@ class Rhythm:
     def every(self, default: int | None = None) -> int | None:
         """n when at least 95 % of the SYNC periods fit "one PDO on every n-th SYNC".
 
-        Fewer do where n is the device's `default`.
+        Fewer do where n is the device's `default`. A period that holds two frames fits none.
         """
         if self.steps.sum() < LEARN - 1:
             return None
@@ -215,18 +218,24 @@ class Rhythm:
         share = float(self.steps[n] * n / (self.steps * width).sum())
         stray = 1.0 - float(self.steps[n::n].sum() / self.steps.sum()) if n else 1.0
         least, most = (SAME_PATTERN, _STRAY) if n != default else (AS_BY_DEFAULT, _STRAY_BY_DEFAULT)
+        share -= self.crowded / float((self.steps * width).sum())
         return n if n < _MAX_STEP and share >= least and stray <= most else None
 
-    def evaluate(self, every: int | None, index: SyncIndex) -> None:
-        """Find the SYNCs of the block that were due (every n-th) and not answered."""
+    def strays(self, every: int) -> int:
+        """Steps between two answers that are no multiple of n; those of 256 SYNCs and more aside."""
+        known = self.steps[:_MAX_STEP]
+        return int(known.sum() - known[::every].sum())
+
+    def evaluate(self, every: int | None, index: SyncIndex) -> NDArray[np.int64]:
+        """Positions of the SYNCs of the block that were due (every n-th) and not answered."""
         fresh, self._fresh = self._fresh, np.zeros(0, np.int64)
         if every is None:
             self._due = int(fresh[-1]) if len(fresh) else self._due
-            return
+            return np.zeros(0, np.int64)
         start = self._due
         if start is None:
             if not len(fresh):
-                return
+                return fresh
             start, fresh = int(fresh[0]), fresh[1:]
         line = np.concatenate(([start], fresh))
         ends = np.append(fresh, max(int(line[-1]), index.last_closed) + 1)
@@ -240,6 +249,7 @@ class Rhythm:
         since_ns = _syncs_before(index, position, every) if every > 1 else None
         self.missed.add(index.t_ns[position], index.seq[position], since_ns)
         self._due = int(line[-1]) + every * int(counts[-1])
+        return position
 
 
 def _syncs_before(index: SyncIndex, position: NDArray[np.int64], every: int) -> NDArray[np.int64]:

@@ -3,12 +3,9 @@
 from dataclasses import dataclass
 
 from syncline_analyzer.context import Context
-from syncline_analyzer.folds.timing.pdo import PdoState
+from syncline_analyzer.folds.timing.pdo_state import PdoState
 from syncline_analyzer.folds.timing.rhythm import LEARN
 from syncline_analyzer.shadow import Known
-
-_CYCLIC = 0.1
-"""Interquartile range of the period of a cyclic PDO, as a share of the median."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,10 +69,8 @@ def _inferred(state: PdoState, sync_ns: float) -> Sending:
         return Sending(every, f"inferred: synchronous, {which}", True, every)
     if state.period.count < LEARN - 1:
         return Sending(None, "unknown")
-    median = state.period.quantile(0.5)
-    spread = state.period.quantile(0.75) - state.period.quantile(0.25)
-    if median > 0 and spread < _CYCLIC * median:
-        return Sending(None, f"inferred: cyclic, {median / 1e6:.4g} ms")
+    if state.cyclic():
+        return Sending(None, f"inferred: cyclic, {state.period.quantile(0.5) / 1e6:.4g} ms")
     return Sending(None, "inferred: event-driven")
 
 

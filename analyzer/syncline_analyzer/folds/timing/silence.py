@@ -10,6 +10,16 @@ from numpy.typing import NDArray
 from syncline_analyzer.distribution import Distribution
 from syncline_analyzer.folds.timing.block import Block
 from syncline_analyzer.folds.timing.bundles import CLOSER_NS
+from syncline_analyzer.folds.timing.clock_step import (
+    HEARTBEATS,
+    RUNNING,
+    STAMP_NS,
+    SYNC,
+    Crossing,
+    Witness,
+    forward_step,
+    witness,
+)
 
 MAX_SILENCES = 1000
 _MANY = 10.0
@@ -25,38 +35,40 @@ _BURST = 1000
 _LEARN = 4
 _OTHERS = 8
 """So many identifiers beside the heartbeats are enough to witness a step of the clock."""
-_HEARTBEATS = range(0x701, 0x780)
-_WITNESS = 0.05
-"""A witness of a clock step keeps its period within this share of it."""
-_MIN_STEP = 3.0
-"""A step is at least so many times as long as the witnesses' uncertainty."""
-_DRIFT = 2e-4
-"""Two clocks of devices differ by less than this share of the time."""
-_SURE_DRIFT = 1e-5
-"""Two clocks of devices differ by at least this share of a long time."""
-_STAMP_NS = 1_000_000
-"""Stamps of a frame may be off by so much by arbitration and the recorder's own delay [ns]."""
+_PRE_OPERATIONAL = 0x7F
+_NMT = 0x000
 
 Ints = NDArray[np.int64]
+
+
+class Last(NamedTuple):
+    """The last frame of an identifier: its stamp, the period before it (0: unknown), its state byte."""
+
+    t_ns: int
+    pace_ns: int
+    state: int
 
 
 @dataclass(slots=True)
 class Silence:
     """A stretch without frames: stamps and `seq` of the frames before and after.
 
-    `heard_ns` holds when each heartbeat was heard last, `across` by identifier how much the stamps
-    say passed between its last frame before and its first one after.
+    `before` holds when each identifier was heard last, `across` how much the stamps say passed
+    between that and its first frame after.
     """
 
     start_ns: int
     end_ns: int
     start_seq: int
     end_seq: int
-    heard_ns: dict[int, int]
+    before: dict[int, Last]
     stalled: bool = False
     """The recorder kept what came meanwhile and delivered it at once afterwards."""
-    before_ns: dict[int, int] = field(default_factory=dict)
     across: dict[int, int] = field(default_factory=dict)
+    until_ns: int = 0
+    """So far frames were looked at after it."""
+    anew: bool = False
+    """A node started anew after it."""
 
 
 class ForwardStep(NamedTuple):
@@ -74,7 +86,7 @@ class _Bus:
     last_ns: int | None = None
     last_seq: int = 0
     apart: Distribution = field(default_factory=Distribution)
-    heard_ns: dict[int, int] = field(default_factory=dict)
+    heard: dict[int, Last] = field(default_factory=dict)
     period: dict[int, Distribution] = field(default_factory=dict)
     silences: list[Silence] = field(default_factory=list)
     others: list[int] = field(default_factory=list)
@@ -110,40 +122,35 @@ class SilenceFold:
             seq = np.concatenate(([state.last_seq], seq))
         apart = np.diff(t_ns)
         state.apart.add(apart[apart >= 0])
-        back = np.flatnonzero(apart < -_STAMP_NS)[: MAX_SILENCES - len(state.backs)].tolist()
+        back = np.flatnonzero(apart < -STAMP_NS)[: MAX_SILENCES - len(state.backs)].tolist()
         state.backs.extend(
             Silence(int(t_ns[k + 1]), int(t_ns[k]), int(seq[k]), int(seq[k + 1]), {}) for k in back
         )
-        others = [i for b, i in block.batch.ids() if b == bus and i not in _HEARTBEATS]
+        others = [i for b, i in block.batch.ids() if b == bus and i not in HEARTBEATS]
         state.others.extend(
             [i for i in others if i not in state.others][: _OTHERS - len(state.others)]
         )
-        stamps = {
-            can_id: (
-                block.batch.seq0 + block.batch.rows(bus, can_id),
-                block.frames.t_ns[block.batch.rows(bus, can_id)],
-            )
+        lines = {
+            can_id: _line(block, bus, can_id)
             for id_bus, can_id in block.batch.ids()
-            if id_bus == bus and (can_id in _HEARTBEATS or can_id in state.others)
+            if id_bus == bus and (can_id in HEARTBEATS or can_id in {_NMT, *state.others})
         }
-        _add_across(state.waiting, stamps)
+        _follow(state.waiting, lines, int(t_ns[-1]))
         state.waiting.clear()
         usual_ns = state.apart.quantile(0.98) if state.apart.count else 0.0
         for row in np.flatnonzero(apart > _BRIEF * usual_ns)[:MAX_SILENCES].tolist():
             kept = state.silences if apart[row] > _MANY * usual_ns else state.brief
             if usual_ns > 0 and len(kept) < MAX_SILENCES:
                 end = int(seq[row + 1])
-                before = state.heard_ns | _heard_until(stamps, end)
-                heard = {can_id: ns for can_id, ns in before.items() if can_id in _HEARTBEATS}
+                before = _heard_until(state.heard, lines, end)
                 stalled = _stalled(apart, row, int(t_ns[-1] - t_ns[0]))
-                silence = Silence(
-                    int(t_ns[row]), int(t_ns[row + 1]), int(seq[row]), end, heard, stalled, before
+                kept.append(
+                    Silence(int(t_ns[row]), int(t_ns[row + 1]), int(seq[row]), end, before, stalled)
                 )
-                kept.append(silence)
-                _add_across([silence], stamps)
-                state.waiting.append(silence)
-        for can_id, (_, times) in stamps.items():
-            _add_period(state, can_id, times)
+                state.waiting.append(kept[-1])
+        _follow(state.waiting, lines, int(t_ns[-1]))
+        for can_id, line in lines.items():
+            _add_period(state, can_id, line)
         state.last_ns, state.last_seq = int(t_ns[-1]), int(seq[-1])
 
     def gap(self, bus: int | None) -> None:
@@ -152,7 +159,7 @@ class SilenceFold:
         for number, state in self._buses.items():
             if bus in (None, number):
                 state.last_ns = None
-                state.heard_ns.clear()
+                state.heard.clear()
                 state.waiting.clear()
 
     def of(self, bus: int) -> list[Silence]:
@@ -171,7 +178,7 @@ class SilenceFold:
         periods = {
             can_id: period.quantile(0.5)
             for can_id, period in state.period.items()
-            if can_id in _HEARTBEATS
+            if can_id in HEARTBEATS
             and period.count >= _LEARN
             and period.quantile(0.75) - period.quantile(0.25) <= _STEADY * period.quantile(0.5)
         }
@@ -182,9 +189,10 @@ class SilenceFold:
             for silence in state.silences
             if silence.end_seq in stepped
             or any(
-                silence.end_ns - last_ns > _OVERDUE * periods[can_id] >= silence.start_ns - last_ns
+                silence.end_ns - last.t_ns > _OVERDUE * periods[can_id]
+                and _OVERDUE * periods[can_id] >= silence.start_ns - last.t_ns
                 and silence.end_ns - silence.start_ns > periods[can_id]
-                for can_id, last_ns in silence.heard_ns.items()
+                for can_id, last in silence.before.items()
                 if can_id in periods
             )
         ]
@@ -199,13 +207,16 @@ class SilenceFold:
         state = self._buses.get(bus)
         if state is None or not (state.silences or state.brief):
             return []
-        witnesses = _witnesses(state)
-        found = [
-            _forward_step(silence, witnesses)
-            for silence in sorted([*state.silences, *state.brief], key=lambda each: each.end_seq)
-            if not silence.stalled
-        ]
-        return [step for step in found if step is not None]
+        told = {can_id: witness(periods) for can_id, periods in state.period.items()}
+        witnesses = {can_id: each for can_id, each in told.items() if each is not None}
+        found = []
+        for silence in sorted([*state.silences, *state.brief], key=lambda each: each.end_seq):
+            if silence.stalled or silence.anew:
+                continue
+            step = forward_step(_crossings(silence, witnesses))
+            if step is not None:
+                found.append(ForwardStep(silence.start_ns, silence.end_ns, silence.end_seq, *step))
+        return found
 
 
 def _stalled(apart: Ints, row: int, span_ns: int) -> bool:
@@ -227,88 +238,96 @@ def within_silence(
     return inside
 
 
-def _heard_until(stamps: dict[int, tuple[Ints, Ints]], seq: int) -> dict[int, int]:
-    """Stamp of the last frame of each identifier before a `seq`."""
-    found = {}
-    for can_id, (numbers, times) in stamps.items():
-        count = int(np.searchsorted(numbers, seq))
-        if count:
-            found[can_id] = int(times[count - 1])
+class _Line(NamedTuple):
+    """The frames of an identifier in a block: (n,) `seq`, stamps and first bytes."""
+
+    seq: Ints
+    t_ns: Ints
+    state: NDArray[np.uint8]
+
+
+def _line(block: Block, bus: int, can_id: int) -> _Line:
+    """Without remote frames that a logger wrote down as empty data frames of error control."""
+    frames, rows = block.frames, block.batch.rows(bus, can_id)
+    if can_id in HEARTBEATS:
+        rows = rows[frames.dlc[rows] > 0]
+    return _Line(block.batch.seq0 + rows, frames.t_ns[rows], frames.data[rows, 0] & 0x7F)
+
+
+def _heard_until(heard: dict[int, Last], lines: dict[int, _Line], seq: int) -> dict[int, Last]:
+    """The last frame of each identifier before a `seq`."""
+    found = dict(heard)
+    for can_id, line in lines.items():
+        last = _last(heard.get(can_id), line, int(np.searchsorted(line.seq, seq)))
+        if last is not None:
+            found[can_id] = last
     return found
 
 
-def _add_across(silences: list[Silence], stamps: dict[int, tuple[Ints, Ints]]) -> None:
+def _last(before: Last | None, line: _Line, count: int) -> Last | None:
+    """The last of the first `count` frames of a line, which goes on after `before`."""
+    if not count:
+        return before
+    t_ns = int(line.t_ns[count - 1])
+    previous = before.t_ns if before is not None else t_ns
+    if count > 1:
+        previous = int(line.t_ns[count - 2])
+    return Last(t_ns, t_ns - previous, int(line.state[count - 1]))
+
+
+def _follow(silences: list[Silence], lines: dict[int, _Line], until_ns: int) -> None:
     """Note the first frame of each identifier after these silences, where it is not noted yet."""
     for silence in silences:
-        for can_id, before_ns in silence.before_ns.items():
-            if can_id in silence.across or can_id not in stamps:
+        silence.until_ns = until_ns
+        for can_id, last in silence.before.items():
+            if can_id in silence.across or can_id not in lines:
                 continue
-            numbers, times = stamps[can_id]
-            at = int(np.searchsorted(numbers, silence.end_seq))
-            if at < len(times):
-                silence.across[can_id] = int(times[at]) - before_ns
+            line = lines[can_id]
+            at = int(np.searchsorted(line.seq, silence.end_seq))
+            if at < len(line.seq):
+                silence.across[can_id] = int(line.t_ns[at]) - last.t_ns
+                if can_id in HEARTBEATS:
+                    silence.anew |= _starts_anew(silence, last, int(line.state[at]))
 
 
-def _add_period(state: _Bus, can_id: int, times: Ints) -> None:
-    if can_id in state.heard_ns:
-        times = np.concatenate(([state.heard_ns[can_id]], times))
+def _starts_anew(silence: Silence, last: Last, state: int) -> bool:
+    """Whether the first error control of a node after a silence tells of a start.
+
+    That is a boot-up (CiA 301 7.2.8.3), or PRE-OPERATIONAL where nobody had commanded it.
+    """
+    if state != _PRE_OPERATIONAL or last.state == state:
+        return state == 0
+    command = silence.before.get(_NMT)
+    return command is None or command.t_ns < last.t_ns
+
+
+def _add_period(state: _Bus, can_id: int, line: _Line) -> None:
+    times, before = line.t_ns, state.heard.get(can_id)
+    if before is not None:
+        times = np.concatenate(([before.t_ns], times))
     periods = np.diff(times)
     state.period.setdefault(can_id, Distribution()).add(periods[periods > 0])
-    state.heard_ns[can_id] = int(times[-1])
+    last = _last(before, line, len(line.seq))
+    if last is not None:
+        state.heard[can_id] = last
 
 
-def _witnesses(state: _Bus) -> dict[int, tuple[float, float]]:
-    """(period, uncertainty) [ns] of every identifier that comes steadily."""
-    found = {}
-    for can_id, period in state.period.items():
-        median = period.quantile(0.5)
-        spread = max(period.quantile(0.95) - period.quantile(0.05), _STAMP_NS)
-        if period.count >= 2 * _LEARN and spread <= max(_WITNESS * median, _STAMP_NS):
-            found[can_id] = (median, spread)
-    return found
+def _crossings(silence: Silence, witnesses: dict[int, Witness]) -> list[Crossing]:
+    """How those went on that came steadily up to a silence.
 
-
-def _forward_step(
-    silence: Silence, witnesses: dict[int, tuple[float, float]]
-) -> ForwardStep | None:
-    """The step that explains a silence, unless it may as well have been one.
-
-    When the clock is set, each identifier goes on after one period, so that all stamps between two
-    of its frames are too long by the same time. In a true silence they are whole multiples of each
-    period instead; where both hold, only a silence so long that no two devices would keep their
-    phase over it is taken for a step.
+    A PDO that comes no more because the master switched its node just then tells nothing.
     """
-    known = {
-        can_id: (across, *witnesses[can_id])
-        for can_id, across in silence.across.items()
-        if can_id in witnesses
-    }
-    if len(known) < 3 or len(known) < len(witnesses.keys() & silence.before_ns.keys()) / 2:
-        return None
-    excess = {can_id: across - period for can_id, (across, period, _) in known.items()}
-    by_ns = float(np.median(list(excess.values())))
-    if by_ns < _MIN_STEP * min(spread for _, _, spread in known.values()):
-        return None
-    agree = {
-        can_id
-        for can_id, (_, _, spread) in known.items()
-        if abs(excess[can_id] - by_ns) <= 2 * spread
-    }
-    beats = known.keys() & set(_HEARTBEATS)
-    if len(agree) < 0.9 * len(known) or not beats <= agree:
-        return None
-    if not _excludes_silence(list(known.values()), by_ns, len(beats)):
-        return None
-    return ForwardStep(silence.start_ns, silence.end_ns, silence.end_seq, round(by_ns), len(agree))
-
-
-def _excludes_silence(known: list[tuple[int, float, float]], by_ns: float, heartbeats: int) -> bool:
-    """Whether the devices cannot have gone on unheard for that long."""
-    tightest = min(spread for _, _, spread in known)
-    if heartbeats >= 2 and _SURE_DRIFT * by_ns > 4 * tightest:
-        return True
-    misses = 0
-    for across, period, spread in known:
-        off = abs(across / period - round(across / period)) * period
-        misses += off > 2 * spread + _DRIFT * across
-    return misses >= max(2, len(known) / 3)
+    found = []
+    command = silence.before.get(_NMT)
+    for can_id, last in silence.before.items():
+        each = witnesses.get(can_id)
+        if each is None:
+            continue
+        switched = command is not None and command.t_ns >= last.t_ns
+        if switched and can_id not in HEARTBEATS and can_id != SYNC:
+            continue
+        steady = abs(last.pace_ns - each.period_ns) <= 2 * each.spread_ns
+        if steady and silence.start_ns - last.t_ns <= RUNNING * each.period_ns + each.spread_ns:
+            across = silence.across.get(can_id)
+            found.append(Crossing(can_id, each, across, silence.until_ns - last.t_ns))
+    return found

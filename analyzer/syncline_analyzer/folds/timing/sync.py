@@ -11,9 +11,15 @@ from syncline_analyzer.distribution import Distribution
 from syncline_analyzer.folds.timing.backlog import PAUSE, TOO_SHORT, backlog
 from syncline_analyzer.folds.timing.block import Block
 from syncline_analyzer.folds.timing.bundles import bundled, lacking, paced
+from syncline_analyzer.folds.timing.catching_up import catching_up
 from syncline_analyzer.folds.timing.double_sync import DoubleSync
+from syncline_analyzer.folds.timing.doubled_sync import Doubled
+from syncline_analyzer.folds.timing.periods import Periods
+from syncline_analyzer.folds.timing.sync_counter import SyncCounter
+from syncline_analyzer.folds.timing.sync_pace import SyncPace
+from syncline_analyzer.folds.timing.sync_settings import producers, told_overflow, told_period
 from syncline_analyzer.folds.timing.unsteady import OFF, Unsteady
-from syncline_analyzer.results import Series, SyncDoubleRow, SyncJitterRow, SyncRow
+from syncline_analyzer.results import Series, SyncDoubleRow, SyncJitterRow, SyncRow, WorstRow
 from syncline_analyzer.series import Thinner
 from syncline_schemas.wire_length import longest_bits
 
@@ -52,6 +58,7 @@ class SyncTable:
     series: Series | None
     jitter: list[SyncJitterRow]
     doubles: list[SyncDoubleRow] = field(default_factory=list)
+    worst: list[WorstRow] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,6 +75,7 @@ class SyncIndex:
             of a backlog), or stayed away for long.
         cycle_ns: median of the periods, 0 when there is none.
         bundled: (m + 1,) True from a SYNC to the next where the stamps are those of a backlog.
+        counter: (m + 1,) their counters, None where one of them has none.
     """
 
     rows: NDArray[np.intp]
@@ -80,19 +88,28 @@ class SyncIndex:
     usable: NDArray[np.bool_]
     bundled: NDArray[np.bool_]
     cycle_ns: float
+    counter: NDArray[np.int64] | None = None
 
     @property
     def first(self) -> int:
         """Position of the first SYNC that there is."""
         return 0 if self.known else 1
 
-    @property
-    def whole(self) -> NDArray[np.bool_]:
-        """(m + 1,) True from a SYNC to the next where none was lost in between, as far as known."""
-        whole = self.usable.copy()
+    def lossless(self, rows: NDArray[np.intp], t_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """(k,) which rows follow their SYNC with none lost in between, as far as known.
+
+        Args:
+            rows: (k,) rows of the block.
+            t_ns: (n,) stamps of the block.
+        """
+        position = self.before[rows]
+        found: NDArray[np.bool_] = self.usable[position]
         if self.cycle_ns > 0:
-            whole[:-1] &= np.diff(self.t_ns) <= _MISSING * self.cycle_ns
-        return whole
+            whole = np.append(np.diff(self.t_ns) <= _MISSING * self.cycle_ns, True)
+            found = found & whole[position]
+            # Later than that the next one was due, and may be the one that was lost.
+            found &= t_ns[rows] - self.t_ns[position] <= self.cycle_ns
+        return found
 
     @property
     def periods(self) -> NDArray[np.int64]:
@@ -113,16 +130,22 @@ class _State:
     last_ns: int | None = None
     last_seq: int = 0
     last_bits: int = 0
-    counter: int | None = None
-    overflow: int = 0
+    last_counter: int = 0
     missing: int = 0
-    jumps: int = 0
     bundled: int = 0
-    period: Distribution = field(default_factory=Distribution)
+    periods: Periods = field(default_factory=Periods)
+    pace: SyncPace = field(default_factory=SyncPace)
+    counter: SyncCounter = field(default_factory=SyncCounter)
+    doubled: Doubled = field(default_factory=Doubled)
     holes: list[SyncHole] = field(default_factory=list)
     unsteady: Unsteady = field(default_factory=Unsteady)
     double: DoubleSync = field(default_factory=DoubleSync)
     over_time: Thinner = field(default_factory=lambda: Thinner("value", MAX_POINTS))
+
+    @property
+    def period(self) -> Distribution:
+        """Of all its periods."""
+        return self.periods.spread
 
 
 class SyncFold:
@@ -147,26 +170,41 @@ class SyncFold:
         index = self._index(block, bus, state, rows, sent_bits)
         state.bundled += int(index.bundled.sum())
         in_bundles = bundled(block, bus)
+        seq = block.batch.seq0 + len(block.batch) - 1
+        told = told_period(self._context.shadow, bus, cob_id, seq)
+        state.pace.expect(told[0] if told else None)
         self._measure(state, bus, index, in_bundles)
-        lost = self._lost_by_counter(block, bus, state, index)
+        by_now = told_overflow(self._context.shadow, bus, cob_id, seq)
+        state.counter.expect(by_now[0] if by_now else None)
+        overflow = told_overflow(self._context.shadow, bus, cob_id)
+        lost = _lost_by_counter(state, index, overflow[0] if overflow else None)
         unsent = self._missing_by_time(state, index, in_bundles)
         _add_holes(state, index, np.where(lost > 0, lost, unsent))
         state.count += len(rows)
         if len(rows):
             state.last_ns = int(index.t_ns[-1])
             state.last_seq, state.last_bits = int(index.seq[-1]), int(index.bits[-1])
+            state.last_counter = 0 if index.counter is None else int(index.counter[-1])
         return index
 
     def gap(self, bus: int | None) -> None:
         """No period and no count goes over a gap."""
         for (state_bus, _), state in self._states.items():
             if bus in (None, state_bus):
-                state.last_ns = state.counter = None
+                state.last_ns = None
+                state.counter.cut()
+                state.pace.cut()
 
     def median_ns(self, bus: int, cob_id: int) -> float:
         """Median SYNC period so far, 0 without one."""
         state = self._states.get((bus, cob_id))
         return state.period.quantile(0.5) if state and state.period.count else 0.0
+
+    def counter_end(self, bus: int, cob_id: int) -> int | None:
+        """Number after which the counter of a SYNC begins again, as far as it is known."""
+        state = self._states.get((bus, cob_id))
+        told = told_overflow(self._context.shadow, bus, cob_id)
+        return state.counter.overflow(told[0] if told else None) if state else None
 
     def finish(self) -> list[SyncTable]:
         """One table per SYNC identifier that was sent."""
@@ -207,6 +245,7 @@ class SyncFold:
             usable,
             bundled,
             median,
+            _counters(block, state, rows),
         )
 
     def _bundled(
@@ -240,12 +279,16 @@ class SyncFold:
         forward = periods >= 0
         if not forward.any():
             return
-        state.period.add(periods[forward])
+        median = _median(state, periods) if state.period.count else float(np.median(periods))
+        usual = _usual(periods, median)
+        state.periods.add(periods[forward], seq[forward], t_ns[forward], usual[forward])
+        state.pace.add(periods, usual)
         state.over_time.add(
             {"t_ns": t_ns[forward], "value": periods[forward].astype(np.float64) / 1000}
         )
         if not in_bundles:
             state.double.add(t_ns, seq, periods)
+            state.doubled.add(seq, periods, usual)
             self._find_jitter(state, bus, t_ns, seq, periods)
 
     def _find_jitter(
@@ -281,14 +324,16 @@ class SyncFold:
         median = _median(state, periods) if self._context.timed else 0.0
         if not len(periods) or not median > 0:
             return np.zeros(len(periods), np.int64)
-        usual = _usual(periods, median)
+        waits = catching_up(periods, median)
+        usual = _usual(np.where(waits, round(median), periods), median)
+        usual[usual <= 0] = median
         if in_bundles:
             usual = np.full(len(periods), max(median, paced(periods)))
         cycles = periods / usual
         blur = float(np.quantile(cycles, 0.95)) if in_bundles else 1.0
         long = (cycles > _MISSING) & ~index.bundled[index.first : -1]
         missing = np.maximum(np.rint(cycles - blur), 0).astype(np.int64)
-        missing = np.where(long & ~_sustained(long), missing, 0)
+        missing = np.where(long & ~_sustained(long) & ~waits, missing, 0)
         if not missing.any():
             return missing
         if in_bundles:
@@ -296,49 +341,8 @@ class SyncFold:
         whole = (cycles >= TOO_SHORT) & (cycles <= _MISSING)
         return np.minimum(missing, lacking(np.where(whole, 1.0, cycles)))
 
-    def _lost_by_counter(
-        self, block: Block, bus: int, state: _State, index: SyncIndex
-    ) -> NDArray[np.int64]:
-        """SYNCs lost in each period by the counter of CiA 301 7.2.5.3, from 1 to 1019h."""
-        rows = index.rows
-        nothing = np.zeros(len(index.periods), np.int64)
-        if not len(rows):
-            return nothing
-        if int(block.frames.dlc[rows].min()) == 0:
-            state.counter = None
-            return nothing
-        counter = block.frames.data[rows, 0].astype(np.int64)
-        state.overflow = self._overflow(bus) or max(state.overflow, int(counter.max()))
-        if index.known:
-            before = counter[0] - 1 if state.counter is None else state.counter
-            counter = np.concatenate(([before], counter))
-        lost: NDArray[np.int64] = (np.diff(counter) - 1) % max(state.overflow, 1)
-        state.counter = int(counter[-1])
-        state.jumps += int(np.count_nonzero(lost))
-        return lost
-
-    def _overflow(self, bus: int) -> int:
-        """1019h of the SYNC producer, as far as any node of the bus told it."""
-        shadow = self._context.shadow
-        for node_bus, node in shadow.nodes():
-            value = shadow.number(bus, node, 0x1019) if node_bus == bus else None
-            if value and value <= 240:
-                return value
-        return 0
-
     def _table(self, bus: int, cob_id: int, state: _State) -> SyncTable:
         name = self._context.bus_name(bus)
-        row = SyncRow(
-            name,
-            cob_id,
-            state.count,
-            state.period.quantiles(1000),
-            state.missing,
-            state.jumps,
-            state.bundled,
-            state.last_ns if self._context.timed else None,
-            state.last_seq if state.last_ns is not None else None,
-        )
         columns = state.over_time.columns()
         series = (
             Series(name, f"SYNC {cob_id:03X}h period", "us", columns["t_ns"], columns["value"])
@@ -351,7 +355,65 @@ class SyncFold:
             for each in state.unsteady.rows(name, cob_id)
             if not any(_mostly_within(each, double) for double in doubles)
         ]
-        return SyncTable(row, state.holes, series, jitter, doubles)
+        row = self._row(bus, cob_id, state, doubles)
+        worst = state.periods.extremes.rows(name, cob_id, None, "sync period")
+        return SyncTable(row, state.holes, series, jitter, doubles, worst)
+
+    def _row(self, bus: int, cob_id: int, state: _State, doubles: list[SyncDoubleRow]) -> SyncRow:
+        shadow, step_ns = self._context.shadow, self._context.resolution_ns
+        expected = told_period(shadow, bus, cob_id)
+        overflow = told_overflow(shadow, bus, cob_id)
+        drift, hidden = state.pace.drift_ppm(step_ns)
+        return SyncRow(
+            bus=self._context.bus_name(bus),
+            cob_id=cob_id,
+            count=state.count,
+            period_us=state.period.quantiles(1000),
+            missing=state.missing,
+            counter_jumps=state.counter.jumps,
+            backlog=state.bundled,
+            last_ns=state.last_ns if self._context.timed else None,
+            last_seq=state.last_seq if state.last_ns is not None else None,
+            jitter_us=state.periods.single.jitter(1000, step_ns),
+            mean_us=state.pace.mean_us(),
+            expected_us=expected[0] if expected else None,
+            expected_source=expected[1] if expected else None,
+            deviation_us=state.period.off(expected[0] * 1000, 1000, step_ns) if expected else None,
+            drift_ppm=drift,
+            drift_resolution_ppm=hidden,
+            doubled=state.doubled.count + sum(double.pairs for double in doubles),
+            doubled_seq=state.doubled.seq,
+            producers=2 if doubles else 1,
+            producer_nodes=producers(shadow, bus, cob_id),
+            counter_max=state.counter.highest or None,
+            counter_wraps=state.counter.wraps,
+            counter_overflow=overflow[0] if overflow else None,
+            counter_source=overflow[1] if overflow else None,
+            resolution_us=step_ns / 1000,
+            quantile_error=state.period.relative_error,
+        )
+
+
+def _counters(block: Block, state: _State, rows: NDArray[np.intp]) -> NDArray[np.int64] | None:
+    """(m + 1,) counters of the SYNCs, None where one of them has none."""
+    if not len(rows):
+        return np.array([state.last_counter]) if state.last_counter else None
+    if int(block.frames.dlc[rows].min()) == 0:
+        return None
+    before = [state.last_counter or int(block.frames.data[rows[0], 0]) - 1]
+    return np.concatenate((before, block.frames.data[rows, 0].astype(np.int64)))
+
+
+def _lost_by_counter(state: _State, index: SyncIndex, told: int | None) -> NDArray[np.int64]:
+    """SYNCs lost in each period by their counter."""
+    nothing = np.zeros(len(index.periods), np.int64)
+    if not len(index.rows):
+        return nothing
+    if index.counter is None:
+        state.counter.cut()
+        return nothing
+    lost = state.counter.follow(index.counter[1:], told)
+    return lost if index.known else lost[1:]
 
 
 def _mostly_within(jitter: SyncJitterRow, double: SyncDoubleRow) -> bool:

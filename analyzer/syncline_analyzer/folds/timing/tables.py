@@ -4,9 +4,14 @@ from dataclasses import dataclass, field
 
 from syncline_analyzer.results import (
     BusLoadRow,
+    BusShareRow,
     BusSilenceRow,
     ClockStepRow,
+    DelayRow,
+    ErrorControlRow,
     HoleRow,
+    LatenessRow,
+    NodeShareRow,
     OverloadRow,
     PdoPauseRow,
     PdoRow,
@@ -15,6 +20,8 @@ from syncline_analyzer.results import (
     SyncDoubleRow,
     SyncJitterRow,
     SyncRow,
+    WaitRow,
+    WorstRow,
 )
 
 
@@ -33,4 +40,12 @@ class TimingTables:
     clock_steps: list[ClockStepRow] = field(default_factory=list)
     bus_silences: list[BusSilenceRow] = field(default_factory=list)
     overloads: list[OverloadRow] = field(default_factory=list)
+    bus_shares: list[BusShareRow] = field(default_factory=list)
+    node_shares: list[NodeShareRow] = field(default_factory=list)
     sync_doubles: list[SyncDoubleRow] = field(default_factory=list)
+    error_control_periods: list[ErrorControlRow] = field(default_factory=list)
+    worst: list[WorstRow] = field(default_factory=list)
+    unsent_pdos: list[PdoRow] = field(default_factory=list)
+    waits: list[WaitRow] = field(default_factory=list)
+    delays: list[DelayRow] = field(default_factory=list)
+    lateness: list[LatenessRow] = field(default_factory=list)

@@ -1,0 +1,142 @@
+"""Whether bus or device made a synchronous PDO late, in words."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from syncline_analyzer.findings.rule import Facts
+from syncline_analyzer.results import Ahead, LatenessRow, PdoRow, WaitRow
+from syncline_schemas.wording import counted
+
+_NAMED = 3
+"""Blockers that a sentence names."""
+
+
+@dataclass(frozen=True, slots=True)
+class Why:
+    """Likely cause and next check of a PDO that was late or missed, and what they rest on."""
+
+    cause: str
+    check_next: str
+    assumed: list[str]
+
+
+def lateness_of(facts: Facts, row: PdoRow) -> LatenessRow | None:
+    """What arbitration tells of one PDO, None where it tells nothing."""
+    rows = facts.analysis.lateness
+    return next((each for each in rows if (each.bus, each.cob_id) == (row.bus, row.cob_id)), None)
+
+
+def waits_of(facts: Facts, row: LatenessRow | PdoRow) -> list[WaitRow]:
+    """The worst answers of one PDO."""
+    return [e for e in facts.analysis.waits if (e.bus, e.cob_id) == (row.bus, row.cob_id)]
+
+
+def why_late(facts: Facts, row: PdoRow) -> Why | None:
+    """Why a PDO was late; None where it stays open for most of its late answers."""
+    found = lateness_of(facts, row)
+    if found is None or 2 * (found.late_by_device + found.late_by_bus) <= found.late:
+        return None
+    if found.late_by_device >= found.late_by_bus:
+        return _late_by_device(facts, row, found)
+    return _late_by_bus(facts, row, found)
+
+
+def _late_by_device(facts: Facts, row: PdoRow, found: LatenessRow) -> Why:
+    least = row.device_us_least.max / 1000 if row.device_us_least else 0.0
+    return Why(
+        f"The device itself{_of(found.late_by_device, found.late)}: with the bus to itself the PDO"
+        f" would have been late, too. It took at least {least:.4g} ms in the worst case.",
+        "Look at the device: its cycle, what else it has to do at that time (SDO traffic, other"
+        " PDOs), and whether 1007h asks for more than it can do.",
+        facts.context.assumed_bitrate(row.bus),
+    )
+
+
+def _late_by_bus(facts: Facts, row: PdoRow, found: LatenessRow) -> Why:
+    also = (
+        f" {counted(found.late_by_device, 'time')} it was the device itself."
+        if found.late_by_device
+        else ""
+    )
+    ahead = named(facts, row.bus, row.node, found.blockers)
+    behind = f", most of it behind {ahead}" if ahead else ""
+    longest = f" up to {row.waiting_us.max / 1000:.4g} ms" if row.waiting_us else ""
+    return Why(
+        f"Frames of others kept the bus busy{_of(found.late_by_bus, found.late)}: whenever the bus"
+        f" was idle the PDO was in time, but it waited{longest}{behind}.{also}",
+        f"Give {row.cob_id:03X}h a lower identifier than what it waits for, let fewer frames be sent"
+        " at the SYNC (transmission types, event timers, inhibit times), or raise the bit rate.",
+        facts.context.assumed_bitrate(row.bus),
+    )
+
+
+def why_missed(facts: Facts, row: PdoRow) -> Why | None:
+    """Why a PDO did not come; None where it stays open for most of the SYNCs without an answer."""
+    found = lateness_of(facts, row)
+    if found is None or not found.missed:
+        return None
+    assumed = facts.context.assumed_bitrate(row.bus)
+    if 2 * found.missed_by_device > found.missed:
+        who = "Its sender" if (row.pdo or "").startswith("RPDO") else "The device"
+        return Why(
+            f"{who} did not have it ready{_of(found.missed_by_device, found.missed)}: the bus was free"
+            " for it later than it was ever ready when it answered. It was too busy, had no new"
+            " value, or was about to leave OPERATIONAL.",
+            "Look at the device and its EMCY messages at these times; read 180xh:2/5 and, on devices"
+            " that have it, the repeat counter (280xh).",
+            assumed,
+        )
+    if 2 * found.missed_by_bus > found.missed:
+        return Why(
+            f"The bus was not free for it until the next SYNC{_of(found.missed_by_bus, found.missed)}:"
+            " frames with lower identifiers went first.",
+            f"Look at the bus load at these times; give {row.cob_id:03X}h a lower identifier, or let"
+            " fewer frames be sent at the SYNC.",
+            assumed,
+        )
+    return None
+
+
+def assumed_window(facts: Facts, row: PdoRow | LatenessRow) -> list[str]:
+    """The synchronous window, where only the device's EDS tells it."""
+    if row.node is None:
+        return []
+    known = facts.context.shadow.get(facts.number(row.bus), row.node, 0x1007)
+    if known is None or known.source != "eds-default" or not isinstance(known.value, int):
+        return []
+    return [f"1007h = {known.value} us (eds-default)"]
+
+
+def named(facts: Facts, bus: str, node: int | None, ahead: Iterable[Ahead]) -> str:
+    """The frames of others that took the most time: "TPDO3 of node 1 (381h), 0.8 ms"."""
+    others = sorted((e for e in ahead if not is_own(e, node)), key=lambda each: -each.us)
+    return " and ".join(frames_of(facts, bus, each) for each in others[:_NAMED])
+
+
+def frames_of(facts: Facts, bus: str, ahead: Ahead) -> str:
+    """Frames of one identifier in words."""
+    return f"{sender_of(facts, bus, ahead)} ({hex_id(ahead.cob_id, ahead.service)})"
+
+
+def sender_of(facts: Facts, bus: str, ahead: Ahead) -> str:
+    """What the frames are, and whose."""
+    if ahead.service == "SDO request":
+        return f"SDO requests to node {ahead.cob_id & 0x7F}"
+    service = f"{ahead.service}s" if ahead.service == "SDO answer" else ahead.service
+    if ahead.node is not None:
+        return f"{service} of {facts.inside(bus, ahead.node)}"
+    return "frames" if service in ("other", "29-bit") else service
+
+
+def hex_id(cob_id: int, service: str) -> str:
+    """An identifier of 11 or 29 bits."""
+    return f"{cob_id:08X}h" if service == "29-bit" else f"{cob_id:03X}h"
+
+
+def is_own(ahead: Ahead, node: int | None) -> bool:
+    """Whether the frames come from the node that waits: then it is the device's own queue."""
+    return node is not None and ahead.node == node
+
+
+def _of(some: int, all_of_them: int) -> str:
+    return "" if some == all_of_them else f" ({some} of {all_of_them} times)"

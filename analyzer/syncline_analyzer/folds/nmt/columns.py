@@ -1,0 +1,64 @@
+"""Frames of one node's error control, and its signs of life between them."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from syncline_analyzer.folds.nmt.cadence import Int64s, Mask
+
+
+class Columns(NamedTuple):
+    """Frames of one node's error control in order of `seq`; all (n,)."""
+
+    seq: Int64s
+    t_ns: Int64s
+    remote: Mask
+    dlc: NDArray[np.uint8]
+    byte: NDArray[np.uint8]
+
+    def rows(self, chosen: slice | NDArray[np.intp]) -> "Columns":
+        """Some of the rows."""
+        return Columns(
+            self.seq[chosen],
+            self.t_ns[chosen],
+            self.remote[chosen],
+            self.dlc[chosen],
+            self.byte[chosen],
+        )
+
+    def after(self, held: "Columns") -> "Columns":
+        """These rows after others."""
+        return Columns(
+            np.concatenate((held.seq, self.seq)),
+            np.concatenate((held.t_ns, self.t_ns)),
+            np.concatenate((held.remote, self.remote)),
+            np.concatenate((held.dlc, self.dlc)),
+            np.concatenate((held.byte, self.byte)),
+        )
+
+
+@dataclass(slots=True)
+class Life:
+    """Signs of life of the node since its last beat: the longest silence between them."""
+
+    last_seq: int
+    last_ns: int
+    longest_ns: int = 0
+    start: tuple[int, int] = (0, 0)
+    end: tuple[int, int] = (0, 0)
+
+    def hear(self, seq: Int64s, t_ns: Int64s) -> None:
+        """Take in further frames of the node."""
+        if not len(seq):
+            return
+        seqs = np.concatenate(([self.last_seq], seq))
+        times = np.concatenate(([self.last_ns], t_ns))
+        passed = np.diff(times)
+        row = int(np.argmax(passed))
+        if passed[row] > self.longest_ns:
+            self.longest_ns = int(passed[row])
+            self.start = (int(seqs[row]), int(times[row]))
+            self.end = (int(seqs[row + 1]), int(times[row + 1]))
+        self.last_seq, self.last_ns = int(seq[-1]), int(t_ns[-1])

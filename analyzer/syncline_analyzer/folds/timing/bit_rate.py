@@ -1,0 +1,259 @@
+"""The bit rate of a bus from its tightest frame spacings.
+
+Two frames that follow one another without a pause are stamped as far apart as the second one is
+long: its bits with intermission over the bit rate. On any bus with traffic some frames wait for
+others, so these spacings pile up at the wire's limit, for short and long frames alike, and nothing
+lies below it. A bit rate that is too low makes spacings impossible; one that is too high has
+nothing at its limit, unless a node answers after a constant time: that pile does not grow with the
+length of the frame as the wire would have it.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+CANDIDATES = (10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
+"""Bit rates of CiA 301 table 1, and the 100 kbit/s that many devices offer besides [bit/s]."""
+_RUNS = (1, 2, 4, 8, 16, 32)
+"""Frames that are looked at together where the stamps are too coarse for single ones."""
+_JITTER_NS = (1_000, 3_000, 10_000, 30_000, 100_000)
+"""How far stamps may be off besides their step: hardware, driver, interrupts of a busy host [ns]."""
+_SHARP = 0.1
+"""The stamps may be off by so much of the spacing, or neighbouring bit rates cannot be told."""
+_ENOUGH = 20
+"""So many spacings at the limit make a pile."""
+_APART = 8
+"""So many of them must not share frames."""
+_FEW = 8
+"""So many make a guess."""
+_IMPOSSIBLE = 0.05
+"""Share of spacings below the limit, against those at it, that stamps may be wrong."""
+_DOUBTFUL = 0.3
+"""The same for a guess."""
+_STEPS_NS = (10_000_000, 1_000_000, 100_000, 10_000)
+"""Steps of stamps that matter here [ns]."""
+_ON_STEP = 0.9
+"""With this share of the spacings on them, these are the steps of the stamps."""
+_TRUSTED = 0.99
+"""Share of the spacings whose proven error counts."""
+_STEEP = 0.8
+"""As many lie at the limit as beside it, or it is the slope of something broader."""
+_TURNED = 2.5
+"""So far apart, in widths of the pile, a faster bit rate would tear short and long frames."""
+_LEANING = 0.5
+"""The same for a guess, and for a slope that is to count."""
+_CORE = 0.05
+"""Shortest and longest frames of the pile that are left out when its span is taken."""
+_ALONE = 0.05
+"""With so few beside it, the slope of the pile itself tells the bit rate."""
+_ON_SLOPE = 0.2
+"""How far that slope may be off, as a share of the way to the next faster bit rate."""
+
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """A bit rate that the spacings speak for.
+
+    Attributes:
+        bitrate: [bit/s], one of `CANDIDATES`.
+        confident: whether every other candidate is ruled out; else it is a guess.
+        frames: spacings at the limit that it rests on.
+        within_ns: how far around the limit they lie.
+    """
+
+    bitrate: int
+    confident: bool
+    frames: int
+    within_ns: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Runs:
+    """Spacings of a number of frames each: time [ns] and bits from the first end to the last."""
+
+    frames: int
+    apart_ns: Ints
+    bits: Ints
+
+
+@dataclass(frozen=True, slots=True)
+class _Pile:
+    """What lies at the limit of one candidate.
+
+    Attributes:
+        below, beside: spacings shorter than those of the pile, and those up to twice its width
+            longer.
+        span_bits: how much longer the long frames of the pile are than its short ones.
+        slope: (ns per bit, its standard error) of spacing over length, where nothing beside the
+            pile is cut off.
+        frames: how many make one spacing.
+    """
+
+    bitrate: int
+    within_ns: int
+    count: int
+    below: int
+    beside: int
+    span_bits: float
+    slope: tuple[float, float] | None
+    frames: int
+
+    @property
+    def is_guess(self) -> bool:
+        return (
+            self.count >= _FEW
+            and self.span_bits * self._more_ns >= _LEANING * self.within_ns
+            and self.below <= _DOUBTFUL * self.count
+            and self.count >= _STEEP * self.beside
+        )
+
+    @property
+    def is_limit(self) -> bool:
+        """Whether it is the wire's limit beyond doubt."""
+        return (
+            self.count >= max(_ENOUGH, _APART * self.frames)
+            and self.below <= _IMPOSSIBLE * self.count
+            and self.count >= _STEEP * self.beside
+            and self._excludes_faster()
+        )
+
+    def _excludes_faster(self) -> bool:
+        """Whether no faster bit rate and a constant delay would give the same pile."""
+        if self.span_bits * self._more_ns >= _TURNED * self.within_ns:
+            return True
+        if self.slope is None or self.span_bits * self._more_ns < _LEANING * self.within_ns:
+            return False
+        slope, error = self.slope
+        return abs(slope - 1e9 / self.bitrate) + 3 * error < _ON_SLOPE * self._more_ns
+
+    @property
+    def _more_ns(self) -> float:
+        """How much longer a bit lasts than at the next faster bit rate.
+
+        There is none above 1 Mbit/s, but stamps that a host takes at regular times are equally far
+        apart whatever the frames are.
+        """
+        faster = [rate for rate in CANDIDATES if rate > self.bitrate]
+        return 1e9 / self.bitrate - (1e9 / faster[0] if faster else 0.0)
+
+
+def estimate(apart_ns: Ints, bits: Ints, resolution_ns: int) -> Estimate | None:
+    """The bit rate of a bus, None where its spacings do not tell one.
+
+    Args:
+        apart_ns: (n,) from the stamp of the frame before to that of the frame; negative where the
+            two do not count: over gaps, error frames, and before frames of switched bit rate.
+        bits: (n,) length of each frame with intermission.
+        resolution_ns: step of the stamps.
+    """
+    guess: _Pile | None = None
+    resolution_ns = max(resolution_ns, _step_ns(apart_ns))
+    off_ns = _off_ns(apart_ns, bits)
+    impossible = _impossible(apart_ns, bits, resolution_ns + _JITTER_NS[-1])
+    for runs in _runs(apart_ns, bits):
+        piles = [
+            pile
+            for pile in _piles(runs, resolution_ns, off_ns)
+            if impossible[pile.bitrate] <= _IMPOSSIBLE * pile.count
+        ]
+        limits = {pile.bitrate: pile for pile in reversed(piles) if pile.is_limit}
+        if len(limits) == 1:
+            pile = next(iter(limits.values()))
+            return Estimate(pile.bitrate, True, pile.count, pile.within_ns)
+        guess = max(
+            (pile for pile in (guess, *piles) if pile is not None and pile.is_guess),
+            key=lambda pile: pile.count / pile.frames,
+            default=None,
+        )
+    if guess is None:
+        return None
+    return Estimate(guess.bitrate, False, guess.count, guess.within_ns)
+
+
+def _step_ns(apart_ns: Ints) -> int:
+    """Step of the stamps by themselves: a converter or a host may know of finer ones only [ns]."""
+    counting = apart_ns[apart_ns >= 0]
+    for step_ns in _STEPS_NS:
+        on_step = (counting + step_ns // 50) % step_ns <= step_ns // 25
+        if len(counting) and on_step.mean() >= _ON_STEP:
+            return step_ns
+    return 1
+
+
+def _off_ns(apart_ns: Ints, bits: Ints) -> float:
+    """How far stamps are off beyond doubt: frames come closer than any bit rate allows [ns]."""
+    counting = apart_ns >= 0
+    if not counting.any():
+        return 0.0
+    short = bits[counting] * (1e9 / CANDIDATES[-1]) - apart_ns[counting]
+    return max(0.0, float(np.quantile(short, _TRUSTED)))
+
+
+def _impossible(apart_ns: Ints, bits: Ints, off_ns: int) -> dict[int, int]:
+    """How many frames come sooner than each candidate allows, stamps that are off so far granted."""
+    soon_ns = apart_ns[apart_ns >= 0] + off_ns
+    length = bits[apart_ns >= 0]
+    return {
+        bitrate: int(np.count_nonzero(soon_ns < length * (1e9 / bitrate))) for bitrate in CANDIDATES
+    }
+
+
+def _runs(apart_ns: Ints, bits: Ints) -> Iterator[_Runs]:
+    """Single spacings, then those of ever more frames in a row."""
+    time = np.concatenate(([0], np.cumsum(np.maximum(apart_ns, 0))))
+    length = np.concatenate(([0], np.cumsum(bits)))
+    breaks = np.concatenate(([0], np.cumsum(apart_ns < 0)))
+    for count in _RUNS:
+        if len(apart_ns) < count:
+            return
+        whole = breaks[count:] == breaks[:-count]
+        yield _Runs(
+            count, (time[count:] - time[:-count])[whole], (length[count:] - length[:-count])[whole]
+        )
+
+
+def _piles(runs: _Runs, resolution_ns: int, off_ns: float) -> Iterator[_Pile]:
+    """What lies at the limit of each candidate, by how far the stamps may be off."""
+    if not len(runs.bits):
+        return
+    usual = float(np.median(runs.bits))
+    for bitrate in CANDIDATES:
+        bit_ns = 1e9 / bitrate
+        beyond = runs.apart_ns - runs.bits * bit_ns
+        for jitter_ns in _JITTER_NS:
+            within_ns = resolution_ns + jitter_ns
+            if within_ns > _SHARP * usual * bit_ns:
+                break
+            if within_ns < off_ns:
+                continue
+            at = np.abs(beyond) <= within_ns
+            if np.count_nonzero(at) >= _FEW:
+                yield _pile(runs, bitrate, within_ns, beyond, at)
+
+
+def _pile(
+    runs: _Runs, bitrate: int, within_ns: int, beyond: NDArray[np.float64], at: NDArray[np.bool_]
+) -> _Pile:
+    count = int(np.count_nonzero(at))
+    below = int(np.count_nonzero(beyond < -within_ns))
+    beside = int(np.count_nonzero((beyond > within_ns) & (beyond <= 3 * within_ns)))
+    bits = runs.bits[at]
+    low, high = np.quantile(bits, (_CORE, 1 - _CORE))
+    alone = below + beside <= _ALONE * count
+    slope = _slope(bits, runs.apart_ns[at]) if alone else None
+    return _Pile(bitrate, within_ns, count, below, beside, float(high - low), slope, runs.frames)
+
+
+def _slope(bits: Ints, apart_ns: Ints) -> tuple[float, float] | None:
+    """Slope of spacing over length [ns/bit] with its standard error, None for equal lengths."""
+    x = bits - bits.mean()
+    square = float((x * x).sum())
+    if not square:
+        return None
+    slope = float((x * apart_ns).sum()) / square
+    rest = apart_ns - apart_ns.mean() - slope * x
+    return slope, float(np.sqrt((rest * rest).sum() / max(1, len(x) - 2) / square))

@@ -1,0 +1,335 @@
+"""Periods of heartbeats and of the requests that guard a node (CiA 301 7.2.8.3)."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from syncline_analyzer.context import Context
+from syncline_analyzer.distribution import Distribution
+from syncline_analyzer.folds.nmt.table import NodeNmt
+from syncline_analyzer.folds.timing.block import Block
+from syncline_analyzer.folds.timing.overdue import LATE, Overdue
+from syncline_analyzer.folds.timing.periods import LEARN, Periods
+from syncline_analyzer.folds.timing.request_answers import RequestAnswers
+from syncline_analyzer.folds.timing.silence import Silence, within_silence
+from syncline_analyzer.results import ErrorControlRow, NmtStateRow, WorstRow
+from syncline_analyzer.shadow import Known
+from syncline_schemas.batch import FrameFlag
+
+HEARTBEAT_TIME, GUARD_TIME = 0x1017, 0x100C
+FIRST_ID = 0x700
+MAX_NODE = 127
+MAX_EVIDENCE = 20
+_ANSWER_NS = 100_000_000
+"""A guard answer follows its request within this time; a later message is a heartbeat."""
+_REGIME = 4
+"""So many long periods in a row are the rhythm."""
+_AS_TOLD = 0.25
+"""Where the periods are further off the setting, the node keeps one of its own."""
+
+Ints = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(slots=True)
+class _Rhythm:
+    """Periods of one kind of message."""
+
+    count: int = 0
+    periods: Periods = field(default_factory=Periods)
+    last_ns: int | None = None
+    last_seq: int = 0
+
+    def add(self, seq: Ints, t_ns: Ints, follows: Mask) -> tuple[Ints, Ints, Ints]:
+        """Take in messages in order; (periods, stamp and `seq` of the message before each).
+
+        `follows` tells which of them come after one of their kind with nothing in between.
+        """
+        self.count += len(seq)
+        if self.last_ns is not None:
+            seq = np.concatenate(([self.last_seq], seq))
+            t_ns = np.concatenate(([self.last_ns], t_ns))
+        else:
+            follows = follows[1:]
+        periods = np.diff(t_ns)
+        true = follows & (periods >= 0)
+        self.periods.add(periods[true], seq[1:][true], t_ns[1:][true])
+        if len(seq):
+            self.last_ns, self.last_seq = int(t_ns[-1]), int(seq[-1])
+        return periods[true], t_ns[:-1][true], seq[:-1][true]
+
+
+@dataclass(slots=True)
+class _State:
+    """Error control of one node from block to block."""
+
+    beats: _Rhythm = field(default_factory=_Rhythm)
+    requests: _Rhythm = field(default_factory=_Rhythm)
+    answers: RequestAnswers = field(default_factory=RequestAnswers)
+    missing: Overdue = field(default_factory=Overdue)
+    remote_seen: bool = False
+    asked_ns: int | None = None
+    """Time of the last frame, if it was a request."""
+    broken: bool = True
+    """The next heartbeat does not follow one: after a gap, a boot-up, another setting."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Part:
+    """Frames of one node's error control in order; all (n,)."""
+
+    rows: NDArray[np.intp]
+    t_ns: Ints
+    asks: Mask
+    starts: Mask
+    """Boot-ups."""
+    beats: Mask
+
+
+class ErrorControlPeriods:
+    """Follows 701h to 77Fh; which node is guarded, and which sends heartbeats, NMT tells in the end."""
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        self._states: dict[tuple[int, int], _State] = {}
+
+    def update(self, block: Block, bus: int) -> None:
+        """Take in the frames of one bus of a block."""
+        if not self._context.timed:
+            return
+        remote = self._remote(block, bus)
+        nodes = {can_id - FIRST_ID for on, can_id in block.batch.ids() if on == bus}
+        for node in sorted(n for n in nodes | remote.keys() if 1 <= n <= MAX_NODE):
+            state = self._states.setdefault((bus, node), _State())
+            asked = remote.get(node, np.zeros(0, np.intp))
+            data = block.batch.rows(bus, FIRST_ID + node)
+            if len(asked) or len(data):
+                self._take(block, bus, node, state, data, asked)
+
+    def gap(self, bus: int | None) -> None:
+        """No period goes over a gap."""
+        for (on, _), state in self._states.items():
+            if bus in (None, on):
+                state.beats.last_ns = state.requests.last_ns = None
+                state.broken, state.asked_ns = True, None
+                state.missing.flush()
+                state.answers.restart()
+
+    def finish(
+        self,
+        nodes: Mapping[tuple[int, int], NodeNmt] | None,
+        nmt_states: Sequence[NmtStateRow],
+        silences: Mapping[int, Sequence[Silence]],
+    ) -> tuple[list[ErrorControlRow], list[WorstRow]]:
+        """(rows, worst periods).
+
+        Args:
+            nodes: what NMT found; None tells of every node by its frames alone.
+            nmt_states: a heartbeat is not missing while its node starts.
+            silences: of each bus, in which nothing is missing.
+        """
+        rows: list[ErrorControlRow] = []
+        worst: list[WorstRow] = []
+        for (bus, node), state in sorted(self._states.items()):
+            nmt = nodes.get((bus, node)) if nodes is not None else None
+            if nodes is not None and nmt is None:
+                continue
+            guarded = nmt.counts.guard_answers if nmt else state.answers.answered
+            beating = nmt.counts.heartbeats + nmt.counts.empty if nmt else state.beats.count
+            name, can_id = self._context.bus_name(bus), FIRST_ID + node
+            if beating > 1 and state.beats.periods.spread.count:
+                starts = [
+                    Silence(row.start_ns, row.end_ns, 0, 0, {})
+                    for row in nmt_states
+                    if (row.bus, row.node, row.state) == (name, node, "INITIALISING")
+                ]
+                rows.append(self._heartbeat(bus, node, state, [*silences.get(bus, ()), *starts]))
+                worst += state.beats.periods.extremes.rows(name, can_id, node, "heartbeat period")
+            if guarded > 1 and state.requests.periods.spread.count:
+                rows.append(self._guarding(bus, node, state))
+                worst += state.requests.periods.extremes.rows(name, can_id, node, "guard period")
+                worst += state.answers.slowest.rows(name, can_id, node, "guard answer")
+        return rows, worst
+
+    def _remote(self, block: Block, bus: int) -> dict[int, NDArray[np.intp]]:
+        """Rows of the remote frames to each node."""
+        rows = np.flatnonzero(block.batch.remote)
+        short = (block.frames.flags[rows] & FrameFlag.EXTENDED) == 0
+        rows = rows[short & (block.frames.bus[rows] == bus)]
+        rows = rows[block.frames.can_id[rows] >> 7 == FIRST_ID >> 7]
+        node = block.frames.can_id[rows] - FIRST_ID
+        return {int(one): rows[node == one] for one in np.unique(node)}
+
+    def _take(
+        self,
+        block: Block,
+        bus: int,
+        node: int,
+        state: _State,
+        data: NDArray[np.intp],
+        remote: NDArray[np.intp],
+    ) -> None:
+        part = _part(block, state, data, remote)
+        state.remote_seen |= bool(len(remote))
+        seq0 = block.batch.seq0
+        asked = part.rows[part.asks]
+        answering = part.rows[~part.asks]
+        state.requests.add(seq0 + asked, block.frames.t_ns[asked], np.ones(len(asked), np.bool_))
+        state.answers.add(answering, asked, block.frames.t_ns, seq0, timed=True)
+        for piece, told_ns in self._pieces(block, bus, node, part):
+            self._beat(seq0, state, piece, told_ns)
+
+    def _pieces(
+        self, block: Block, bus: int, node: int, part: _Part
+    ) -> list[tuple[_Part, int | None]]:
+        """The frames between two settings of 1017h, with the setting [ns]."""
+        first, last = block.batch.seq0, block.batch.seq0 + len(block.batch)
+        place = bus, node, HEARTBEAT_TIME
+        cuts = [seq for seq in self._context.shadow.changes(*place) if first < seq < last]
+        edges = np.searchsorted(part.rows + first, cuts).tolist()
+        found = []
+        for begin, stop in pairwise([0, *edges, len(part.rows)]):
+            if stop > begin:
+                at = first + int(part.rows[begin])
+                piece = _Part(
+                    part.rows[begin:stop],
+                    part.t_ns[begin:stop],
+                    part.asks[begin:stop],
+                    part.starts[begin:stop],
+                    part.beats[begin:stop],
+                )
+                told = _told(self._context.shadow.get(*place, 0, at))
+                found.append((piece, told * 1_000_000 if told else None))
+        return found
+
+    @staticmethod
+    def _beat(seq0: int, state: _State, part: _Part, told_ns: int | None) -> None:
+        """Periods of the heartbeats; what else comes in between breaks them."""
+        breaks = np.cumsum(part.starts | (~part.beats & ~part.asks))
+        rows = np.flatnonzero(part.beats)
+        if not len(rows):
+            state.broken |= bool(breaks[-1])
+            return
+        follows = np.diff(breaks[rows], prepend=0) == 0
+        follows[0] &= not state.broken
+        state.broken = bool(breaks[-1] > breaks[rows[-1]])
+        seq, t_ns = seq0 + part.rows[rows], part.t_ns[rows]
+        periods, before_ns, before_seq = state.beats.add(seq, t_ns, follows)
+        timer_ns = _timer(periods, state.beats.periods.spread, told_ns)
+        if timer_ns:
+            judged = ~_sustained(periods > LATE * timer_ns)
+            state.missing.add(timer_ns, periods, before_ns, before_seq, judged)
+
+    def _heartbeat(
+        self, bus: int, node: int, state: _State, silences: Sequence[Silence]
+    ) -> ErrorControlRow:
+        state.missing.flush()
+        missing = state.missing.missed.within(None, 0.0)
+        quiet = within_silence(
+            missing.t_ns, silences, float(state.beats.periods.spread.quantile(0.5))
+        )
+        missing = missing.without(quiet)
+        known = self._context.shadow.get(bus, node, HEARTBEAT_TIME)
+        seqs = list(dict.fromkeys(missing.seq.tolist()))[:MAX_EVIDENCE]
+        return self._row(bus, node, "heartbeat", state.beats, known, missing.count, seqs)
+
+    def _guarding(self, bus: int, node: int, state: _State) -> ErrorControlRow:
+        known = self._context.shadow.get(bus, node, GUARD_TIME)
+        answers = state.answers
+        missed = answers.missed.within(None, 0.0)
+        return self._row(
+            bus,
+            node,
+            "guarding",
+            state.requests,
+            known,
+            missed.count,
+            missed.seq[:MAX_EVIDENCE].tolist(),
+            answers.time,
+        )
+
+    def _row(
+        self,
+        bus: int,
+        node: int,
+        kind: str,
+        rhythm: _Rhythm,
+        known: Known | None,
+        missing: int,
+        missing_seq: list[int],
+        answer: Distribution | None = None,
+    ) -> ErrorControlRow:
+        step_ns = self._context.resolution_ns
+        expected_ms = known.value if known and isinstance(known.value, int) else None
+        longest = rhythm.periods.extremes.longest
+        return ErrorControlRow(
+            bus=self._context.bus_name(bus),
+            node=node,
+            kind="heartbeat" if kind == "heartbeat" else "guarding",
+            count=rhythm.count,
+            period_us=rhythm.periods.spread.quantiles(1000),
+            jitter_us=rhythm.periods.single.jitter(1000, step_ns),
+            expected_us=expected_ms * 1000 if expected_ms else None,
+            expected_source=known.source if known and expected_ms else None,
+            deviation_us=rhythm.periods.spread.off(expected_ms * 1e6, 1000, step_ns)
+            if expected_ms
+            else None,
+            missing=missing,
+            missing_seq=missing_seq,
+            answer_us=answer.quantiles(1000) if answer else None,
+            worst_us=int(longest.key[0]) / 1000 if len(longest.key) else None,
+            worst_seq=int(longest.seq[0]) if len(longest.seq) else None,
+            resolution_us=step_ns / 1000,
+            quantile_error=rhythm.periods.spread.relative_error,
+        )
+
+
+def _part(block: Block, state: _State, data: NDArray[np.intp], remote: NDArray[np.intp]) -> _Part:
+    """All frames of a node's error control in order, and what each of them is."""
+    rows = np.sort(np.concatenate((data, remote))) if len(remote) else data
+    t_ns, dlc = block.frames.t_ns[rows], block.frames.dlc[rows]
+    byte = block.frames.data[rows, 0]
+    asks = block.batch.remote[rows]
+    message = ~asks & (dlc <= 1)
+    after = np.diff(t_ns, append=t_ns[-1:] + 2 * _ANSWER_NS) <= _ANSWER_NS
+    empty = message & (dlc == 0)
+    if empty.any():
+        answered = np.append((message & (dlc == 1))[1:], False) & after
+        marked = (np.cumsum(asks) > 0) | state.remote_seen
+        asks = asks | (empty & ~marked & answered)
+        message &= ~asks
+    starts = message & (dlc == 1) & (byte == 0)
+    begun = state.asked_ns is not None and int(t_ns[0]) - state.asked_ns <= _ANSWER_NS
+    answers = message & np.concatenate(([begun], (asks & after)[:-1]))
+    state.asked_ns = int(t_ns[-1]) if asks[-1] else None
+    return _Part(rows, t_ns, asks, starts, message & ~starts & ~answers)
+
+
+def _timer(periods: Ints, spread: Distribution, told_ns: int | None) -> int | None:
+    """The period that is due: as told where the node keeps it, else the usual one."""
+    if len(periods) >= LEARN:
+        usual = round(float(np.median(periods)))
+    else:
+        usual = round(spread.quantile(0.5)) if spread.count >= LEARN else 0
+    if told_ns and (not usual or abs(usual - told_ns) <= _AS_TOLD * told_ns):
+        return told_ns
+    return usual or None
+
+
+def _sustained(long: Mask) -> Mask:
+    """(n,) True where so many follow one another that they are the rhythm."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], long.astype(np.int8), [0]))))
+    found = np.zeros(len(long), np.bool_)
+    for start, stop in edges.reshape(-1, 2).tolist():
+        found[start:stop] = stop - start >= _REGIME
+    return found
+
+
+def _told(known: Known | None) -> int | None:
+    """A setting that the bus or the user told; 0 where it is off."""
+    if known is None or known.source == "eds-default" or not isinstance(known.value, int):
+        return None
+    return known.value

@@ -1,0 +1,146 @@
+"""How long a bus was busy without a pause, and its fullest moment."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+BURST_NS = 10_000_000
+"""Time within which the peak burst is counted: a SYNC and all that answers it."""
+PAUSE_BITS = 4
+"""A pause up to so long is none: nodes' oscillators differ, and a waiting node starts early."""
+SHORTEST_BITS = 47
+"""An empty frame with intermission, the shortest there is."""
+_COARSEST = 0.25
+"""Stamps of a coarser step, as a share of the shortest frame, do not tell pauses."""
+_STEPS = 10
+"""The peak burst is as long as so many steps of the stamps at least."""
+_BUNDLED = 0.02
+"""With this share of frames sooner than the wire allows, the stamps are not those of the wire."""
+_TOLD_BITS = 8
+"""A frame must come so much too soon to count for that [bit]."""
+
+Ints = NDArray[np.int64]
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """Frames back to back: from the start of the first to the end of the last, and how many."""
+
+    start_ns: int
+    end_ns: int
+    frames: int
+
+    @property
+    def lasts_ns(self) -> int:
+        return self.end_ns - self.start_ns
+
+
+class Busy:
+    """Longest stretch without a pause, and the burst with the most bits, of one bus.
+
+    Attributes:
+        longest: None before the first frame.
+        burst: (share of the time that was busy, its start [ns]) of the fullest `BURST_NS`.
+    """
+
+    def __init__(self) -> None:
+        self.longest: Stretch | None = None
+        self.burst: tuple[float, int] | None = None
+        self._current: Stretch | None = None
+        self._recent_ns: Ints = np.zeros(0, np.int64)
+        self._recent_wire_ns: Floats = np.zeros(0)
+        self._recent_soon: NDArray[np.bool_] = np.zeros(0, np.bool_)
+        self._begun_ns = 0
+        self._spacings = 0
+        self._too_soon = 0
+
+    def stretch(self, resolution_ns: int, bit_ns: float) -> Stretch | None:
+        """The longest stretch, None where the stamps do not tell one."""
+        coarse = resolution_ns > _COARSEST * SHORTEST_BITS * bit_ns
+        return None if coarse or self._bundled else self.longest
+
+    def peak(self, resolution_ns: int) -> tuple[float, int] | None:
+        """The peak burst, None where the stamps do not tell one."""
+        return None if _STEPS * resolution_ns > BURST_NS or self._bundled else self.burst
+
+    @property
+    def _bundled(self) -> bool:
+        return self._too_soon > _BUNDLED * self._spacings
+
+    def add(self, t_ns: Ints, wire_ns: Floats, bit_ns: float, resolution_ns: int) -> None:
+        """Take in frames whose stamps run forward, with the time that each was on the wire."""
+        before = t_ns[0] if self._current is None else self._current.end_ns
+        idle_ns = np.diff(t_ns, prepend=before) - wire_ns
+        if self._current is None:
+            idle_ns[0] = 0
+        # Sooner than the wire allows: stamped late, after the recorder had kept some of them.
+        soon = idle_ns < -_TOLD_BITS * bit_ns - resolution_ns
+        self._spacings += len(t_ns)
+        self._too_soon += int(np.count_nonzero(soon))
+        self._add_stretches(t_ns, wire_ns, soon | (idle_ns > PAUSE_BITS * bit_ns + resolution_ns))
+        self._add_bursts(t_ns, wire_ns, soon)
+
+    def close(self) -> None:
+        """End what goes on: before a gap, and where the clock stepped back."""
+        self._take(self._current)
+        self._current = None
+        self._recent_ns, self._recent_wire_ns = np.zeros(0, np.int64), np.zeros(0)
+        self._recent_soon = np.zeros(0, np.bool_)
+
+    def _take(self, stretch: Stretch | None) -> None:
+        if stretch and (self.longest is None or stretch.lasts_ns > self.longest.lasts_ns):
+            self.longest = stretch
+
+    def _add_stretches(self, t_ns: Ints, wire_ns: Floats, paused: NDArray[np.bool_]) -> None:
+        """Join the frames that come without a pause before them."""
+        paused[0] |= self._current is None
+        begins = np.flatnonzero(paused)
+        if not len(begins) or begins[0] > 0:
+            assert self._current is not None
+            stop = int(begins[0]) if len(begins) else len(t_ns)
+            self._current = Stretch(
+                self._current.start_ns, int(t_ns[stop - 1]), self._current.frames + stop
+            )
+        if not len(begins):
+            return
+        self._take(self._current)
+        ends = np.append(begins[1:], len(t_ns)) - 1
+        starts_ns = t_ns[begins] - np.rint(wire_ns[begins]).astype(np.int64)
+        longest = int(np.argmax(t_ns[ends] - starts_ns))
+        for k in (longest, -1):
+            self._current = Stretch(
+                int(starts_ns[k]), int(t_ns[ends[k]]), int(ends[k] - begins[k]) + 1
+            )
+            if k == longest:
+                self._take(self._current)
+
+    def _add_bursts(self, t_ns: Ints, wire_ns: Floats, soon: NDArray[np.bool_]) -> None:
+        """Look at the time before the end of each frame, where all stamps are possible."""
+        if not len(self._recent_ns):
+            self._begun_ns = int(t_ns[0])
+        known = len(self._recent_ns)
+        end_ns = np.concatenate([self._recent_ns, t_ns])
+        wire_ns = np.concatenate([self._recent_wire_ns, wire_ns])
+        soon = np.concatenate([self._recent_soon, soon])
+        late = int(np.searchsorted(end_ns, end_ns[-1] - BURST_NS))
+        self._recent_ns, self._recent_wire_ns = end_ns[late:], wire_ns[late:]
+        self._recent_soon = soon[late:]
+        since = (end_ns - self._begun_ns).astype(np.float64)
+        busy = np.cumsum(wire_ns)
+        # Knots of the busy time over time: it grows while a frame is on the wire.
+        knots = np.maximum.accumulate(np.stack([since - wire_ns, since], axis=1).reshape(-1))
+        levels = np.stack([busy - wire_ns, busy], axis=1).reshape(-1)
+        at = np.flatnonzero(since >= BURST_NS)
+        at = at[at >= known]
+        if soon.any():
+            late_stamps = np.cumsum(soon)
+            first = np.searchsorted(since, since[at] - BURST_NS)
+            at = at[late_stamps[at] == late_stamps[first] - soon[first]]
+        if not len(at):
+            return
+        share = (busy[at] - np.interp(since[at] - BURST_NS, knots, levels)) / BURST_NS
+        fullest = int(np.argmax(share))
+        if self.burst is None or share[fullest] > self.burst[0]:
+            self.burst = min(1.0, float(share[fullest])), int(end_ns[at[fullest]]) - BURST_NS

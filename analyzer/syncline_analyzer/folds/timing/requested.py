@@ -1,0 +1,46 @@
+"""PDOs that somebody asked for by a remote frame: they may answer that and not the SYNC."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Rows = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(slots=True)
+class Requested:
+    """Follows the remote frames to one PDO identifier from block to block (CiA 301 7.2.2.5.2)."""
+
+    _open: bool = False
+    """Asked for, and not come since."""
+    _ordinal: int = -1
+    """The last SYNC in whose period such a PDO came."""
+
+    def follow(self, rows: Rows, requests: Rows) -> Mask:
+        """(n,) which frames are the first after a request, or one written down as an empty frame.
+
+        Both are rows of one block, in order.
+        """
+        if not len(rows):
+            self._open |= bool(len(requests))
+            return np.zeros(0, np.bool_)
+        until = np.searchsorted(requests, rows)
+        asked: Mask = np.diff(until, prepend=-1 if self._open else 0) > 0
+        asked |= np.isin(rows, requests)
+        self._open = bool(until[-1] < len(requests))
+        return asked
+
+    def beside(self, ordinal: NDArray[np.int64], asked: Mask) -> Mask:
+        """(n,) which frames came after or as such a one, by the number of the SYNC before each."""
+        if not len(ordinal):
+            return np.zeros(0, np.bool_)
+        last = np.maximum.accumulate(np.where(asked, ordinal, self._ordinal))
+        self._ordinal = int(last[-1])
+        found: Mask = last == ordinal
+        return found
+
+    def restart(self) -> None:
+        """Forget what is open, as at a gap."""
+        self._open = False

@@ -1,0 +1,67 @@
+"""The counter in a SYNC (CiA 301 7.2.5.3): from 1 to 1019h and again from 1."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+SURE = 2
+"""So often a counter must have begun again from the same number to show where it ends."""
+
+Ints = NDArray[np.int64]
+
+
+@dataclass(slots=True)
+class SyncCounter:
+    """Follows the counter of one SYNC identifier; `jumps` counts the places where it left some out.
+
+    `highest` is 0 for a SYNC without a counter, and counts since 1019h was `told` last.
+    """
+
+    jumps: int = 0
+    highest: int = 0
+    told: int | None = None
+    _last: int | None = None
+    _ends: Ints = field(default_factory=lambda: np.zeros(256, np.int64))
+    """How often it began again after each number."""
+
+    @property
+    def wraps(self) -> int:
+        """How often it began again after the number where it does so most often."""
+        return int(self._ends.max())
+
+    def follow(self, counter: Ints, told: int | None) -> Ints:
+        """(n,) SYNCs that were left out before each of these.
+
+        Args:
+            counter: (n,) counters in order.
+            told: 1019h, which counts until the frames themselves show where the counter ends.
+        """
+        before = int(counter[0]) - 1 if self._last is None else self._last
+        apart = np.diff(counter, prepend=before)
+        again = np.flatnonzero((apart < 0) & (counter == 1))
+        at = np.concatenate(([before], counter))[again]
+        self._ends += np.bincount(at[at > 1].clip(max=255), minlength=256)
+        self.highest = max(self.highest, int(counter.max()))
+        # The same number once more is the same SYNC once more.
+        lost: Ints = np.where(apart == 0, 0, (apart - 1) % max(self._overflow(told), 1))
+        self._last = int(counter[-1])
+        self.jumps += int(np.count_nonzero(lost))
+        return lost
+
+    def expect(self, told: int | None) -> None:
+        """Take in 1019h as it is told by now; another one begins anew with where it ends."""
+        if told is not None and told != self.told:
+            self.highest, self._ends = 0, np.zeros(256, np.int64)
+            self.told = told
+
+    def cut(self) -> None:
+        """Nothing is left out over what comes now, as at a gap or a SYNC without a counter."""
+        self._last = None
+
+    def overflow(self, told: int | None) -> int | None:
+        """Where it ends, by the frames or by what was `told`; None where neither says so."""
+        return int(self._ends.argmax()) if self.wraps >= SURE else told
+
+    def _overflow(self, told: int | None) -> int:
+        return max(self.overflow(told) or 0, self.highest)

@@ -1,0 +1,270 @@
+"""What one synchronous PDO waited for, and whether bus or device made it late."""
+
+from collections.abc import Sequence
+from copy import deepcopy
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from syncline_analyzer.distribution import Distribution
+from syncline_analyzer.folds.timing.delays import Delays
+from syncline_analyzer.folds.timing.waiting import MASTER, Ready
+from syncline_analyzer.folds.timing.waiting_bus import Blame, BusBlock
+from syncline_analyzer.results import Ahead, LatenessRow, PdoRow, WaitRow
+
+WORST = 10
+MAX_EVIDENCE = 20
+MAX_UNANSWERED = 10_000
+"""SYNCs without an answer of which it is kept when the bus was free."""
+_ENOUGH = 20
+"""Answers on an idle bus from which it is known how long the device takes."""
+
+Ints = NDArray[np.int64]
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Answers:
+    """Answers of a PDO in one block of its bus.
+
+    Attributes:
+        rows: (r,) rows on the bus.
+        sync_seq: (r,) `seq` of the SYNC that each answers.
+        response_ns, own_ns: (r,) response, and time on the wire without intermission.
+        most_ns: (r,) the device took no longer than this.
+        ready: when they can have been ready.
+        beside_sdo: (r,) whether there was SDO traffic with the node.
+        window_ns: 1007h, None where it is not known.
+    """
+
+    rows: Ints
+    sync_seq: Ints
+    response_ns: Ints
+    own_ns: Floats
+    most_ns: Floats
+    ready: Ready
+    beside_sdo: Bools
+    window_ns: int | None
+
+    @property
+    def device_late(self) -> Bools:
+        """(r,) whether an answer would have been late on an idle bus."""
+        if self.window_ns is None:
+            return np.zeros(len(self.rows), np.bool_)
+        late: Bools = self.ready.least_ns + self.own_ns > self.window_ns
+        return late
+
+
+@dataclass(slots=True)
+class _Late:
+    """Answers after the synchronous window."""
+
+    count: int = 0
+    by_device: int = 0
+    by_bus: int = 0
+    """In time without the frames of others ahead of them."""
+    beside_sdo: int = 0
+    seq: list[int] = field(default_factory=list)
+    first_ns: int | None = None
+    last_ns: int | None = None
+    blockers: dict[tuple[int, int | None, str], Ahead] = field(default_factory=dict)
+
+
+@dataclass(slots=True)
+class Waits:
+    """A PDO from block to block."""
+
+    bus: str
+    cob_id: int
+    least: Distribution = field(default_factory=Distribution)
+    waiting: Distribution = field(default_factory=Distribution)
+    free: Distribution = field(default_factory=Distribution)
+    beside_sdo: Distribution = field(default_factory=Distribution)
+    without_sdo: Distribution | None = None
+    """None while there was no SDO traffic: then it is `least`."""
+    waited: int = 0
+    window_ns: int | None = None
+    own_ns: float = 0.0
+    """Longest frame."""
+    most_ns: float = 0.0
+    """Latest that it can have been ready when it answered, after the SYNC."""
+    late: _Late = field(default_factory=_Late)
+    delays: Delays = field(default_factory=Delays)
+    unanswered: dict[int, float] = field(default_factory=dict)
+    """By the `seq` of the SYNC: when the bus was last free for the PDO before the next one [ns]."""
+    slowest: list[WaitRow] = field(default_factory=list)
+    longest: list[WaitRow] = field(default_factory=list)
+
+    def add(self, block: BusBlock, answers: Answers) -> None:
+        """Take in the answers of a block."""
+        ready, known = answers.ready, answers.ready.known
+        self._add_beside_sdo(ready.least_ns[known], answers.beside_sdo[known])
+        self.least.add(ready.least_ns[known])
+        self.waiting.add(ready.waiting_ns[known])
+        self.free.add(ready.least_ns[known & ready.free])
+        self.waited += int(np.count_nonzero(known & (ready.first < answers.rows)))
+        self.own_ns = max(self.own_ns, float(np.nanmax(answers.own_ns, initial=0.0)))
+        self.most_ns = max(self.most_ns, float(np.max(answers.most_ns[known], initial=0.0)))
+        self._add_late(block, answers)
+        self._add_worst(block, answers)
+
+    def add_blame(self, block: BusBlock, blame: Blame, answers: Answers, sender: int) -> None:
+        """Sum up what late answers waited for."""
+        rows = self.late_rows(answers)
+        rows = rows[np.isin(answers.rows[rows], blame.rows)]
+        if not len(rows) or answers.window_ns is None:
+            return
+        place = np.searchsorted(blame.rows, answers.rows[rows])
+        ns, frames = blame.ns[place], blame.frames[place]
+        others_ns = ns[:, block.key_sender != sender].sum(axis=1)
+        in_time = answers.response_ns[rows] - others_ns <= answers.window_ns
+        in_time &= ~answers.device_late[rows]
+        self.late.by_bus += int(np.count_nonzero(in_time))
+        self._add_blockers(block, ns.sum(axis=0), frames.sum(axis=0))
+
+    def _add_blockers(self, block: BusBlock, ns: Floats, frames: Ints) -> None:
+        for at in np.flatnonzero(frames).tolist():
+            can_id, who = block.identity(at)
+            key = (can_id, who.node, who.service)
+            node = who.node if who.node > MASTER else None
+            new = Ahead(can_id, node, who.service, int(frames[at]), float(ns[at]) / 1000, [])
+            old = self.late.blockers.get(key)
+            if old is not None:
+                new = replace(new, frames=old.frames + new.frames, us=old.us + new.us)
+            if old is not None or len(self.late.blockers) < MAX_UNANSWERED:
+                self.late.blockers[key] = new
+
+    def add_unanswered(self, sync_seq: Ints, free_ns: Floats) -> None:
+        """Keep when the bus was last free for the PDO after SYNCs that it did not answer."""
+        room = MAX_UNANSWERED - len(self.unanswered)
+        self.unanswered.update(zip(sync_seq[:room].tolist(), free_ns[:room].tolist(), strict=True))
+
+    @staticmethod
+    def late_rows(answers: Answers) -> NDArray[np.intp]:
+        """Which answers of a known time are later than the window."""
+        if answers.window_ns is None:
+            return np.zeros(0, np.intp)
+        return np.flatnonzero((answers.response_ns > answers.window_ns) & answers.ready.known)
+
+    def worst(self) -> list[WaitRow]:
+        """The slowest answers and those that waited longest, in order of time."""
+        rows = {row.seq: row for row in [*self.slowest, *self.longest]}
+        return [rows[seq] for seq in sorted(rows)]
+
+    def measured(self, pdo: PdoRow) -> PdoRow:
+        """The row of the PDO with what arbitration tells of its device and its waiting."""
+        return replace(
+            pdo,
+            device_us_least=self.least.quantiles(1000),
+            device_us_free=self.free.quantiles(1000),
+            waiting_us=self.waiting.quantiles(1000),
+        )
+
+    def row(self, pdo: PdoRow, missed_seq: Ints) -> LatenessRow:
+        """The causes, given the SYNCs that were missed in the end."""
+        missed = [seq for seq in missed_seq.tolist() if seq in self.unanswered]
+        free_ns = np.array([self.unanswered[seq] for seq in missed], np.float64)
+        by_device, by_bus = self._missed_by(free_ns)
+        sure = np.flatnonzero(by_device | by_bus)[:MAX_EVIDENCE]
+        late = self.late
+        return LatenessRow(
+            bus=self.bus,
+            cob_id=self.cob_id,
+            node=pdo.node,
+            pdo=pdo.pdo,
+            answers=self.least.count,
+            waited=self.waited,
+            free=self.free.count,
+            window_us=None if self.window_ns is None else self.window_ns // 1000,
+            late=late.count,
+            late_by_device=late.by_device,
+            late_by_bus=late.by_bus if self._in_time_when_free() else 0,
+            missed=pdo.missed,
+            missed_by_device=int(np.count_nonzero(by_device)),
+            missed_by_bus=int(np.count_nonzero(by_bus)),
+            beside_sdo=self.beside_sdo.count,
+            late_beside_sdo=late.beside_sdo,
+            device_us_beside_sdo=self.beside_sdo.quantiles(1000),
+            device_us_without_sdo=(self.without_sdo or self.least).quantiles(1000),
+            blockers=sorted(late.blockers.values(), key=lambda each: -each.us),
+            late_seq=late.seq,
+            late_first_ns=late.first_ns,
+            late_last_ns=late.last_ns,
+            missed_seq=[missed[at] for at in sure.tolist()],
+        )
+
+    def _add_beside_sdo(self, least_ns: Floats, beside: Bools) -> None:
+        if self.without_sdo is None and beside.any():
+            self.without_sdo = deepcopy(self.least)
+        if self.without_sdo is not None:
+            self.beside_sdo.add(least_ns[beside])
+            self.without_sdo.add(least_ns[~beside])
+
+    def _in_time_when_free(self) -> bool:
+        """Whether the device has always been in time when it found the bus idle."""
+        if self.window_ns is None or self.free.count < _ENOUGH:
+            return False
+        return self.free.maximum + self.own_ns <= self.window_ns
+
+    def _missed_by(self, free_ns: Floats) -> tuple[Bools, Bools]:
+        """(device, bus) which of the SYNCs that got no answer did so because of it.
+
+        The device was not ready when the bus was free for its PDO, later than it ever was when it
+        answered; or from the soonest that it gets ready on, the bus was never free for it.
+        """
+        by_device = free_ns > self.most_ns
+        if self.free.count < _ENOUGH:
+            return by_device, np.zeros(len(free_ns), np.bool_)
+        return by_device, free_ns < self.free.quantile(0.01)
+
+    def _add_late(self, block: BusBlock, answers: Answers) -> None:
+        self.window_ns = answers.window_ns
+        rows = self.late_rows(answers)
+        if not len(rows) or answers.window_ns is None:
+            return
+        late = self.late
+        late.count += len(rows)
+        late.by_device += int(np.count_nonzero(answers.device_late[rows]))
+        late.beside_sdo += int(np.count_nonzero(answers.beside_sdo[rows]))
+        seq = block.seq[answers.rows[rows]]
+        late.seq.extend(seq[: MAX_EVIDENCE - len(late.seq)].tolist())
+        t_ns = block.t_ns[answers.rows[rows]]
+        late.first_ns = int(t_ns[0]) if late.first_ns is None else late.first_ns
+        late.last_ns = int(t_ns[-1])
+
+    def _add_worst(self, block: BusBlock, answers: Answers) -> None:
+        known = np.flatnonzero(answers.ready.known)
+        for column, kept, key in (
+            (answers.response_ns[known].astype(np.float64), self.slowest, "response_us"),
+            (answers.ready.waiting_ns[known], self.longest, "waiting_us"),
+        ):
+            least = getattr(kept[-1], key) * 1000 if len(kept) == WORST else 0.0
+            better = known[np.flatnonzero(column > least)]
+            chosen = better[np.argsort(-column[column > least], kind="stable")[:WORST]]
+            kept.extend(self._wait_row(block, answers, at) for at in chosen.tolist())
+            kept.sort(key=lambda row: -getattr(row, key))
+            del kept[WORST:]
+
+    def _wait_row(self, block: BusBlock, answers: Answers, at: int) -> WaitRow:
+        row, ready = int(answers.rows[at]), answers.ready
+        return WaitRow(
+            self.bus,
+            self.cob_id,
+            None,
+            None,
+            int(block.seq[row]),
+            int(block.t_ns[row]),
+            int(answers.sync_seq[at]),
+            float(answers.response_ns[at]) / 1000,
+            float(ready.least_ns[at]) / 1000,
+            float(answers.most_ns[at]) / 1000,
+            float(ready.waiting_ns[at]) / 1000,
+            block.ahead(max(int(ready.first[at]), 0), row, MAX_EVIDENCE),
+        )
+
+
+def named(rows: Sequence[WaitRow], pdo: PdoRow) -> list[WaitRow]:
+    """The rows with node and name of their PDO."""
+    return [replace(row, node=pdo.node, pdo=pdo.pdo) for row in rows]

@@ -1,0 +1,205 @@
+"""What device a node is, who says so and why; and what its PDOs look like where nobody does."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Literal, NamedTuple
+
+from syncline_analyzer.context import Context
+from syncline_analyzer.results import PdoRow
+from syncline_schemas.canopen.objects import standard_meaning
+from syncline_schemas.devices import (
+    ABSENT,
+    Device,
+    device_names,
+    evidence,
+    load_device,
+    lookalikes,
+    standard_device,
+    telling_objects,
+)
+from syncline_schemas.devices.catalog import user_folders
+from syncline_schemas.errors import DescriptionError
+
+Source = Literal["--device", "bus description", "objects"]
+Key = tuple[int, int]
+ENOUGH = 4
+"""Points from which on PDOs look like a device's."""
+TIMER_SHARE = 0.02
+"""An event timer is kept as well as this."""
+ROUND_MS = (1, 2, 5, 10, 20, 25, 50, 100, 200, 250, 500, 1000)
+"""Event timers that many devices have."""
+_TIMED = (0xFE, 0xFF)
+_NAME, _TYPE, _PRODUCT = (0x1008, 0), (0x1000, 0), (0x1018, 2)
+
+
+@dataclass(frozen=True, slots=True)
+class Identification:
+    """Who says what a node is, why, and what it looks like where nobody does."""
+
+    source: Source | None = None
+    reason: str = ""
+    guesses: list[str] = field(default_factory=list)
+
+
+class FactoryPdo(NamedTuple):
+    """A TPDO as a device leaves the factory."""
+
+    length: int
+    type: int | None
+    timer_ms: int | None
+
+
+def identification(
+    context: Context, bus: int, node: int, pdos: Sequence[PdoRow] = ()
+) -> Identification:
+    """Why a node is the device that it is taken for; `pdos` are those that it sends."""
+    shadow = context.shadow
+    known = shadow.identity(bus, node)
+    device, told_by = shadow.device(bus, node), shadow.told_by(bus, node)
+    if told_by is not None and device is not None:
+        own = [key for key in evidence(device, known) if known.get(key) is not None]
+        agreeing = ", ".join(_seen(context, bus, node, own))
+        words = f"told by {told_by}" if told_by == "--device" else f"told by the {told_by}"
+        return Identification(told_by, f"{words}; {agreeing} agrees" if agreeing else words)
+    if device is None:
+        return Identification(None, *_unknown(context, bus, node, pdos))
+    either = lookalikes(known)
+    if either:
+        words = ", ".join(_seen(context, bus, node, evidence(either[0], known)))
+        open_ = ", ".join(_place(key) for key in telling_objects(either))
+        names = " and ".join(one.name for one in either)
+        return Identification("objects", f"{words} fits {names}: one of {open_} would tell which")
+    return Identification("objects", ", ".join(_seen(context, bus, node, evidence(device, known))))
+
+
+def _seen(context: Context, bus: int, node: int, keys: Sequence[Key]) -> Iterator[str]:
+    """Objects as the node told them: '1008h = "JN2100" (frame 12)'."""
+    shadow = context.shadow
+    known = shadow.identity(bus, node)
+    for key in keys:
+        value = known[key]
+        if value == ABSENT:
+            yield f"{_place(key)} does not exist"
+            continue
+        found = shadow.learned(bus, node).get(key)
+        frame = f" (frame {found.seq})" if found is not None and found.seq is not None else ""
+        yield f"{_place(key)} = {_value(key, value)}{frame}"
+
+
+def _place(key: Key) -> str:
+    return f"{key[0]:04X}h:{key[1]}" if key[1] else f"{key[0]:04X}h"
+
+
+def _value(key: Key, value: int | bytes) -> str:
+    if key[0] in (0x1008, 0x1009, 0x100A):
+        raw = value if isinstance(value, bytes) else value.to_bytes(8, "little", signed=value < 0)
+        return '"' + raw.decode("latin-1").rstrip("\0 ") + '"'
+    if isinstance(value, bytes):
+        return value.hex(" ").upper()
+    return f"{value:08X}h" if key in (_TYPE, _PRODUCT, (0x1018, 1)) else str(value)
+
+
+def _unknown(
+    context: Context, bus: int, node: int, pdos: Sequence[PdoRow]
+) -> tuple[str, list[str]]:
+    """What is known of a node that is no device of the catalogue: its words, what it looks like."""
+    known = context.shadow.identity(bus, node)
+    keys = [
+        key for key in (_NAME, _TYPE, (0x1018, 1), _PRODUCT) if known.get(key, ABSENT) != ABSENT
+    ]
+    told = ", ".join(_seen(context, bus, node, keys))
+    kind = known.get(_TYPE)
+    standard = standard_device(kind & 0xFFFF) if isinstance(kind, int) else None
+    if standard is not None:
+        return f"{told}: a {standard.title} of a maker that is not known", []
+    if told:
+        return f"{told}: no device of the catalogue", []
+    guesses, words = _looks_like(context, bus, node, pdos)
+    return words, guesses
+
+
+def _looks_like(
+    context: Context, bus: int, node: int, pdos: Sequence[PdoRow]
+) -> tuple[list[str], str]:
+    """Devices whose factory settings the PDOs of a node fit best, and what speaks for them."""
+    sent = {pdo.cob_id: pdo for pdo in pdos if (pdo.pdo or "").startswith("TPDO")}
+    lengths = {can_id: context.pdo_lengths.get((bus, can_id), {}) for can_id in sent}
+    if not sent or any(len(found) != 1 for found in lengths.values()):
+        return [], ""
+    observed = {can_id: next(iter(found)) for can_id, found in lengths.items()}
+    points = {}
+    for name, factory in _patterns(user_folders()).items():
+        expected = {can_id + node: pdo for can_id, pdo in factory.items()}
+        fits = all(can_id in expected for can_id in observed) and all(
+            expected[can_id].length == length for can_id, length in observed.items()
+        )
+        if fits:
+            points[name] = sum(1 + _timing(expected[can_id], sent[can_id]) for can_id in observed)
+    best = max(points.values(), default=0)
+    if best < ENOUGH:
+        return [], ""
+    names = [name for name, count in points.items() if count == best]
+    listed = ", ".join(
+        f"{can_id:03X}h has {length} bytes{_rhythm(sent[can_id])}"
+        for can_id, length in sorted(observed.items())
+    )
+    return names, f"{listed}: as the factory settings of {' or '.join(names)}"
+
+
+def _timing(factory: FactoryPdo, seen: PdoRow) -> int:
+    """Points for a PDO that keeps its factory rhythm."""
+    if factory.type is not None and 1 <= factory.type <= 0xF0:
+        return int(seen.every == factory.type)
+    if factory.type not in _TIMED or not factory.timer_ms or seen.period_us is None:
+        return 0
+    off = abs(seen.period_us.median - factory.timer_ms * 1000)
+    if seen.every is not None or off > TIMER_SHARE * factory.timer_ms * 1000:
+        return 0
+    return 1 if factory.timer_ms in ROUND_MS else 3
+
+
+def _rhythm(seen: PdoRow) -> str:
+    if seen.every is not None:
+        return f" at {standard_meaning(0x1800, 2, seen.every)}"
+    return f" every {seen.period_us.median / 1000:.0f} ms" if seen.period_us else ""
+
+
+@cache
+def _patterns(_: object) -> dict[str, dict[int, FactoryPdo]]:
+    """TPDOs of every device of the catalogue by the identifier that node 0 would have."""
+    found = {}
+    for name in device_names():
+        try:
+            pdos = dict(_factory_pdos(load_device(name)))
+        except DescriptionError:
+            continue
+        if pdos:
+            found[name] = pdos
+    return found
+
+
+def _factory_pdos(device: Device) -> Iterator[tuple[int, FactoryPdo]]:
+    for index in sorted({i for i, sub in device.facts if 0x1800 <= i < 0x1A00 and sub == 1}):
+        can_id = device.default(index, 1, 0)
+        length = mapped_length(device, index + 0x200)
+        if isinstance(can_id, int) and not can_id >> 31 and length:
+            kind, timer = device.default(index, 2, 0), device.default(index, 5, 0)
+            yield (
+                can_id & 0x7FF,
+                FactoryPdo(
+                    length,
+                    kind if isinstance(kind, int) else None,
+                    timer if isinstance(timer, int) else None,
+                ),
+            )
+
+
+def mapped_length(device: Device, mapping: int) -> int | None:
+    """Bytes that a device maps into a PDO by itself, None where its files do not say it."""
+    count = device.default(mapping, 0, 0)
+    if not isinstance(count, int) or not 0 < count <= 64:
+        return None
+    entries = [device.default(mapping, sub, 0) for sub in range(1, count + 1)]
+    bits = [entry & 0xFF for entry in entries if isinstance(entry, int)]
+    return (sum(bits) + 7) // 8 if len(bits) == count else None

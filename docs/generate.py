@@ -96,7 +96,8 @@ OWN_DEVICE = """## A device of one's own
 Two files in a folder that the environment variable `SYNCLINE_DEVICES` names (several folders as in `PATH`): `NAME.eds` (or `.dcf`, `.xdd`)
 and `NAME.toml` with what an EDS has no field for. An EDS alone is a device too. No Python is needed:
 [generic-406.toml](../../samples/own_devices/generic-406.toml) and [its EDS](../../samples/own_devices/generic-406.eds) are a whole encoder.
-A device of one's own is recognised before the built-in ones, and hides a built-in one of the same name.
+A device of one's own is recognised before the built-in ones, and hides a built-in one of the same name. A capture carries the files of
+every device that was named or recognised while it was recorded, so that it tells the same on a machine that lacks the folder.
 
 ```sh
 SYNCLINE_DEVICES=samples/own_devices syncline devices generic-406

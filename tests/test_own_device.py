@@ -11,7 +11,9 @@ from canopen.sdo.server import SdoServer
 
 from syncline_logger.cli import main
 from syncline_logger.node_objects import NodeObjects
+from syncline_schemas.description import BusDescription
 from syncline_schemas.devices import identify, load_device
+from syncline_schemas.errors import DescriptionError
 
 pytest.importorskip("pandas")
 FOLDER = Path(__file__).parent.parent / "samples" / "own_devices"
@@ -157,3 +159,49 @@ def test_the_recorder_knows_it_by_its_own_objects(monkeypatch: pytest.MonkeyPatc
     node.learn((0x2010, 0), b"\x2b\0", written=False)
     found = identify(node.identity())
     assert found is load_device("generic-406")
+
+
+def recorded(log: Path, description: str = "") -> Path:
+    """The same frames as a capture that carries the files of the device."""
+    from syncline_analyzer.session import open_session
+    from syncline_schemas.capture.layout import (
+        BusInfo,
+        CaptureMetadata,
+        description_attachment,
+        device_attachment,
+    )
+    from syncline_schemas.capture.writer import CaptureWriter
+
+    files = [device_attachment(path.name, path.read_bytes()) for path in FOLDER.iterdir()]
+    told = [description_attachment(description)] if description else []
+    path = log.with_suffix(".mcap")
+    with path.open("wb") as stream:
+        writer = CaptureWriter(
+            stream, CaptureMetadata("0.1", "id"), [BusInfo("can0", 0)], attachments=[*told, *files]
+        )
+        for batch in open_session(log).frames():
+            writer.write_chunk(batch)
+        writer.finish()
+    return path
+
+
+@pytest.mark.parametrize("description", ["", '[node.5]\ndevice = "generic-406"\n'])
+def test_a_capture_explains_itself_where_nobody_has_the_device(
+    log: Path, description: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = recorded(log, description)
+    told = json.loads(run(capsys, "analyze", str(path), "--format", "json"))
+    (node,) = told["nodes"]
+    assert node["device"] == "generic-406"
+    assert node["device_source"] == ("bus description" if description else "objects")
+    assert told["emcy"][0]["meaning"] == "disc dirty"
+    assert "generic-406.toml" in run(capsys, "info", str(path))
+    copy = path.with_name("copy.mcap")
+    run(capsys, "convert", str(path), str(copy))
+    again = json.loads(run(capsys, "analyze", str(copy), "--format", "json"))
+    assert again["nodes"][0]["device"] == "generic-406"
+
+
+def test_a_name_that_neither_the_machine_nor_the_capture_knows_is_told() -> None:
+    with pytest.raises(DescriptionError, match="no device is called 'generic-407'"):
+        BusDescription.loads('[node.5]\ndevice = "generic-407"\n', files={"generic-406.toml": b""})

@@ -14,7 +14,7 @@ from syncline_analyzer.merge import Merge
 from syncline_analyzer.readers import open_capture
 from syncline_analyzer.writers.log import LogWriter, Survey
 from syncline_schemas.batch import Gap
-from syncline_schemas.capture.layout import Attachment, description_attachment, eds_attachment
+from syncline_schemas.capture.layout import Attachment, description_attachment, device_attachment
 from syncline_schemas.errors import CaptureError, UsageError
 
 OUTPUT_FORMATS: Final = {
@@ -200,5 +200,5 @@ def _writer(
 def _attachments(facts: Sequence[CaptureFacts]) -> tuple[Attachment, ...]:
     files = {name: data for each in facts for name, data in each.eds_files.items()}
     toml = next((each.description_toml for each in facts if each.description_toml), None)
-    attached = [eds_attachment(name, data) for name, data in files.items()]
+    attached = [device_attachment(name, data) for name, data in files.items()]
     return (*attached, *([description_attachment(toml)] if toml else []))

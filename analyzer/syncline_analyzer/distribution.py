@@ -77,13 +77,8 @@ class Distribution:
         """Largest relative error of a quantile: none while all values are kept."""
         return 0.0 if self._bins is None else RELATIVE_ERROR
 
-    def quantiles(
-        self, unit_ns: float, *, std: bool = False, resolution_ns: int = 1
-    ) -> Quantiles | None:
-        """Row of the tables in units of `unit_ns` [ns]; None without values.
-
-        A deviation that is smaller than `resolution_ns`, the step of the stamps, is left out.
-        """
+    def quantiles(self, unit_ns: float, *, std: bool = False) -> Quantiles | None:
+        """Row of the tables in units of `unit_ns` [ns]; None without values."""
         if not self.count:
             return None
         return Quantiles(
@@ -91,19 +86,48 @@ class Distribution:
             self.quantile(0.5) / unit_ns,
             self.quantile(0.99) / unit_ns,
             self.maximum / unit_ns,
-            _told(self.std, resolution_ns, unit_ns) if std else None,
+            self.std / unit_ns if std else None,
         )
 
-    def jitter(self, unit_ns: float, resolution_ns: int) -> Jitter | None:
-        """Row of the tables, without what is smaller than a step of the stamps; None without values."""
-        if not self.count:
+    def jitter(
+        self, unit_ns: float, resolution_ns: int, below_ns: float = float("inf")
+    ) -> Jitter | None:
+        """Row of the tables, without what is smaller than a step of the stamps; None without values.
+
+        Only values less than `below_ns` count; where some do not, what is left may be off by the
+        `relative_error`.
+        """
+        if not self.count or self.minimum >= below_ns:
             return None
-        width = self.quantile(0.99) - self.quantile(0.01)
+        std, width = self.std, self.quantile(0.99) - self.quantile(0.01)
+        highest = self.maximum
+        if highest >= below_ns:
+            std, width, highest = self._spread_below(below_ns)
         return Jitter(
-            _told(self.std, resolution_ns, unit_ns),
+            _told(std, resolution_ns, unit_ns),
             _told(width, resolution_ns, unit_ns),
-            _told(self.maximum - self.minimum, resolution_ns, unit_ns),
+            _told(highest - self.minimum, resolution_ns, unit_ns),
         )
+
+    def _spread_below(self, below_ns: float) -> tuple[float, float, float]:
+        """(deviation, 99th less 1st percentile, maximum) of the values less than `below_ns`."""
+        if self._bins is None:
+            value = self._exact()
+            value = value[value < below_ns]
+            width = _quantile(value, 0.99) - _quantile(value, 0.01)
+            return float(value.std()), width, float(value.max())
+        value, weight = self._bins.weighted()
+        value = np.clip(value, self.minimum, self.maximum)
+        value, weight = value[value < below_ns], weight[value < below_ns]
+        if not len(value):
+            return 0.0, 0.0, self.minimum
+        mean = np.average(value, weights=weight)
+        std = float(np.sqrt(np.average(np.square(value - mean), weights=weight)))
+        total = np.cumsum(weight)
+        low, high = np.searchsorted(
+            total, [0.01 * (total[-1] - 1), 0.99 * (total[-1] - 1)], "right"
+        )
+        return std, float(value[high] - value[low]), float(value[-1])
 
     def off(self, expected_ns: float, unit_ns: float, resolution_ns: int) -> float | None:
         """Median less what is expected; None without values or where the stamps cannot show it."""

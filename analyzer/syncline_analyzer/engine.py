@@ -1,6 +1,7 @@
 """One pass over a session: frames through all folds, tables, findings."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 
 from syncline_analyzer.bit_rates import BitRates
 from syncline_analyzer.capture import CaptureFacts
@@ -25,8 +26,10 @@ from syncline_analyzer.pdo_lengths import PdoLengths
 from syncline_analyzer.results import Analysis
 from syncline_analyzer.shadow import Shadow
 from syncline_schemas.batch import FrameBatch, Gap
+from syncline_schemas.canopen.nmt import NmtState
 from syncline_schemas.description import BusDescription
-from syncline_schemas.devices import Device
+from syncline_schemas.devices import Device, device_from_files
+from syncline_schemas.errors import DescriptionError
 
 Progress = Callable[[int], None]
 """Called after each batch with the number of frames taken in so far."""
@@ -84,7 +87,12 @@ def analyze(
         end_ns, controls.nmt.states, controls.nmt.commands, unread, controls.nmt.nodes
     )
     starts = [(boot.bus, boot.node, boot.t_ns) for boot in controls.nmt.boot_ups]
-    angles = angle.finish(end_ns, starts)
+    lost = [
+        (row.bus, row.node, row.start_ns, row.end_ns)
+        for row in controls.nmt.states
+        if row.state == NmtState.LOST
+    ]
+    angles = angle.finish(end_ns, starts, lost)
     nodes = node_rows(context, controls, timings.pdos)
     analysis = Analysis(
         capture=census.row(facts, context, origin_ns),
@@ -106,6 +114,7 @@ def analyze(
         trace_events=angles.events,
         tilts=angles.tilts,
         tilt_data=angles.tilt_data,
+        shafts=angles.shafts,
         series=timings.series,
         objects=object_rows(context, nodes),
         object_history=history_rows(context),
@@ -170,7 +179,18 @@ def _context(
 
     return Context(
         buses=buses,
-        shadow=Shadow(bus_name, description, dict(devices)),
+        shadow=Shadow(bus_name, description, dict(devices), _attached(facts)),
         timed=time_base(facts) != "none",
         description=description,
     )
+
+
+def _attached(facts: Sequence[CaptureFacts]) -> list[Device]:
+    """Devices whose files the captures carry; what cannot be used of them is left out."""
+    found: dict[str, Device] = {}
+    for each in facts:
+        for name in each.eds_files:
+            if name.endswith(".toml"):
+                with suppress(DescriptionError):
+                    found[name] = device_from_files(name, each.eds_files)
+    return list(found.values())

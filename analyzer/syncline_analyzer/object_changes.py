@@ -21,6 +21,8 @@ from syncline_schemas.canopen.sdo import LOAD_SIGNATURE, SAVE_SIGNATURE
 from syncline_schemas.devices import Device, quirks
 
 MAX_ROWS = 100_000
+MAX_OF_ONE = 2000
+"""Changes of one object: of what a client writes all day long the last ones are told."""
 STORE, RESTORE, ERROR_LIST = 0x1010, 0x1011, 0x1003
 _CLIENTS = range(0x1280, 0x1300)
 _COMMUNICATION = range(0x1000, 0x2000)
@@ -160,8 +162,11 @@ class _Log:
 
     def rows(self, history: ObjectHistory) -> list[ObjectChangeRow]:
         """Every change of the object."""
-        following: list[Change | None] = [*history.changes[1:], None]
-        for change, after in zip(history.changes, following, strict=True):
+        changes = history.changes[-MAX_OF_ONE:]
+        if len(changes) < len(history.changes):
+            self._now = _Value(history.changes[-MAX_OF_ONE - 1].known)
+        following: list[Change | None] = [*changes[1:], None]
+        for change, after in zip(changes, following, strict=True):
             match change.cause:
                 case "sdo-write" | "side effect":
                     self._written(change)

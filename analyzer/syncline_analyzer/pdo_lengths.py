@@ -20,10 +20,12 @@ class PdoLengths:
             if SERVICE_OF_ID[can_id] != Service.PDO:
                 continue
             rows = batch.rows(bus, can_id)
-            lengths, first = np.unique(batch.frames.dlc[rows], return_index=True)
+            dlc = batch.frames.dlc[rows]
             found = self._found.setdefault((bus, can_id), {})
-            for length, at in zip(lengths.tolist(), first.tolist(), strict=True):
-                found.setdefault(length, batch.seq(rows[at]))
+            low, high = int(dlc.min()), int(dlc.max())
+            for length in (low,) if low == high else np.flatnonzero(np.bincount(dlc)).tolist():
+                if length not in found:
+                    found[length] = batch.seq(rows[int(np.argmax(dlc == length))])
 
     def gap(self, gap: Gap) -> None:
         """A gap changes nothing of it."""

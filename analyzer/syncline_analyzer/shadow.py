@@ -1,7 +1,8 @@
 """Object-dictionary shadow: what is known of each node's objects at each moment, and from where."""
 
 from bisect import bisect_right, insort
-from collections.abc import Callable, Iterator
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Literal
 
@@ -21,10 +22,14 @@ from syncline_schemas.devices import (
     Device,
     either,
     identify,
+    identify_among,
     identity_objects,
     lookalikes,
+    named_objects,
     quirks,
+    standard_of,
 )
+from syncline_schemas.measurement import position_objects
 
 __all__ = ["MAX_CHANGES", "Known", "Shadow", "Source"]
 
@@ -48,14 +53,18 @@ class Shadow:
         bus_name: Callable[[int], str],
         description: BusDescription | None = None,
         devices: dict[int, Device] | None = None,
+        attached: Sequence[Device] = (),
     ) -> None:
         self._bus_name = bus_name
         self._description = description or BusDescription()
         self._devices_by_node = dict(devices or {})
-        self._telling = identity_objects()
+        self._attached = tuple(attached)
+        """Devices whose files the capture carries: its recorder knew them, this machine may not."""
+        self._telling = identity_objects() | named_objects(self._attached)
         self._identified: dict[tuple[int, int], Device | None] = {}
         self._known: dict[tuple[int, int], dict[Key, ObjectHistory]] = {}
         self._refused: dict[tuple[int, int], set[Key]] = {}
+        self._rereads: dict[tuple[int, int, Key], deque[Known]] = {}
         self._partly_ns: dict[tuple[int, int], int] = {}
         """Time of the last command that reset a node's communication only."""
         self.version = 0
@@ -70,6 +79,9 @@ class Shadow:
         """
         key = (index, sub)
         if known.source == "sdo-read" and self._reads_the_same(bus, node, key, known):
+            if standard_of(*key) is not None or key in position_objects(self.device(bus, node)):
+                again = self._rereads.setdefault((bus, node, key), deque(maxlen=MAX_CHANGES))
+                again.append(known)
             return
         facts = quirks(self.device(bus, node))
         self._store(bus, node, facts.aliases.get(key, key), known, key in facts.stored_at_once)
@@ -79,6 +91,14 @@ class Shadow:
         if known.source != "sdo-write":
             return
         self._follow_write(bus, node, key, known)
+
+    def take_rereads(self, bus: int, node: int, index: int, sub: int, seq: int) -> list[Known]:
+        """Reads of a position up to `seq` that only confirmed its value, since the last call."""
+        again = self._rereads.get((bus, node, (index, sub)))
+        found = []
+        while again and (again[0].seq or 0) <= seq:
+            found.append(again.popleft())
+        return found
 
     def refuse(self, bus: int, node: int, index: int, sub: int) -> None:
         """Note that the node said that it has no such object (abort 0602 0000)."""
@@ -213,7 +233,11 @@ class Shadow:
         identity = self.identity(bus, node)
         if not identity:
             return None
-        return identify(identity) or either(lookalikes(identity))
+        return (
+            identify(identity)
+            or either(lookalikes(identity))
+            or identify_among(self._attached, identity)
+        )
 
     def _reads_the_same(self, bus: int, node: int, key: Key, known: Known) -> bool:
         """Whether a read only confirms the value that was read before."""

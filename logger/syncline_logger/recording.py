@@ -19,14 +19,13 @@ from syncline_logger.live_status import LiveStatus, StatusSnapshot
 from syncline_schemas.batch import FrameBatch, Gap
 from syncline_schemas.capture.layout import (
     CLOCK_TOPIC,
-    DESCRIPTION_MEDIA_TYPE,
     GAP_TOPIC,
     Attachment,
     BusInfo,
     CaptureMetadata,
     Compression,
     description_attachment,
-    eds_attachment,
+    device_attachment,
     status_topic,
 )
 from syncline_schemas.capture.message import MessageBlock, schema_of
@@ -264,18 +263,12 @@ class Recording:
 
     def _attach(self, device: Device) -> None:
         for name, data in device.files.items():
-            self.file.attach(_device_file(name, data))
+            self.file.attach(device_attachment(name, data))
 
 
 def _attachments(description: BusDescription) -> list[Attachment]:
-    files = [_device_file(name, data) for name, data in description.files.items()]
+    files = [device_attachment(name, data) for name, data in description.files.items()]
     return ([description_attachment(description.text)] if description.text else []) + files
-
-
-def _device_file(name: str, data: bytes) -> Attachment:
-    if name.endswith(".toml"):
-        return Attachment(name, DESCRIPTION_MEDIA_TYPE, data)
-    return eds_attachment(name, data)
 
 
 def _one_of(values: set[str], several: str) -> str:

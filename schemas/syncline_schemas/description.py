@@ -3,10 +3,18 @@
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from math import isfinite
 from pathlib import Path
 from typing import Any, Self
 
-from syncline_schemas.devices import Device, configured, device_from_files, is_path, load_device
+from syncline_schemas.devices import (
+    EDS_SUFFIXES,
+    Device,
+    configured,
+    device_from_files,
+    is_path,
+    load_device,
+)
 from syncline_schemas.devices.profile import integer, object_key
 from syncline_schemas.errors import DescriptionError
 
@@ -20,12 +28,18 @@ class NodeEntry:
         device: the device, already loaded, with the overrides in its quirks and limits.
         objects: (index, sub) -> value that holds on this node unless the bus says otherwise.
         overrides: settings of the device (`Device.overrides`), only those that were given.
+        same_shaft_as: node of the same bus whose encoder sits on the same shaft.
+        ratio: how many turns this encoder makes for one of that one; negative the other way round.
+        tolerance_deg: how far both may part at standstill, None for the usual.
     """
 
     name: str | None = None
     device: Device | None = None
     objects: Mapping[tuple[int, int], int] = field(default_factory=dict)
     overrides: Mapping[str, Any] = field(default_factory=dict)
+    same_shaft_as: int | None = None
+    ratio: float = 1.0
+    tolerance_deg: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,6 +57,10 @@ class BusDescription:
         "1800:2" = 254
         [bus.can0.node.5.overrides]
         max_rpm = 1500
+        [bus.can0.node.6]
+        same_shaft_as = 5              # redundant encoders are compared
+        ratio = -1                     # it turns the other way round; 1 where not given
+        tolerance_deg = 2.0
         [node.7]                       # on any bus
         device = "jn2100"
 
@@ -114,7 +132,13 @@ class BusDescription:
         return anywhere | {n: entry for (bus, n), entry in self.nodes.items() if bus == bus_name}
 
 
-_NODE_KEYS = {"name", "device", "eds", "objects", "overrides"}
+def _files_of(name: str) -> list[str]:
+    """Files that may describe a device of the catalogue, the one that says most first."""
+    return [name + suffix for suffix in (".toml", *EDS_SUFFIXES)]
+
+
+_SHAFT_KEYS = {"same_shaft_as", "ratio", "tolerance_deg"}
+_NODE_KEYS = {"name", "device", "eds", "objects", "overrides", *_SHAFT_KEYS}
 
 
 class _Reader:
@@ -173,7 +197,36 @@ class _Reader:
             device,
             self._objects(table.get("objects", {}), f"{where}.objects"),
             overrides,
+            *self._shaft(table, where),
         )
+
+    def _shaft(
+        self, table: Mapping[str, Any], where: str
+    ) -> tuple[int | None, float, float | None]:
+        """Which encoder shares the shaft, by what ratio, within what tolerance."""
+        other = table.get("same_shaft_as")
+        if other is not None and (type(other) is not int or not 1 <= other <= 127):
+            self.errors.append(f"{where}.same_shaft_as: {other!r} is no node id from 1 to 127")
+            other = None
+        if other is not None and where.endswith(f".{other}"):
+            self.errors.append(f"{where}.same_shaft_as: {other} is the node itself")
+        elif other is None and "same_shaft_as" not in table:
+            self.errors.extend(
+                f"{where}.{key}: means nothing without same_shaft_as"
+                for key in ("ratio", "tolerance_deg")
+                if key in table
+            )
+        ratio = table.get("ratio", 1.0)
+        if not _is_number(ratio) or not ratio:
+            self.errors.append(f"{where}.ratio: {ratio!r} is no ratio, like 1 or -2.5")
+            ratio = 1.0
+        tolerance = table.get("tolerance_deg")
+        if tolerance is not None and (not _is_number(tolerance) or tolerance <= 0):
+            self.errors.append(
+                f"{where}.tolerance_deg: {tolerance!r} is no angle in degrees above 0"
+            )
+            tolerance = None
+        return other, float(ratio), tolerance
 
     def _device(self, table: Mapping[str, Any], where: str) -> Device | None:
         given = [key for key in ("device", "eds") if key in table]
@@ -196,7 +249,7 @@ class _Reader:
             self.used |= device.files
             return device
         if not is_path(name):
-            device = load_device(name)
+            device = self._of_catalogue(name)
             self.used |= device.files
             return device
         device = load_device((self._base or Path()) / name)
@@ -204,6 +257,16 @@ class _Reader:
         for file, data in device.files.items():
             self.used[name if file == own else (folder / file).as_posix()] = data
         return device
+
+    def _of_catalogue(self, name: str) -> Device:
+        """A device by its name; one that only the capture's recorder knew from the files given."""
+        try:
+            return load_device(name)
+        except DescriptionError:
+            attached = next((file for file in _files_of(name) if file in self._files), None)
+            if attached is None:
+                raise
+            return device_from_files(attached, self._files)
 
     def _objects(self, data: Any, where: str) -> dict[tuple[int, int], int]:
         found: dict[tuple[int, int], int] = {}
@@ -231,3 +294,8 @@ class _Reader:
             if not isinstance(value, dict):
                 self.errors.append(f"{where}.{name}: is no table")
         return [(name, value) for name, value in pairs if isinstance(value, dict)]
+
+
+def _is_number(value: Any) -> bool:
+    """Whether a TOML value is a finite number."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)

@@ -2,7 +2,8 @@
 
 from typing import Any
 
-from syncline_analyzer.findings.angle.rules import MAX_FINDINGS, RULES
+from syncline_analyzer.findings.angle.rules import RULES
+from syncline_analyzer.findings.angle.words import MAX_FINDINGS
 from syncline_analyzer.results import TRACE_FLAGS, Finding, TraceEventRow, TraceRow
 from tests.analyzer.analysis_builder import at
 from tests.analyzer.rule_facts import judge

@@ -9,7 +9,7 @@ import pytest
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.folds.angle.fold import AngleTables
-from syncline_analyzer.folds.angle.trace import MAX_SAMPLES
+from syncline_analyzer.folds.angle.state import MAX_SAMPLES
 from syncline_analyzer.results import TRACE_FLAGS, Trace, TraceEventRow
 from syncline_schemas.batch import FrameBatch, Gap
 from syncline_schemas.description import BusDescription

@@ -202,3 +202,10 @@ def test_the_offset_between_two_pdos_is_no_jump_and_no_freeze() -> None:
     told = script.pdo(9, 10_000, 20, lambda k: 1000 + 39 * k, base=0x280).told()
     assert told.events("jump") == []
     assert "angle.frozen" not in told.ids
+
+
+def test_what_restored_defaults_took_back_is_not_called_unstorable() -> None:
+    script = turning(encoder()).write(500, 0x1800, 5, 20).save(600).load(700)
+    told = script.nmt(5000, 0x81).boot(9000).heartbeat(9200, 11_000).told()
+    found = told.finding("device.lost_at_reset")
+    assert "back from 20 to 515 (the defaults were restored)" in found.text

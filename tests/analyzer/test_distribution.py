@@ -89,10 +89,10 @@ def test_a_first_value_far_away_does_not_blur_the_deviation() -> None:
 
 def test_spreads_that_the_stamps_cannot_show_are_left_out() -> None:
     made = distribution(np.array([10_000_000] * 98 + [10_600_000, 12_000_000]))
-    quantiles = made.quantiles(1000, std=True, resolution_ns=1_000_000)
+    quantiles = made.quantiles(1000, std=True)
     assert quantiles is not None
     assert (quantiles.min, quantiles.median, quantiles.max) == (10_000, 10_000, 12_000)
-    assert quantiles.std is None
+    assert quantiles.std is not None
     coarse, fine = made.jitter(1000, 1_000_000), made.jitter(1000, 1000)
     assert coarse is not None
     assert fine is not None
@@ -101,6 +101,20 @@ def test_spreads_that_the_stamps_cannot_show_are_left_out() -> None:
     assert made.off(10_300_000, 1000, 1_000_000) is None
     assert made.off(10_300_000, 1000, 1000) == -300
     assert Distribution().jitter(1000, 1) is None
+
+
+@pytest.mark.parametrize("count", [500, 60_000])
+def test_jitter_of_the_values_below_a_limit(count: int) -> None:
+    values = samples("narrow", count)
+    values[count // 2 :: 97] *= 2
+    kept = values[values < 30_000_000] / 1000
+    made = distribution(values).jitter(1000, 1, below_ns=30_000_000)
+    assert made is not None
+    assert made.std == pytest.approx(kept.std(), rel=0.01)
+    low, high = np.quantile(kept, (0.01, 0.99))
+    assert made.p99_p1 == pytest.approx(high - low, rel=0.01)
+    assert made.max_min == pytest.approx(np.ptp(kept), rel=0.01)
+    assert distribution(values).jitter(1000, 1, below_ns=1000) is None
 
 
 @pytest.mark.parametrize("count", [10, 50_000])

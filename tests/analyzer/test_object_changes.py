@@ -10,6 +10,7 @@ from canopen.sdo.server import SdoServer
 
 from syncline_analyzer.results import Analysis, ObjectChangeRow
 from syncline_analyzer.session import open_session
+from syncline_samples.scenarios import bad_day, healthy_line
 from syncline_schemas.devices import load_device
 from tests.analyzer.log_builder import CAPTURES
 from tests.analyzer.test_objects import acknowledged_writes
@@ -309,12 +310,12 @@ def test_a_whole_configuration_is_one_line_of_the_summary() -> None:
 @pytest.mark.parametrize("name", ["bad_day", "healthy_line"])
 def test_against_the_writes_that_the_simulated_master_was_told_to_make(name: str) -> None:
     """Every write in the scenario's own list of jobs, and nothing that is not in it."""
-    scenario = {"bad_day": BAD_DAY, "healthy_line": HEALTHY_LINE}[name]
+    scenario = {"bad_day": bad_day, "healthy_line": healthy_line}[name]()
     wanted = {
         (device.node_id, job.index, job.sub, int.from_bytes(job.data, "little"))
         for device in scenario.devices
         for job in device.jobs
-        if job.data is not None
+        if job.data
     }
     analysis = open_session(SAMPLES / f"{name}.mcap").analysis
     made = {
@@ -324,3 +325,12 @@ def test_against_the_writes_that_the_simulated_master_was_told_to_make(name: str
     }
     faults = {(3, 0x6003, 0, 5000)} if name == "bad_day" else set()
     assert made == wanted | faults
+
+
+def test_what_is_written_all_day_long_keeps_its_last_changes() -> None:
+    script = quiet()
+    for count in range(2100):
+        script.write(10 + count, 0x2345, 0, count)
+    rows = changes(script.told())
+    assert len(rows) == 2000
+    assert (rows[0].old, rows[0].new, rows[-1].new) == (99, 100, 2099)

@@ -237,6 +237,23 @@ def test_frames_that_waver_with_the_sync_answer_it_whatever_the_default() -> Non
     assert haomiao_types(wavering, timer) == "eds-default"
 
 
+def test_answers_that_a_node_queued_and_sends_at_once_are_not_extra_ones() -> None:
+    """They were due in the silence before, as long as they come no later than it lasted."""
+    queued = [frame(60 * PERIOD + MS + k * 300 * US, 0x181, DATA) for k in range(3)]
+    later = [frame(61 * PERIOD + MS + k * 300 * US, 0x181, DATA) for k in range(1, 4)]
+    frames = ordered(syncs(regular(100, PERIOD)), answers(without(100, *range(50, 61))), queued)
+    row = row_of(timing(told_type(1), ordered_with(frames, later)))
+    assert (row.missed, row.extra, row.extra_alone) == (10, 5, 0)
+    much_later = [frame(90 * PERIOD + 2 * MS, 0x181, DATA)]
+    row = row_of(timing(told_type(1), ordered_with(frames, much_later)))
+    assert (row.extra, row.extra_alone) == (3, 1)
+
+
+def ordered_with(frames: FrameBatch, rows: Sequence[Row]) -> FrameBatch:
+    both = FrameBatch.concat([frames, FrameBatch.from_rows(rows)])
+    return both[np.argsort(both.t_ns, kind="stable")]
+
+
 def test_an_extra_pdo_is_counted_but_no_answer() -> None:
     batch = ordered(
         syncs(regular(20, PERIOD)), answers(range(20)), answers([5, 9], after_ns=6 * MS)

@@ -142,6 +142,18 @@ def test_the_same_counter_twice_is_no_lost_sync() -> None:
     assert row.doubled_seq == [41]
 
 
+def test_blocks_do_not_change_the_counter() -> None:
+    """Some SYNCs without a counter, as of a second producer, between those with one."""
+    rows = counted(regular(300, 10 * MS), 10, skip=200)
+    plain = [frame(t, 0x80) for t in regular(5, 10 * MS, 503 * MS)]
+    seen = {
+        (row.counter_max, row.counter_wraps, row.counter_jumps)
+        for size in (1 << 20, 64, 7, 1)
+        for row in timing(context(), ordered(rows, plain), size=size, block_frames=size).sync
+    }
+    assert seen == {(10, 29, 1)}
+
+
 @pytest.mark.parametrize("size", [1 << 20, 64])
 def test_doubled_syncs_are_counted(size: int) -> None:
     times = regular(300, 10 * MS)

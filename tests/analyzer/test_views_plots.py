@@ -1,6 +1,7 @@
 """What is plotted: lines by quantity, interrupted where nothing is known, with all their peaks."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,11 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from syncline_analyzer.results import GapRow
+from syncline_analyzer.results import BusLoadRow, GapRow
 from syncline_analyzer.views.events import marks
 from syncline_analyzer.views.histogram import bars_of
-from syncline_analyzer.views.plots import NODES_APART, Panel, panels
-from syncline_analyzer.views.thin import extremes
+from syncline_analyzer.views.palette import paler
+from syncline_analyzer.views.plots import NODES_APART, RESPONSES_APART, Panel, panels, shown_at_once
+from syncline_analyzer.views.thin import envelope, extremes
 from tests.analyzer.analysis_builder import (
     analysis,
     at,
@@ -50,9 +52,10 @@ def test_panels_go_by_quantity_angles_first() -> None:
         "Angle [deg] of node 5 shaft",
         "Angle [deg] of node 10 boom tilt",
         "Speed [rpm] of node 5 shaft",
-        "SYNC period [us]",
-        "PDO response [us]",
         "Bus load [%]",
+        "SYNC period [us]",
+        "PDO response [us] of node 5 shaft",
+        "PDO response [us] of node 10 boom tilt",
     ]
     names = [line.name for line in found[1].lines]
     assert names == ["Slope long (6010h:00)", "Slope lateral (6020h:00)"]
@@ -102,7 +105,67 @@ def test_limits_leave_room_also_around_nothing(value: list[float]) -> None:
 
 def test_names_tell_the_bus_where_there_are_several() -> None:
     shown = analysis(capture=capture_row(buses=["can0", "can1"]), responses=[responses(count=10)])
-    assert panels(shown)[0].lines[0].name == "can0 node 10 TPDO1 (18Ah)"
+    assert panels(shown)[0].label == "PDO response [us] of can0 node 10"
+
+
+def test_what_an_answer_waited_lies_behind_it_in_a_paler_colour() -> None:
+    waited, answer = panels(analysis(responses=[responses(count=50)]))[0].lines
+    assert (waited.band, answer.band) == (True, False)
+    assert (waited.name, answer.name) == ("TPDO1 (18Ah) waited at most", "TPDO1 (18Ah)")
+    assert waited.value.max() == 100.0
+    assert waited.colour == paler(answer.colour)
+    without = replace(responses(count=50), waiting_us=np.full(50, np.nan))
+    (alone,) = panels(analysis(responses=[without]))[0].lines
+    assert alone.name == "TPDO1 (18Ah)"
+
+
+@pytest.mark.parametrize(("source", "marked"), [("estimated", True), ("recorded", False)])
+def test_figures_that_rest_on_an_estimated_bit_rate_say_so(source: Any, marked: bool) -> None:
+    load = BusLoadRow("can0", 250_000, 20.0, 30.0, 500.0, bitrate_source=source)
+    shown = analysis(bus_load=[load], series=[series("bus load", "%", np.full(9, 20.0))],
+                     responses=[responses(count=50)])  # fmt: skip
+    bus, answers = panels(shown)
+    assert ("estimated" in bus.lines[0].name) == marked
+    assert ("estimated" in answers.lines[0].name) == marked
+    assert "estimated" not in answers.lines[1].name
+
+
+def test_short_windows_of_the_load_lie_behind_the_seconds_in_one_plot() -> None:
+    load = [series("bus load", "%", np.full(600, 20.0)),
+            series("bus load in 100 ms", "%", np.full(6_000, 21.0))]  # fmt: skip
+    (panel,) = panels(analysis(series=load))
+    assert [(line.name, line.band) for line in panel.lines] == [
+        ("bus load in 100 ms", True),
+        ("bus load in 1 s", False),
+    ]
+    assert panel.limits()[0] <= 0.0
+
+
+def test_of_many_nodes_those_that_answer_least_evenly_have_a_plot() -> None:
+    steady = [replace(responses(0x180 + n, n, 100), response_us=np.full(100, 500.0))
+              for n in range(1, 41)]  # fmt: skip
+    steady[29] = responses(0x180 + 30, 30, 100)
+    found = panels(analysis(responses=steady))
+    kept = shown_at_once(found)
+    assert (len(found), len(kept)) == (40, RESPONSES_APART)
+    assert "PDO response [us] of node 30" in [panel.label for panel in kept]
+
+
+@given(VALUES, st.integers(2, 100))
+@settings(max_examples=200)
+def test_envelope_holds_every_value_and_is_open_at_the_holes(
+    value: np.ndarray, points: int
+) -> None:
+    t_ns = np.arange(len(value)) * 10
+    at_ns, outline = envelope(t_ns, value, points)
+    stretches = np.split(outline, np.flatnonzero(np.isnan(outline)))
+    known = np.isfinite(value)
+    edges = np.flatnonzero(np.diff(known.astype(int), prepend=0) == 1)
+    assert len([s for s in stretches if np.isfinite(s).any()]) == len(edges)
+    if known.any():
+        assert (np.nanmin(outline), np.nanmax(outline)) == (np.nanmin(value), np.nanmax(value))
+        assert (at_ns.min(), at_ns.max()) == (t_ns[known].min(), t_ns[known].max())
+    assert len(at_ns) == len(outline)
 
 
 def test_bars_have_the_area_of_the_answers_and_leave_out_far_ones_openly() -> None:
@@ -148,7 +211,7 @@ def test_many_nodes_share_one_plot_that_names_them() -> None:
 
 
 def test_plot_of_a_node_is_marked_with_its_own_emcy_only() -> None:
-    shaft_plot, tilt_plot, *_, load_plot = panels(bad_day())
+    shaft_plot, tilt_plot, _, load_plot, *_ = panels(bad_day())
     assert marked(shaft_plot, "EMCY") == 0
     assert marked(tilt_plot, "EMCY") == 3
     assert marked(load_plot, "EMCY") == 6

@@ -1,14 +1,19 @@
 """Tables as frames and parquet: documented dtypes, twins in UTC, nothing lost on the way."""
 
 import re
-from dataclasses import fields
+import types
+import typing
+from dataclasses import fields, is_dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
+from syncline_analyzer.results import Analysis
+from syncline_analyzer.views.json_view import TABLES
 from syncline_analyzer.views.tables import (
     ROW_TYPES,
     responses_frame,
@@ -81,6 +86,48 @@ def test_parquet_has_the_same_types_with_and_without_rows(tmp_path: Path) -> Non
     assert full.keys() == empty.keys()
     for name, schema in full.items():
         assert schema.equals(empty[name]), name
+
+
+def sample(hint: Any) -> Any:
+    """A value of a type, lists and objects with something in them."""
+    if typing.get_origin(hint) in (types.UnionType, typing.Union):
+        return sample(typing.get_args(hint)[0])
+    if typing.get_origin(hint) is typing.Literal:
+        return typing.get_args(hint)[0]
+    if typing.get_origin(hint) is list:
+        return [sample(typing.get_args(hint)[0])]
+    if typing.get_origin(hint) is dict:
+        return {}
+    if is_dataclass(hint):
+        return row_of(hint)
+    return {int: 7, float: 1.5, str: "word", bool: True, bytes: b"\x01"}.get(hint, {})
+
+
+def row_of(kind: Any) -> Any:
+    """A row in which nothing is empty and nothing missing."""
+    return kind(**{name: sample(hint) for name, hint in typing.get_type_hints(kind).items()})
+
+
+def test_parquet_of_full_rows_has_the_types_of_an_empty_one(tmp_path: Path) -> None:
+    full = analysis(
+        **{name: [row_of(kind)] for name, kind in ROW_TYPES.items() if name != "gaps"},
+        capture=capture_row(gaps=[row_of(ROW_TYPES["gaps"])]),
+    )
+    filled = {path.stem: path for path in write_tables(full, tmp_path / "full")}
+    empty = {path.stem: path for path in write_tables(analysis(), tmp_path / "no")}
+    for name in ROW_TYPES:
+        assert len(pq.read_table(filled[name])) == 1, name
+        schema, other = pq.read_schema(filled[name]), pq.read_schema(empty[name])
+        assert [(f.name, f.type) for f in schema] == [(f.name, f.type) for f in other], name
+
+
+def test_every_table_of_rows_is_written_and_told_as_json() -> None:
+    """What is not a table of rows: samples, which the parquet files hold, and plots."""
+    columns = {"trace_data", "tilt_data", "responses", "series"}
+    rows = {f.name for f in fields(Analysis) if f.name != "capture"} - columns
+    assert rows <= set(ROW_TYPES)
+    with_evidence_only = {"holes", "sync_jitter", "objects", "object_history"}
+    assert rows - with_evidence_only <= set(TABLES)
 
 
 def test_trace_samples_keep_every_sample_and_flag(tmp_path: Path) -> None:

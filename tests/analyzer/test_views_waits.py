@@ -1,8 +1,11 @@
 """Waits and delays in words."""
 
+import json
 from dataclasses import replace
 
 from syncline_analyzer.results import Ahead, Analysis, DelayRow, WaitRow
+from syncline_analyzer.views.json_view import to_json
+from syncline_analyzer.views.tables import table
 from syncline_analyzer.views.waits import waiting_listings
 from syncline_analyzer.views.words import Clock
 from tests.analyzer.analysis_builder import analysis, at
@@ -41,6 +44,23 @@ def test_senders_are_listed_with_what_they_cost_others() -> None:
     ((node, nobody),) = rows(analysis(delays=[DELAY, master, by_id]))
     assert node == ["can0", "node 1", "7", "112", "28.28 ms", "4.04 ms", "485h"]
     assert nobody[1] == "master"
+
+
+def test_tables_and_json_hold_what_went_ahead() -> None:
+    found = analysis(waits=[WAIT], delays=[DELAY])
+    (told,) = json.loads(to_json(found))["waits"]
+    assert told["ahead"][1] == {
+        "cob_id": 0x605,
+        "node": None,
+        "service": "SDO request",
+        "frames": 1,
+        "us": 254.0,
+        "seq": [95],
+    }
+    frame = table(found, "waits")
+    assert json.loads(frame["ahead"][0]) == told["ahead"]
+    assert table(found, "delays")["worst_seq"].tolist() == [99]
+    assert table(found, "lateness").empty
 
 
 def test_nothing_is_listed_where_nothing_waited() -> None:

@@ -175,6 +175,8 @@ def test_a_missed_answer_is_the_buss_where_it_never_became_free() -> None:
     row = lateness(analysis, 0x485)
     assert row.missed_by_device == 0
     assert row.missed_by_bus == row.missed == 2
+    (missed,) = found(analysis, "pdo.missed")
+    assert "The bus was not free for it until the next SYNC" in missed.cause
 
 
 def test_without_a_bit_rate_and_with_coarse_stamps_nothing_is_told() -> None:
@@ -199,3 +201,12 @@ def test_a_bit_rate_that_the_frames_rule_out_tells_nothing() -> None:
     analysis = run(syncs(COUNT), answers(COUNT, 0x485, 5), varied, types={0x485: 1}, bitrate=MBIT)
     assert "bus.bitrate_contradicted" in ids(analysis)
     assert analysis.lateness == []
+
+
+def test_what_only_identifiers_and_types_of_a_file_tell_is_said() -> None:
+    """Nobody wrote 180xh:1 of node 1; its events are PDOs of node 1 by their identifiers alone."""
+    analysis = run(syncs(COUNT), answers(COUNT, 0x485, 5), bursts(), types={0x485: 1})
+    (story,) = found(analysis, "pdo.delaying_node")
+    assert "181h comes from node 1 (by its identifier alone)" in story.assumed
+    (outranked,) = (link for link in story.chain if link.id == "pdo.outranked")
+    assert "TPDO1 of node 1 (181h, by its identifier alone)" in outranked.text

@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 
 from syncline_analyzer.context import Context
+from syncline_analyzer.findings.angle import motion
 from syncline_analyzer.findings.angle import rules as angle
 from syncline_analyzer.findings.bounded import bounded
 from syncline_analyzer.findings.bus import bus_off as bus
@@ -46,6 +47,7 @@ RULES: tuple[Rule, ...] = (
     *waiting.RULES,
     *load.RULES,
     *angle.RULES,
+    *motion.RULES,
     *device.RULES,
     *stored.RULES,
     *identity.RULES,

@@ -9,6 +9,7 @@ from syncline_schemas.batch import FrameBatch, Gap
 from syncline_schemas.can_errors import SOCKETCAN_INTERFACES
 from syncline_schemas.capture.layout import (
     DESCRIPTION_ATTACHMENT,
+    DESCRIPTION_MEDIA_TYPE,
     EDS_MEDIA_TYPE,
     FRAME_SCHEMA_NAME,
     METADATA_NAME,
@@ -72,7 +73,7 @@ class McapReader:
         for attachment in scanned.attachments:
             if attachment.name == DESCRIPTION_ATTACHMENT:
                 self.facts.description_toml = attachment.data.decode(errors="replace")
-            elif attachment.media_type == EDS_MEDIA_TYPE:
+            elif attachment.media_type in (EDS_MEDIA_TYPE, DESCRIPTION_MEDIA_TYPE):
                 self.facts.eds_files[attachment.name] = attachment.data
         recovered = scanned.metadata_records.get(RECOVER_METADATA_NAME)
         if recovered is not None:

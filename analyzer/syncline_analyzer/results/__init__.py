@@ -6,7 +6,14 @@ The field names are those of `--format json` and never change within a major ver
 """
 
 from syncline_analyzer.results.analysis import Analysis, Series
-from syncline_analyzer.results.angle import TRACE_FLAGS, Trace, TraceEventRow, TraceRow
+from syncline_analyzer.results.angle import (
+    TRACE_FLAGS,
+    EventKind,
+    ShaftRow,
+    Trace,
+    TraceEventRow,
+    TraceRow,
+)
 from syncline_analyzer.results.bus import (
     BusErrorRow,
     BusLoadRow,
@@ -61,6 +68,7 @@ __all__ = [
     "ErrorControlRow",
     "ErrorHistoryRow",
     "ErrorRow",
+    "EventKind",
     "Finding",
     "GapRow",
     "HoleRow",
@@ -83,6 +91,7 @@ __all__ = [
     "SdoRow",
     "Series",
     "Severity",
+    "ShaftRow",
     "SyncDoubleRow",
     "SyncJitterRow",
     "SyncRow",

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from syncline_analyzer.results.angle import Trace, TraceEventRow, TraceRow
+from syncline_analyzer.results.angle import ShaftRow, Trace, TraceEventRow, TraceRow
 from syncline_analyzer.results.bus import (
     BusErrorRow,
     BusLoadRow,
@@ -92,6 +92,7 @@ class Analysis:
     doubled: list[DoubledRow] = field(default_factory=list)
     tilts: list[TiltRow] = field(default_factory=list)
     tilt_data: list[TiltTrace] = field(default_factory=list)
+    shafts: list[ShaftRow] = field(default_factory=list)
     error_control_periods: list[ErrorControlRow] = field(default_factory=list)
     worst: list[WorstRow] = field(default_factory=list)
     unsent_pdos: list[PdoRow] = field(default_factory=list)

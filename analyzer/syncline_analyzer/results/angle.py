@@ -6,6 +6,21 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+EventKind = Literal[
+    "jump",
+    "out of range",
+    "frozen",
+    "alarm",
+    "ambiguous",
+    "gray code",
+    "cut",
+    "step",
+    "spike",
+    "preset",
+    "parted",
+]
+"""What happens to a trace."""
+
 
 @dataclass(frozen=True, slots=True)
 class TraceRow:
@@ -30,6 +45,52 @@ class TraceRow:
     """Least, greatest and mean angle with the way over the wrap joined; None without a scale."""
     unwrapped_max_deg: float | None = None
     unwrapped_mean_deg: float | None = None
+    mean_deg: float | None = None
+    """Mean on the circle, 359 and 1 deg give 0: 0..360, or -180..180 where the range is so."""
+    std_deg: float | None = None
+    """Standard deviation on the circle, sqrt(-2 ln R) with the mean resultant length R; None
+    where the angles point everywhere alike."""
+    direction_changes: int | None = None
+    """Turns back by more than 1 deg, or 3 counts if that is more; None without a scale."""
+    rest_samples: int = 0
+    """Samples in stretches of 64 in which it stood still; of these are noise_deg (standard
+    deviation) and noise_peak_deg (the widest stretch, peak to peak), both None without any."""
+    noise_deg: float | None = None
+    noise_peak_deg: float | None = None
+    sources: dict[str, int] = field(default_factory=dict)
+    """Samples by what carried them: "18Ah" (the COB-ID of a PDO), "SDO"."""
+
+
+@dataclass(frozen=True, slots=True)
+class ShaftRow:
+    """Two encoders that the bus description places on one shaft (`same_shaft_as`).
+
+    `node` turns `ratio` times as far as `other` (negative: the other way round). They are compared
+    where neither is sampled too seldom; angles are those of `node`.
+    """
+
+    bus: str
+    node: int
+    other_bus: str
+    other: int
+    ratio: float
+    compared: int
+    """Samples of the one that comes less often, laid against the line of the other."""
+    left_out: int
+    """Samples that could not be compared: no sample of the other near, or sampled too seldom."""
+    difference_deg: float | None
+    """Offset of `node` against `other` in the first stretch."""
+    spread_deg: float | None
+    """Largest distance from the offset in force, whatever was allowed."""
+    allowed_deg: float
+    """Allowed distance at standstill; more is allowed the faster it turns."""
+    parted: int
+    """How often they parted for good: the offset was another one afterwards."""
+    parted_ns: int | None
+    """When for the first time."""
+    parted_seq: int | None
+    parted_deg: float | None
+    """By how much for the first time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,14 +100,16 @@ class TraceEventRow:
     `kind` is "jump" (faster than the device can turn), "out of range" (the first
     one of a stretch), "frozen" (the first of a stretch in which a sibling moves), "alarm" (bits of
     6503h or 6505h came up), "ambiguous" (the first sample whose value or direction cannot be told),
-    "gray code" (at the end: counts in the wrong code) or "cut"; `text` says why. `before` and
-    `after` are values in the trace's unit.
+    "gray code" (at the end: counts in the wrong code), "step" (away within one sample, at the same
+    speed before and after), "spike" (away for one sample and back), "preset" (a step onto the
+    preset value), "parted" (from another encoder on its shaft) or "cut"; `text` says why. `before`
+    and `after` are values in the trace's unit.
     """
 
     bus: str
     node: int
     object: int
-    kind: Literal["jump", "out of range", "frozen", "alarm", "ambiguous", "gray code", "cut"]
+    kind: EventKind
     seq: int
     t_ns: int
     before: float | None
@@ -79,5 +142,14 @@ class Trace:
     assumed: list[str] = field(default_factory=list)
 
 
-TRACE_FLAGS = ("wrap", "jump", "ambiguous", "frozen", "out_of_range", "scale_assumed")
-"""Names of the bits of `Trace.flags`, bit 0 first."""
+TRACE_FLAGS = (
+    "wrap",
+    "jump",
+    "ambiguous",
+    "frozen",
+    "out_of_range",
+    "scale_assumed",
+    "silence",
+)
+"""Names of the bits of `Trace.flags`, bit 0 first; `silence` marks the first sample after a stretch
+without any in which the value is not known."""

@@ -11,7 +11,7 @@ ChangeCause = Literal[
 
 @dataclass(frozen=True, slots=True)
 class ObjectChangeRow:
-    """One change of a parameter, in order of `seq`; at most 100,000 of a capture.
+    """One change of a parameter, in order of `seq`; the last 2000 of an object, 100,000 in all.
 
     A value that is written once more makes no row of its own: it is counted in `repeats` of the row
     that brought it. A write of a command (preset, teach, save, load, reset) is a row each time.

@@ -52,7 +52,7 @@ def fine(value_us: float | None, resolution_us: float) -> str:
     >>> fine(71.5, 1.0), fine(None, 1000.0)
     ('71.5', '< 1 ms')
     """
-    return number(value_us) if value_us is not None else _below(resolution_us)
+    return number(value_us, digits=3) if value_us is not None else _below(resolution_us)
 
 
 def jitter_words(jitter: Jitter | None, resolution_us: float) -> str:
@@ -82,25 +82,67 @@ def deviation(value_us: float | None, expected_us: int | None, resolution_us: fl
     return f"{sign}{fine(value_us, resolution_us)}"
 
 
-def quartet(quantiles: Quantiles | None) -> str:
-    """Minimum, median, 99th percentile and maximum in one cell.
+def stepped(value: float, resolution: float, digits: int = 3) -> str:
+    """A time as exact as the stamps: in whole steps of theirs, "<1000" below one.
 
-    >>> quartet(Quantiles(9990.0, 10000.0, 10010.0, 10020.0))
-    '9990/10000/10010/10020'
+    >>> stepped(1490.0, 1000.0), stepped(0.0, 1000.0), stepped(33.17, 0.001)
+    ('1000', '<1000', '33.2')
+    """
+    if resolution < _FINE * max(abs(value), 1.0):
+        return number(value, digits=digits)
+    steps = round(value / resolution)
+    return number(steps * resolution, digits=digits) if steps else f"<{number(resolution)}"
+
+
+def trio(quantiles: Quantiles | None, resolution_us: float) -> str:
+    """Minimum, median and maximum in one cell, as exact as the stamps.
+
+    >>> trio(Quantiles(9990.0, 10000.0, 10010.0, 10020.0), 0.001)
+    '9990/10000/10020'
+    """
+    if quantiles is None:
+        return "-"
+    parts = (quantiles.min, quantiles.median, quantiles.max)
+    return "/".join(stepped(part, resolution_us) for part in parts)
+
+
+def trio_ms(quantiles: Quantiles | None, resolution_us: float) -> str:
+    """The same in ms.
+
+    >>> trio_ms(Quantiles(9990.0, 10000.0, 10010.0, 10020.0), 0.001)
+    '9.99/10/10.02'
+    """
+    if quantiles is None:
+        return "-"
+    parts = (quantiles.min, quantiles.median, quantiles.max)
+    return "/".join(stepped(part / 1000, resolution_us / 1000, 4) for part in parts)
+
+
+def quartet(quantiles: Quantiles | None, resolution_us: float) -> str:
+    """Minimum, median, 99th percentile and maximum in one cell, as exact as the stamps.
+
+    >>> quartet(Quantiles(9990.0, 10000.0, 10010.0, 10020.0), 1000.0)
+    '10000/10000/10000/10000'
     """
     if quantiles is None:
         return "-"
     parts = (quantiles.min, quantiles.median, quantiles.p99, quantiles.max)
-    return "/".join(number(part) for part in parts)
+    return "/".join(stepped(part, resolution_us) for part in parts)
 
 
-def usual_and_most(quantiles: Quantiles | None) -> str:
-    """Median and maximum in one cell.
+def usual_and_most(quantiles: Quantiles | None, resolution_us: float) -> str:
+    """Median and maximum in one cell, as exact as the stamps.
 
-    >>> usual_and_most(Quantiles(9990.0, 10000.0, 10010.0, 10020.0)), usual_and_most(None)
-    ('10000/10020', '-')
+    >>> usual_and_most(Quantiles(9990.0, 10000.0, 10010.0, 10020.0), 1.0)
+    '10000/10020'
     """
-    return "-" if quantiles is None else f"{number(quantiles.median)}/{number(quantiles.max)}"
+    if quantiles is None:
+        return "-"
+    return "/".join(stepped(part, resolution_us) for part in (quantiles.median, quantiles.max))
+
+
+_FINE = 0.0005
+"""Steps below this part of a figure are finer than the digits that are written."""
 
 
 def _below(resolution_us: float) -> str:

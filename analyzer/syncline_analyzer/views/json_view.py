@@ -27,6 +27,7 @@ TABLES = (
     "traces",
     "trace_events",
     "tilts",
+    "shafts",
     "bus_load",
     "findings",
     "emcy_context",
@@ -44,6 +45,13 @@ TABLES = (
     "waits",
     "delays",
     "lateness",
+    "pdo_pauses",
+    "unsent_pdos",
+    "sync_doubles",
+    "overloads",
+    "clock_steps",
+    "bus_silences",
+    "doubled",
 )
 """Lists of the object, in the order of the interface."""
 

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from syncline_analyzer.results import Analysis, Finding
+from syncline_analyzer.views.basis import basis_lines
 from syncline_analyzer.views.words import Clock, duration, names_of, node_label, printable
 
 _MARKS = {"error": "ERROR", "warning": "WARNING", "info": "NOTE"}
@@ -21,6 +22,8 @@ def findings_markdown(analysis: Analysis) -> str:
         lines += ["", f"**Damaged, read in part:** {_escaped(damage)}"]
     for finding in analysis.findings:
         lines += _story(finding, clock, names_of(analysis.nodes))
+    if basis := list(basis_lines(analysis)):
+        lines += ["", "## What the timing rests on", "", *(f"- {_escaped(line)}" for line in basis)]
     return "\n".join(lines) + "\n"
 
 

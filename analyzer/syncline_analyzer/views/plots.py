@@ -207,6 +207,7 @@ def _of_series(
     whole = name.removesuffix(_SHORT_WINDOWS)
     title = "SYNC period" if name.startswith("SYNC") else whole[:1].upper() + whole[1:]
     label = f"{series.bus} {name}" if several else name
+    label += " in 1 s" if title in _IN_WINDOWS and name == whole else ""
     label += _ESTIMATED if estimated and series.unit == "%" else ""
     cuts = _cuts(series.t_ns, gaps) | _silences(series.t_ns)
     t_ns, value, _ = _interrupted(series.t_ns, series.value, _NO_SEQ, cuts)
@@ -275,6 +276,7 @@ def _interrupted(
 
 _RESPONSE = "PDO response"
 _TIMING = ("Bus load", "Frame rate", "SYNC period", _RESPONSE)
+_IN_WINDOWS = ("Bus load", "Frame rate")
 _FROM_ZERO = ("Bus load", "Frame rate", _RESPONSE)
 _RANK = {title: i for i, title in enumerate((*QUANTITIES.values(), *_TIMING))}
 _NO_VALUES = np.zeros(0, np.float64)

@@ -294,8 +294,8 @@ def _node(node: NodeRow, analysis: Analysis, known: list[KnownLine], clock: Cloc
         *tables.error_table([row for row in analysis.errors if own(row)], clock),
         *tables.emcy_table([row for row in analysis.emcy if own(row)], contexts, clock),
         *(tables.listed_table(history) if history else ()),
-        *timing.pdo_table("PDOs", pdos, _OF_A_NODE),
-        *timing.response_table("Answers to SYNC", pdos, analysis.lateness, _OF_A_NODE),
+        *timing.pdo_table("PDOs", pdos, analysis.lateness, _OF_A_NODE),
+        *timing.response_table("Answers to SYNC", pdos, _OF_A_NODE),
         *timing.error_control_table(
             "Heartbeat and guarding",
             [row for row in analysis.error_control_periods if own(row)],
@@ -337,13 +337,10 @@ def _timing(analysis: Analysis, clock: Clock, plots: list[dict[str, Any]]) -> It
     hidden = () if len(analysis.capture.buses) > 1 else ("Bus",)
     yield from timing.sync_table(analysis.sync, hidden)
     yield from _titled(plots, "SYNC period")
-    yield from timing.pdo_table("PDOs of all nodes", analysis.pdos, hidden)
-    yield from timing.answer_table(analysis.pdos, hidden)
+    yield from timing.pdo_table("PDOs of all nodes", analysis.pdos, analysis.lateness, hidden)
+    yield from timing.answer_table([*analysis.pdos, *analysis.unsent_pdos], hidden)
     yield from timing.response_table(
-        "Answers to SYNC: response, and what of it is the device's",
-        analysis.pdos,
-        analysis.lateness,
-        hidden,
+        "Answers to SYNC: response, and what of it is the device's", analysis.pdos, hidden
     )
     yield from histogram_figures(analysis)
     yield from _titled(plots, "PDO response")

@@ -13,7 +13,14 @@ from syncline_analyzer.results import (
     SyncRow,
     WorstRow,
 )
-from syncline_analyzer.views.basis import deviation, jitter_words, quartet, usual_and_most
+from syncline_analyzer.views.basis import (
+    deviation,
+    jitter_words,
+    quartet,
+    stepped,
+    trio,
+    usual_and_most,
+)
 from syncline_analyzer.views.html import Html, element, table
 from syncline_analyzer.views.report_tables import limited
 from syncline_analyzer.views.text import pdo_type
@@ -25,7 +32,6 @@ from syncline_analyzer.views.words import (
     names_of,
     node_label,
     number,
-    spread,
 )
 from syncline_schemas.wording import counted
 
@@ -62,7 +68,7 @@ def sync_table(rows: Sequence[SyncRow], hidden: Columns) -> Iterator[Html]:
             row.bus,
             element("code", hex_code(row.cob_id, 3)),
             row.count,
-            quartet(row.period_us),
+            quartet(row.period_us, row.resolution_us),
             jitter_words(row.jitter_us, row.resolution_us),
             _expected(row.expected_us, row.expected_source),
             deviation(row.deviation_us, row.expected_us, row.resolution_us),
@@ -107,8 +113,11 @@ def _counter(row: SyncRow) -> str:
     return ", ".join(told)
 
 
-def pdo_table(caption: str, rows: Sequence[PdoRow], hidden: Columns) -> Iterator[Html]:
+def pdo_table(
+    caption: str, rows: Sequence[PdoRow], lateness: Sequence[LatenessRow], hidden: Columns
+) -> Iterator[Html]:
     """PDOs: when each is due, how it came, and what did not."""
+    why = {(row.bus, row.cob_id): row for row in lateness}
     listed: list[Sequence[object]] = [
         (
             row.bus,
@@ -117,27 +126,26 @@ def pdo_table(caption: str, rows: Sequence[PdoRow], hidden: Columns) -> Iterator
             row.pdo or "-",
             row.frames,
             element("div", pdo_type(row), class_="some"),
-            element("div", _when(row), class_="wrap"),
-            spread(row.period_us),
+            element("div", _when(row, why.get((row.bus, row.cob_id))), class_="wrap"),
+            trio(row.period_us, row.resolution_us),
             jitter_words(row.period_jitter_us, row.resolution_us),
             deviation(row.timer_deviation_us, row.event_timer_us, row.resolution_us),
             row.longest_repeat,
-            row.missed,
-            row.extra,
-            row.late,
-            _other_faults(row),
+            element("div", _faults(row, why.get((row.bus, row.cob_id))), class_="wrap"),
         )
         for row in rows
     ]
-    heads = ["Bus", "COB-ID", ">Node", "PDO", ">Frames", "Transmission type", "Due", f">Period {_US}", f">Jitter {_JITTER}", ">Median off the timer [us]", ">Same data", ">Missed", ">Extra", ">Late", "Other faults"]  # fmt: skip
+    heads = ["Bus", "COB-ID", ">Node", "PDO", ">Frames", "Transmission type", "Due", f">Period {_US}", f">Jitter {_JITTER}", ">Median off the timer [us]", ">Same data", "Faults"]  # fmt: skip
     yield from _kept(caption, heads, listed, hidden)
 
 
-def _when(row: PdoRow) -> str:
+def _when(row: PdoRow, why: LatenessRow | None) -> str:
     """When a PDO is due, in words."""
     told = []
     if row.every is not None:
         told.append("every SYNC" if row.every == 1 else f"every {row.every} SYNCs{_phase(row)}")
+    if row.response_us is not None and why is not None and why.window_us:
+        told.append(f"within {number(why.window_us / 1000, 'ms')} of it (1007h)")
     if row.event_timer_us is not None:
         told.append(f"timer {number(row.event_timer_us / 1000, 'ms')} ({row.timer_source})")
     if row.inhibit_us:
@@ -163,20 +171,19 @@ def _phase(row: PdoRow) -> str:
     return f" (number {row.phase}{basis}{share}{moved})"
 
 
-def _other_faults(row: PdoRow) -> str:
-    faults = {
+def _faults(row: PdoRow, why: LatenessRow | None) -> str:
+    counts = {
+        "extra": row.extra,
         "too soon": row.too_soon,
         "requests unanswered": row.unanswered,
         "overdue": row.overdue,
     }
-    return ", ".join(f"{count} {name}" for name, count in faults.items() if count) or "-"
+    others = (f"{count} {name}" for name, count in counts.items() if count)
+    return ", ".join(filter(None, (late_because(row, why), *others))) or "-"
 
 
-def response_table(
-    caption: str, rows: Sequence[PdoRow], lateness: Sequence[LatenessRow], hidden: Columns
-) -> Iterator[Html]:
+def response_table(caption: str, rows: Sequence[PdoRow], hidden: Columns) -> Iterator[Html]:
     """Synchronous PDOs: response, what of it is the device's, and what the bus made it wait."""
-    why = {(row.bus, row.cob_id): row for row in lateness}
     listed: list[Sequence[object]] = [
         (
             row.bus,
@@ -184,20 +191,26 @@ def response_table(
             "-" if row.node is None else row.node,
             row.pdo or "-",
             row.answered,
-            quartet(row.response_us),
+            quartet(row.response_us, row.resolution_us),
             jitter_words(row.jitter_us, row.resolution_us),
-            usual_and_most(row.device_us_low),
-            usual_and_most(row.device_us_least),
-            usual_and_most(row.device_us_free),
-            usual_and_most(row.device_us_high),
-            usual_and_most(row.waiting_us),
-            element("div", late_because(row, why.get((row.bus, row.cob_id))) or "-", class_="some"),
+            _device(row),
+            usual_and_most(row.device_us_least, row.resolution_us),
+            usual_and_most(row.device_us_free, row.resolution_us),
+            usual_and_most(row.waiting_us, row.resolution_us),
         )
         for row in rows
         if row.response_us is not None
     ]
-    heads = ["Bus", "COB-ID", ">Node", "PDO", ">Answers", f">Response {_QUARTET}", f">Jitter {_JITTER}", f">Device at least if idle before it {_USUAL}", f">Device at least by arbitration {_USUAL}", f">Device where the bus was idle {_USUAL}", f">Device at most {_USUAL}", f">Waited at most {_USUAL}", "Late or missed"]  # fmt: skip
+    heads = ["Bus", "COB-ID", ">Node", "PDO", ">Answers", f">Response {_QUARTET}", f">Jitter {_JITTER}", ">Device between (medians) [us]", f">Device at least, by arbitration {_USUAL}", f">Device where the bus was idle {_USUAL}", f">Waited at most {_USUAL}"]  # fmt: skip
     yield from _kept(caption, heads, listed, hidden)
+
+
+def _device(row: PdoRow) -> str:
+    """Bounds by the definition: all frames between SYNC and PDO went ahead of it, or none."""
+    if row.device_us_low is None or row.device_us_high is None:
+        return "-"
+    low = stepped(row.device_us_low.median, row.resolution_us)
+    return f"{low} to {stepped(row.device_us_high.median, row.resolution_us)}"
 
 
 def answer_table(rows: Sequence[PdoRow], hidden: Columns) -> Iterator[Html]:
@@ -211,7 +224,7 @@ def answer_table(rows: Sequence[PdoRow], hidden: Columns) -> Iterator[Html]:
             row.asked,
             row.asked_answered,
             row.unanswered,
-            quartet(row.answer_us),
+            quartet(row.answer_us, row.resolution_us),
         )
         for row in rows
         if row.asked
@@ -233,13 +246,13 @@ def error_control_table(
             labels.get((row.bus, row.node), row.node),
             row.kind,
             row.count,
-            quartet(row.period_us),
+            quartet(row.period_us, row.resolution_us),
             jitter_words(row.jitter_us, row.resolution_us),
             _told_time(row),
             deviation(row.deviation_us, row.expected_us, row.resolution_us),
             row.missing,
             "-" if row.worst_us is None else f"frame {row.worst_seq}",
-            spread(row.answer_us),
+            trio(row.answer_us, row.resolution_us),
         )
         for row in rows
     ]

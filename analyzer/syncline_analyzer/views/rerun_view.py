@@ -24,7 +24,7 @@ from syncline_analyzer.views.palette import (
     line_colour,
     rgba,
 )
-from syncline_analyzer.views.plots import Line, Panel, panels
+from syncline_analyzer.views.plots import Line, Panel, panels, shown_at_once
 from syncline_analyzer.views.rerun_layout import Content, PlotContent, blueprint
 from syncline_analyzer.views.rerun_sink import Axis, Sink
 from syncline_analyzer.views.thin import extremes
@@ -114,14 +114,15 @@ def _drawable(plotted: list[Panel], axis: Axis) -> list[Panel]:
 def _content(analysis: Analysis, axis: Axis, plotted: list[Panel]) -> Content:
     strip = PlotContent("Events", "/events", (0.3, 3.7)) if events.marks(analysis) else None
     logs = [PlotContent(title, entity) for title, entity, told in _LOGS if any(told(analysis))]
-    plots = [(p, PlotContent(p.label, _entity("plots", p), p.limits())) for p in plotted]
+    shown = shown_at_once(plotted)
+    plots = [(p, PlotContent(p.label, _entity("plots", p), p.limits())) for p in shown]
     return Content(
         timelines=axis.timelines,
         lanes=len({(row.bus, row.node) for row in analysis.nmt_states}),
         strip=strip,
-        traces=[plot for panel, plot in plots if panel.subject],
-        timing=[plot for panel, plot in plots if not panel.subject],
-        details=[PlotContent(p.label, _entity("detail", p)) for p in plotted if _is_thinned(p)],
+        traces=[plot for panel, plot in plots if not panel.is_timing],
+        timing=[plot for panel, plot in plots if panel.is_timing],
+        details=[PlotContent(p.label, _entity("detail", p)) for p in shown if _is_thinned(p)],
         histograms=[
             PlotContent(f"{bars.label} [answers per us]", _histogram_entity(responses))
             for responses, bars in histograms(analysis)
@@ -183,7 +184,10 @@ def _write_line(
     t_ns, value = line.t_ns[rows], line.value[rows]
     seq = line.seq[rows] if len(line.seq) else line.seq
     look = rr.SeriesLines(
-        names=line.name, colors=[line.colour], widths=[1.5], aggregation_policy="MinMax"
+        names=line.name,
+        colors=[line.colour],
+        widths=[_WIDTHS[line.band]],
+        aggregation_policy="MinMax",
     )
     sink.static(entity, look)
     sink.rows(entity, t_ns, seq, lambda part: rr.Scalars.columns(scalars=value[part]))
@@ -216,6 +220,9 @@ def _write_histogram(sink: Sink, responses: Responses, bars: Bars) -> None:
     )
     sink.static(_histogram_entity(responses), chart)
 
+
+_WIDTHS = {False: 1.5, True: 0.8}
+"""Width of a line, and of one that lies behind."""
 
 _HISTOGRAM_COLOUR: Rgb = line_colour(2)
 

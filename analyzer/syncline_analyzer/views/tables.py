@@ -33,9 +33,12 @@ from syncline_analyzer.results import (
     BusErrorRow,
     BusLoadRow,
     BusShareRow,
+    BusSilenceRow,
     BusStateRow,
+    ClockStepRow,
     DelayRow,
     DeviceHealthRow,
+    DoubledRow,
     EmcyContextRow,
     EmcyRow,
     ErrorControlRow,
@@ -54,11 +57,15 @@ from syncline_analyzer.results import (
     ObjectChangeRow,
     ObjectHistoryRow,
     ObjectRow,
+    OverloadRow,
+    PdoPauseRow,
     PdoRow,
     Quantiles,
     Responses,
     SdoRow,
     Series,
+    ShaftRow,
+    SyncDoubleRow,
     SyncJitterRow,
     SyncRow,
     TiltRow,
@@ -92,6 +99,7 @@ ROW_TYPES: dict[str, type] = {
     "sync_jitter": SyncJitterRow,
     "trace_events": TraceEventRow,
     "tilts": TiltRow,
+    "shafts": ShaftRow,
     "emcy_context": EmcyContextRow,
     "error_history": ErrorHistoryRow,
     "object_changes": ObjectChangeRow,
@@ -107,6 +115,13 @@ ROW_TYPES: dict[str, type] = {
     "waits": WaitRow,
     "delays": DelayRow,
     "lateness": LatenessRow,
+    "pdo_pauses": PdoPauseRow,
+    "unsent_pdos": PdoRow,
+    "sync_doubles": SyncDoubleRow,
+    "overloads": OverloadRow,
+    "clock_steps": ClockStepRow,
+    "bus_silences": BusSilenceRow,
+    "doubled": DoubledRow,
 }
 """Row class by table."""
 
@@ -340,7 +355,8 @@ def write_tables(analysis: Analysis, folder: Path) -> list[Path]:
     """
     folder.mkdir(parents=True, exist_ok=True)
     return [
-        _write(folder / f"{name}.parquet", frames) for name, frames in _all_frames(analysis).items()
+        _write(folder / f"{name}.parquet", frames, ROW_TYPES.get(name))
+        for name, frames in _all_frames(analysis).items()
     ]
 
 
@@ -359,44 +375,29 @@ def _all_frames(analysis: Analysis) -> dict[str, Iterator[pd.DataFrame]]:
     }
 
 
-def _write(path: Path, frames: Iterator[pd.DataFrame]) -> Path:
+def _write(path: Path, frames: Iterator[pd.DataFrame], kind: type | None) -> Path:
     """One file from frames of equal columns, each at least one row group of its own."""
-    first = _arrow(next(frames))
+    first = _arrow(next(frames), kind)
     with pq.ParquetWriter(path, first.schema, compression="zstd") as writer:
         writer.write_table(first, row_group_size=_ROWS_PER_GROUP)
         for frame in frames:
-            writer.write_table(_arrow(frame).cast(first.schema), row_group_size=_ROWS_PER_GROUP)
+            writer.write_table(
+                _arrow(frame, kind).cast(first.schema), row_group_size=_ROWS_PER_GROUP
+            )
     return path
 
 
-def _arrow(frame: pd.DataFrame) -> pa.Table:
+def _arrow(frame: pd.DataFrame, kind: type | None) -> pa.Table:
+    """The frame as Arrow; rows of `kind` tell the type of their lists, which may all be empty."""
     schema = pa.Schema.from_pandas(frame, preserve_index=False)
-    for name, kind in _LIST_TYPES.items():
+    for name, hint in typing.get_type_hints(kind).items() if kind else ():
         at = schema.get_field_index(name)
-        if at >= 0 and not pa.types.is_primitive(schema.field(at).type):
-            schema = schema.set(at, pa.field(name, kind))
+        if at >= 0 and typing.get_origin(hint) is list and hint in _LIST_TYPES:
+            schema = schema.set(at, pa.field(name, _LIST_TYPES[hint]))
     return pa.Table.from_pandas(frame, schema=schema, preserve_index=False)
 
 
-_LIST_TYPES = {
-    "active": pa.list_(pa.int64()),
-    "evidence": pa.list_(pa.int64()),
-    "missed_seq": pa.list_(pa.int64()),
-    "missing_seq": pa.list_(pa.int64()),
-    "doubled_seq": pa.list_(pa.int64()),
-    "overdue_seq": pa.list_(pa.int64()),
-    "unanswered_seq": pa.list_(pa.int64()),
-    "producer_nodes": pa.list_(pa.int64()),
-    "extra_seq": pa.list_(pa.int64()),
-    "too_soon_seq": pa.list_(pa.int64()),
-    "registers": pa.list_(pa.string()),
-    "writes": pa.list_(pa.string()),
-    "proof": pa.list_(pa.string()),
-    "device_guess": pa.list_(pa.string()),
-    "assumed": pa.list_(pa.string()),
-    "reasons": pa.list_(pa.string()),
-}
-"""Arrow type by list column, which an empty table does not tell."""
+_LIST_TYPES = {list[int]: pa.list_(pa.int64()), list[str]: pa.list_(pa.string())}
 
 _NO_INTEGERS = np.zeros(0, np.int64)
 _NO_TILT = TiltTrace(

@@ -12,7 +12,8 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from syncline_analyzer.results import Analysis, Finding, PdoRow
+from syncline_analyzer.results import Analysis, Finding, LatenessRow, PdoRow, SyncRow
+from syncline_analyzer.views.basis import basis_lines, fine, stepped, trio, trio_ms
 from syncline_analyzer.views.events import CLEARING, RESET, emcy_text
 from syncline_analyzer.views.known import KnownLine, known_lines
 from syncline_analyzer.views.lanes import cells, lanes_of
@@ -20,8 +21,8 @@ from syncline_analyzer.views.load import load_listing
 from syncline_analyzer.views.markdown import chain_lines, extent, verdict, where
 from syncline_analyzer.views.palette import SEVERITY_COLOURS, STATE_COLOURS, STATE_LETTERS, css
 from syncline_analyzer.views.services import Listing, error_list, listings
-from syncline_analyzer.views.timing import timing_listings
-from syncline_analyzer.views.waits import waiting_listings
+from syncline_analyzer.views.timing import error_control_listings
+from syncline_analyzer.views.waits import late_because, waiting_listings
 from syncline_analyzer.views.words import (
     Clock,
     duration,
@@ -32,7 +33,6 @@ from syncline_analyzer.views.words import (
     object_name,
     printable,
     sdo_result,
-    spread,
     trace_object,
 )
 
@@ -41,6 +41,12 @@ PIPE_WIDTH = 120
 
 MAX_ROWS = 20
 """Rows of EMCY and failed SDO transfers; a note says how many there are in all."""
+
+_WIDE = 110
+"""Columns from which on tables show everything."""
+
+_NARROW = 78
+"""Columns below which figures have to be broken."""
 
 _SEVERITY_WORDS = {"error": "ERROR", "warning": "WARNING", "info": "NOTE"}
 
@@ -130,8 +136,7 @@ def _tables(analysis: Analysis, clock: Clock, width: int) -> Iterator[tuple[str,
         yield "Nodes", _nodes(analysis, width)
     if analysis.nmt_states and clock.timed:
         yield "NMT states", _states(analysis, width)
-    if analysis.sync or analysis.pdos:
-        yield "SYNC and PDOs (us: min / median / max)", _pdos(analysis)
+    yield from _timing(analysis, clock, width)
     if analysis.emcy:
         messages = sum(row.transition != RESET for row in analysis.emcy)
         yield f"EMCY ({messages})", _emcy(analysis, clock)
@@ -143,24 +148,23 @@ def _tables(analysis: Analysis, clock: Clock, width: int) -> Iterator[tuple[str,
         yield "Traces", _traces(analysis)
     if lines := known_lines(analysis):
         yield "What is known of the nodes, and from where", _known(analysis, lines)
-    if analysis.bus_load:
-        yield "Bus load", _listing(load_listing(analysis, clock))
-    for listing in (
-        *timing_listings(analysis),
-        *waiting_listings(analysis, clock),
-        *listings(analysis, clock),
-    ):
+    for listing in listings(analysis, clock):
         yield listing.title, _listing(listing)
     yield "Recording", _recording(analysis, clock)
 
 
-def _grid(*heads: str) -> Table:
-    """A table without a frame; a head that starts with ">" is of a column of figures."""
+def _grid(*heads: str, whole: bool = False) -> Table:
+    """A table without a frame; a head that starts with ">" is of a column of figures.
+
+    `whole` figures are never broken into two lines.
+    """
     table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, collapse_padding=True)
     for head in heads:
-        table.add_column(
-            head.removeprefix(">"), justify="right" if head[0] == ">" else "left", overflow="fold"
-        )
+        name = Text(head.removeprefix(">"))
+        if head[0] == ">":
+            table.add_column(name, justify="right", overflow="fold", no_wrap=whole)
+        else:
+            table.add_column(name, overflow="fold")
     return table
 
 
@@ -255,22 +259,122 @@ def _bar(states: list[str]) -> Text:
     return bar
 
 
-def _pdos(analysis: Analysis) -> Table:
-    table = _grid("bus", "COB-ID", "what", "type", ">frames", "period", "response", "faults")
-    for sync in analysis.sync:
-        faults = _faults(missing=sync.missing, jumps=sync.counter_jumps)
-        if sync.backlog:
-            faults.append(f" ({sync.backlog} in a backlog, not judged)", style="dim")
-        cob_id = hex_code(sync.cob_id, 3)
-        _row(table, sync.bus, cob_id, "SYNC", "", sync.count, spread(sync.period_us), "", faults)
-    for pdo in analysis.pdos:
-        what = (
-            f"node {pdo.node} {pdo.pdo or 'PDO'}" if pdo.node is not None else "PDO of nobody known"
-        )
-        faults = _faults(missed=pdo.missed, extra=pdo.extra, late=pdo.late)
-        cob_id, spans = hex_code(pdo.cob_id, 3), (spread(pdo.period_us), spread(pdo.response_us))
-        _row(table, pdo.bus, cob_id, what, pdo_type(pdo), pdo.frames, *spans, faults)
+def _timing(analysis: Analysis, clock: Clock, width: int) -> Iterator[tuple[str, RenderableType]]:
+    """Bus load, SYNC, PDOs and what they waited for: one screen, however many nodes there are."""
+    one_bus = ("bus",) if len(analysis.capture.buses) < 2 else ()
+    if analysis.bus_load:
+        listing = load_listing(analysis, clock)
+        yield listing.title, _narrowed(listing, ("of 10 ms", "longest busy"), width)
+    if analysis.sync or analysis.pdos:
+        notes = (Text(line, style="dim") for line in basis_lines(analysis))
+        title = "SYNC and PDOs (min/median/max; period in ms, all else in us; waited: at most)"
+        yield title, Group(_pdos(analysis, one_bus, width), *notes)
+    narrow = ("response", "device", "frames", "worst of", "count")
+    for listing in (*waiting_listings(analysis, clock), *error_control_listings(analysis)):
+        yield listing.title, _narrowed(listing, narrow, width, one_bus)
+
+
+def _narrowed(
+    listing: Listing, narrow: Sequence[str], width: int, always: Sequence[str] = ()
+) -> Table:
+    """The listing without some columns, always or where the screen is narrow."""
+    hidden = {*always, *(narrow if width < _WIDE else ())}
+    kept = [i for i, head in enumerate(listing.heads) if head.lstrip(">") not in hidden]
+    rows = [[row[i] for i in kept] for row in listing.rows]
+    return _listing(Listing(listing.title, [listing.heads[i] for i in kept], rows))
+
+
+def _pdos(analysis: Analysis, one_bus: Sequence[str], width: int) -> Table:
+    why = {(row.bus, row.cob_id): row for row in analysis.lateness}
+    heads = ["bus", "COB-ID", "what", "type", ">frames", ">period", ">jitter", ">response", ">device", ">waited", "faults"]  # fmt: skip
+    narrow = width < _WIDE
+    hidden = {*one_bus, *(("type", "frames", "jitter", "device") if narrow else ())}
+    kept = [i for i, head in enumerate(heads) if head.removeprefix(">") not in hidden]
+    shown = _telling(analysis.pdos)
+    rows = [_sync_cells(sync) for sync in analysis.sync]
+    rows += [_pdo_cells(pdo, why.get((pdo.bus, pdo.cob_id))) for pdo in shown]
+    table = _grid(*(heads[i] for i in kept), whole=width >= _NARROW)
+    for row in rows:
+        what = str(row[2]).removeprefix("node ") if narrow else row[2]
+        cells = (*row[:2], what, *row[3:])
+        _row(table, *(cells[i] for i in kept))
+    if left := len(analysis.pdos) - len(shown):
+        told = f"and {left} more with less to tell"
+        table.add_row(*[""] * kept.index(2), Text(told, style="dim"))
     return table
+
+
+def _sync_cells(sync: SyncRow) -> tuple[object, ...]:
+    step = sync.resolution_us
+    return (
+        sync.bus,
+        hex_code(sync.cob_id, 3),
+        "SYNC",
+        "",
+        sync.count,
+        trio_ms(sync.period_us, step),
+        fine(sync.jitter_us.std, step) if sync.jitter_us else "-",
+        "",
+        "",
+        "",
+        _sync_faults(sync),
+    )
+
+
+def _sync_faults(sync: SyncRow) -> Text:
+    faults = _faults(missing=sync.missing, jumps=sync.counter_jumps, doubled=sync.doubled)
+    if sync.drift_ppm is not None:
+        faults.append(f" (drift {number(sync.drift_ppm, 'ppm', 3)})", style="dim")
+    if sync.backlog:
+        faults.append(f" ({sync.backlog} in a backlog, not judged)", style="dim")
+    return faults
+
+
+def _pdo_cells(pdo: PdoRow, why: LatenessRow | None) -> tuple[object, ...]:
+    step = pdo.resolution_us
+    what = f"node {pdo.node} {pdo.pdo or 'PDO'}" if pdo.node is not None else "PDO of nobody known"
+    device = "-"
+    if pdo.device_us_high is not None and (low := pdo.device_us_least or pdo.device_us_low):
+        device = f"{stepped(low.median, step)}-{stepped(pdo.device_us_high.median, step)}"
+    jitter = pdo.jitter_us or pdo.period_jitter_us
+    others = _faults(extra=pdo.extra, soon=pdo.too_soon, unanswered=pdo.unanswered)
+    faults = Text(late_because(pdo, why), style="bold red")
+    if others.plain != "-":
+        faults = Text(", ").join(part for part in (faults, others) if part.plain)
+    return (
+        pdo.bus,
+        hex_code(pdo.cob_id, 3),
+        what,
+        _short_type(pdo),
+        pdo.frames,
+        trio_ms(pdo.period_us, step),
+        fine(jitter.std, step) if jitter else "-",
+        trio(pdo.response_us, step),
+        device,
+        "-" if pdo.waiting_us is None else stepped(pdo.waiting_us.max, step),
+        faults if faults.plain else "-",
+    )
+
+
+def _short_type(pdo: PdoRow) -> str:
+    """Transmission type in a word, with a question mark where it is only assumed or inferred."""
+    if pdo.transmission_type is not None:
+        sure = pdo.type_source in ("sdo-read", "sdo-write", "bus-description")
+        return f"{pdo.transmission_type}{'' if sure else '?'}"
+    inferred = pdo.type_source.removeprefix("inferred: ").split(",")[0]
+    return "-" if inferred == "unknown" else f"{printable(inferred)}?"
+
+
+def _telling(pdos: Sequence[PdoRow]) -> list[PdoRow]:
+    """The PDOs that there is room for: those with faults, and those that answer most unevenly."""
+
+    def rank(row: PdoRow) -> tuple[int, float]:
+        faults = row.missed + row.late + row.extra + row.too_soon + row.unanswered
+        answers = row.response_us
+        return faults, answers.p99 - answers.min if answers else -1.0
+
+    chosen = sorted(range(len(pdos)), key=lambda i: rank(pdos[i]), reverse=True)[:MAX_ROWS]
+    return [pdos[i] for i in sorted(chosen)]
 
 
 def pdo_type(pdo: PdoRow) -> str:

@@ -53,8 +53,8 @@ def late_because(pdo: PdoRow, why: LatenessRow | None) -> str:
 def _because(count: int, word: str, by: tuple[int, ...]) -> str:
     if not count:
         return ""
-    parts = zip(by, ("the bus", "the device"), strict=False)
-    told = ", ".join(f"{n} by {whose}" for n, whose in parts if n)
+    parts = zip(by, ("bus", "device"), strict=False)
+    told = ", ".join(f"{n} {whose}" for n, whose in parts if n)
     return f"{count} {word}" + (f" ({told})" if told else "")
 
 

@@ -170,6 +170,13 @@ def eds_attachment(file_name: str, data: bytes) -> Attachment:
     return Attachment(file_name, EDS_MEDIA_TYPE, data)
 
 
+def device_attachment(file_name: str, data: bytes) -> Attachment:
+    """One of a device's own files, its EDS or its TOML, as an attachment."""
+    if file_name.endswith(".toml"):
+        return Attachment(file_name, DESCRIPTION_MEDIA_TYPE, data)
+    return eds_attachment(file_name, data)
+
+
 def topic_part(name: str) -> str:
     """A name as one part of a topic: what is no letter, digit, `_`, `-` or `.` becomes `_`.
 

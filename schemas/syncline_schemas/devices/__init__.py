@@ -5,6 +5,9 @@ user's (environment variable `SYNCLINE_DEVICES`); no code knows a device by its 
 """
 
 from syncline_schemas.devices.build import (
+    EDS_SUFFIXES as EDS_SUFFIXES,
+)
+from syncline_schemas.devices.build import (
     device_from_files as device_from_files,
 )
 from syncline_schemas.devices.catalog import (
@@ -23,6 +26,9 @@ from syncline_schemas.devices.catalog import (
     identify as identify,
 )
 from syncline_schemas.devices.catalog import (
+    identify_among as identify_among,
+)
+from syncline_schemas.devices.catalog import (
     identity_objects as identity_objects,
 )
 from syncline_schemas.devices.catalog import (
@@ -33,6 +39,9 @@ from syncline_schemas.devices.catalog import (
 )
 from syncline_schemas.devices.catalog import (
     lookalikes as lookalikes,
+)
+from syncline_schemas.devices.catalog import (
+    named_objects as named_objects,
 )
 from syncline_schemas.devices.catalog import (
     telling_objects as telling_objects,

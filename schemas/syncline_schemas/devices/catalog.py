@@ -145,6 +145,13 @@ def identify(
     return None
 
 
+def identify_among(devices: Iterable[Device], known: Mapping[Key, int | bytes]) -> Device | None:
+    """The one of `devices` that what a node answered fits, None where none or several do."""
+    name = _text_of(known.get((0x1008, 0)))
+    fitting = [device for device in devices if _fits(device.identity, known, name)]
+    return fitting[0] if len(fitting) == 1 else None
+
+
 def lookalikes(
     known: Mapping[Key, int | bytes], folders: tuple[Path, ...] | None = None
 ) -> list[Device]:
@@ -197,13 +204,17 @@ def identity_objects(folders: tuple[Path, ...] | None = None) -> frozenset[int]:
 
 @lru_cache(maxsize=16)
 def _identity_objects(folders: tuple[Path, ...]) -> frozenset[int]:
-    named = (
+    return _IDENTITY | named_objects(_usable(_own(folders).values()))
+
+
+def named_objects(devices: Iterable[Device]) -> frozenset[int]:
+    """Indexes of the objects that the rules of devices name besides those of CiA 301."""
+    return frozenset(
         rule["object"][0]
-        for device in _usable(_own(folders).values())
+        for device in devices
         for rules in ("needs_one_of", "excluded_by")
         for rule in device.identity.get(rules, ())
     )
-    return _IDENTITY.union(named)
 
 
 _IDENTITY: frozenset[int] = frozenset(

@@ -36,6 +36,7 @@ def either(devices: Sequence[Device]) -> Device | None:
         else (),
         measurement=_shared(devices, "measurement"),
         limits=_shared(devices, "limits"),
+        health=_shared(devices, "health"),
         identity=_shared(devices, "identity"),
         emcy_codes=_shared(devices, "emcy_codes"),
         emcy_groups=_shared(devices, "emcy_groups"),

@@ -2,46 +2,41 @@
 
 from collections.abc import Iterator, Sequence
 
+from syncline_analyzer.findings.angle.words import (
+    DEGREES,
+    events_of,
+    evidence_of,
+    number,
+    scale_of,
+    stepped,
+    together,
+)
 from syncline_analyzer.findings.rule import Facts, Rule
-from syncline_analyzer.results import Analysis, Finding, TraceEventRow, TraceRow
+from syncline_analyzer.results import Finding, TraceEventRow, TraceRow
 
-TOGETHER_NS = 10_000_000_000
-"""Events no further apart than this are one finding [ns]."""
-MAX_FINDINGS = 10
-MAX_EVIDENCE = 100
 WIDE = 0x100
 """From the index of a 16-bit slope to that of the same axis in 32 bits (CiA 410)."""
 WARNINGS = 0x6505
 _AT_PRESET = "preset value"
 _ASSUMED = "assumed"
-_DEGREES = {"cpr": "counts per turn (6001h)", "res": "resolution (6000h)"}
-"""Settings without which there are no degrees, by their short names."""
-_SETTINGS = {
-    "range": "measuring range (6002h or 6502h)",
-    "scaling": "scaling (6000h bit 2)",
-    "direction": "direction (6000h bit 0)",
-    "quad": "quadrant correction (2040h)",
-    "angle_def": "angle definition (2044h)",
-    "profile": "device profile (1000h)",
-}
-"""The others."""
 
 
 def _jumps(facts: Facts) -> Iterator[Finding]:
     """Steps faster than the device can turn; a wrap or a preset by SDO is none."""
     for trace in facts.analysis.traces:
-        if _events(facts.analysis, trace, "gray code"):
+        if events_of(facts.analysis, trace, "gray code"):
             continue
-        jumps = [e for e in _events(facts.analysis, trace, "jump") if _AT_PRESET not in e.text]
-        for group in _together(jumps):
+        jumps = [e for e in events_of(facts.analysis, trace, "jump") if _AT_PRESET not in e.text]
+        for group in together(jumps):
             yield _jump(facts, trace, group)
 
 
 def _presets(facts: Facts) -> Iterator[Finding]:
     """Steps onto the preset value, on devices that a wire can set."""
     for trace in facts.analysis.traces:
-        jumps = [e for e in _events(facts.analysis, trace, "jump") if _AT_PRESET in e.text]
-        for group in _together(jumps):
+        jumps = events_of(facts.analysis, trace, "jump", "preset")
+        jumps = [event for event in jumps if _AT_PRESET in event.text]
+        for group in together(jumps):
             yield _preset(facts, trace, group)
 
 
@@ -53,13 +48,13 @@ def _jump(facts: Facts, trace: TraceRow, group: Sequence[TraceEventRow]) -> Find
         trace.node,
         group[0].t_ns,
         group[-1].t_ns + 1,
-        _stepped(facts, trace, group),
+        stepped(facts, trace, group, "jumps"),
         "The encoder lost its position (fault, loose coupling, disturbed sensor), or its"
         " offset was changed without a message in this capture.",
         "Compare with the true position of the shaft; look at coupling, shielding and EMCY"
         " messages of the encoder.",
-        [event.seq for event in group][:MAX_EVIDENCE],
-        assumed=_scale(trace),
+        evidence_of(group),
+        assumed=scale_of(trace),
     )
 
 
@@ -71,30 +66,19 @@ def _preset(facts: Facts, trace: TraceRow, group: Sequence[TraceEventRow]) -> Fi
         trace.node,
         group[0].t_ns,
         group[-1].t_ns + 1,
-        _stepped(facts, trace, group),
+        stepped(facts, trace, group, "jumps"),
         "The set input (wire) of the encoder was activated: it puts the position to the preset value"
         " without any bus message.",
         "Check the wire of the set input and what drives it; insulate it when it is not used.",
-        [event.seq for event in group][:MAX_EVIDENCE],
-        assumed=_scale(trace),
-    )
-
-
-def _stepped(facts: Facts, trace: TraceRow, group: Sequence[TraceEventRow]) -> str:
-    first = group[0]
-    more = f" ({len(group)} jumps)" if len(group) > 1 else ""
-    return (
-        f"{trace.name} of {_whose(facts, trace)} jumped from {_value(first.before)} to"
-        f" {_value(first.after)} {trace.unit}{facts.at(first.t_ns)} without a command on the"
-        f" bus{more}: {first.text}."
-        f"{_rests_on(trace)}"
+        evidence_of(group),
+        assumed=scale_of(trace),
     )
 
 
 def _out_of_range(facts: Facts) -> Iterator[Finding]:
     """Values that the object cannot have: the scale is wrong rather than the sensor."""
     for trace in facts.analysis.traces:
-        events = _events(facts.analysis, trace, "out of range")
+        events = events_of(facts.analysis, trace, "out of range")
         if not events:
             continue
         assumed = any(event.text.startswith(_ASSUMED) for event in events)
@@ -108,23 +92,23 @@ def _out_of_range(facts: Facts) -> Iterator[Finding]:
             trace.node,
             first.t_ns,
             events[-1].t_ns + 1,
-            f"{trace.name} of {_whose(facts, trace)} shows values that it cannot have in"
+            f"{trace.name} of {facts.inside(trace.bus, trace.node)} shows values that it cannot have in"
             f" {trace.flags['out_of_range']} of {trace.samples} samples; the"
-            f" first{facts.at(first.t_ns)} is {_value(first.after)} {trace.unit}"
+            f" first{facts.at(first.t_ns)} is {number(first.after)} {trace.unit}"
             f" ({'the scale is assumed' if assumed else 'the scale is as it was read'}).",
             f"The scale that was assumed is wrong: {objects}; the sensor itself may be fine."
             if assumed
             else f"{objects} changed without a message in this capture, or the device is faulty.",
             f"Read {objects} from the device, or state them in the bus description.",
-            [event.seq for event in events][:MAX_EVIDENCE],
-            assumed=_scale(trace) if assumed else [],
+            evidence_of(events),
+            assumed=scale_of(trace) if assumed else [],
         )
 
 
 def _frozen(facts: Facts) -> Iterator[Finding]:
     """Values that stand still while the same quantity moves in another PDO or width."""
     for trace in facts.analysis.traces:
-        for group in _together(_events(facts.analysis, trace, "frozen")):
+        for group in together(events_of(facts.analysis, trace, "frozen")):
             first = group[0]
             since = f" from {facts.moment(first.t_ns)} on" if facts.context.timed else ""
             yield Finding(
@@ -134,12 +118,12 @@ def _frozen(facts: Facts) -> Iterator[Finding]:
                 trace.node,
                 first.t_ns,
                 group[-1].t_ns + 1,
-                f"{trace.name} of {_whose(facts, trace)} is frozen at {_value(first.before)}"
+                f"{trace.name} of {facts.inside(trace.bus, trace.node)} is frozen at {number(first.before)}"
                 f"{since} ({first.text}) while the same quantity moves in another PDO of the node.",
                 "The device goes on sending an old value: its firmware hangs in part, or a gateway"
                 " repeats what it got last.",
                 "Restart the device or the gateway; compare both values with the true position.",
-                [event.seq for event in group][:MAX_EVIDENCE],
+                evidence_of(group),
             )
 
 
@@ -150,7 +134,7 @@ def _ambiguous_16(facts: Facts) -> Iterator[Finding]:
         wide = (trace.bus, trace.node, (trace.object >> 8) + WIDE)
         if wide in traced or trace.unit != "deg":
             continue
-        for event in _events(facts.analysis, trace, "ambiguous"):
+        for event in events_of(facts.analysis, trace, "ambiguous"):
             yield Finding(
                 "angle.ambiguous",
                 "info",
@@ -158,18 +142,18 @@ def _ambiguous_16(facts: Facts) -> Iterator[Finding]:
                 trace.node,
                 event.t_ns,
                 event.t_ns + 1,
-                f"{trace.name} of {_whose(facts, trace)} is ambiguous: {event.text}.",
+                f"{trace.name} of {facts.inside(trace.bus, trace.node)} is ambiguous: {event.text}.",
                 "16 bits are too few for 0..360 deg at this resolution (6000h).",
                 "Use TPDO2 (6110h and 6120h, 32 bits), or a coarser resolution.",
                 [event.seq],
-                assumed=_scale(trace),
+                assumed=scale_of(trace),
             )
 
 
 def _gray(facts: Facts) -> Iterator[Finding]:
     """Counts in the wrong code."""
     for trace in facts.analysis.traces:
-        for event in _events(facts.analysis, trace, "gray code"):
+        for event in events_of(facts.analysis, trace, "gray code"):
             yield Finding(
                 "angle.gray_code",
                 "warning",
@@ -177,13 +161,13 @@ def _gray(facts: Facts) -> Iterator[Finding]:
                 trace.node,
                 event.t_ns,
                 facts.analysis.capture.end_ns,
-                f"{trace.name} of {_whose(facts, trace)} steps by powers of two while the shaft"
+                f"{trace.name} of {facts.inside(trace.bus, trace.node)} steps by powers of two while the shaft"
                 f" turns steadily: {event.text} (Gray/binary mismatch), the values are not noise.",
                 "6000h bit 12 (Gray to binary) does not fit the SSI encoder behind the converter.",
                 "Compare 6000h bit 12 with the code of the SSI encoder; positions are wrong until"
                 " then.",
                 [event.seq],
-                assumed=_scale(trace),
+                assumed=scale_of(trace),
             )
 
 
@@ -191,12 +175,12 @@ def _scale_assumed(facts: Facts) -> Iterator[Finding]:
     """Nodes whose degrees rest on an assumed scale while the shaft or the platform moves."""
     told: set[tuple[str, int]] = set()
     for trace in facts.analysis.traces:
-        guessed = [name for name in trace.assumed if name in _DEGREES]
+        guessed = [name for name in trace.assumed if name in DEGREES]
         moves = trace.min is not None and trace.min != trace.max
         if not guessed or not moves or (trace.bus, trace.node) in told:
             continue
         told.add((trace.bus, trace.node))
-        objects = " and ".join(_DEGREES[name] for name in guessed)
+        objects = " and ".join(DEGREES[name] for name in guessed)
         capture = facts.analysis.capture
         yield Finding(
             "angle.scale_assumed",
@@ -205,20 +189,20 @@ def _scale_assumed(facts: Facts) -> Iterator[Finding]:
             trace.node,
             capture.begin_ns,
             capture.end_ns,
-            f"The degrees of {_whose(facts, trace)} rest on an assumed scale ({trace.shows}):"
+            f"The degrees of {facts.inside(trace.bus, trace.node)} rest on an assumed scale ({trace.shows}):"
             f" {objects} {'were' if len(guessed) > 1 else 'was'} not seen in this capture.",
             "The recorder started after the settings were read, or nobody reads them.",
             f"Read {objects} from the device, or state {'them' if len(guessed) > 1 else 'it'} in the bus"
             " description.",
             [],
-            assumed=_scale(trace),
+            assumed=scale_of(trace),
         )
 
 
 def _alarms(facts: Facts) -> Iterator[Finding]:
     """Alarm and warning bits of the measurement (6503h, 6505h)."""
     for trace in facts.analysis.traces:
-        for group in _together(_events(facts.analysis, trace, "alarm")):
+        for group in together(events_of(facts.analysis, trace, "alarm")):
             first = group[0]
             bits = int(first.after or 0)
             words = f" ({first.text})" if first.text else ""
@@ -238,48 +222,8 @@ def _alarms(facts: Facts) -> Iterator[Finding]:
                 "Do not trust its position until the bit is gone; look at its EMCY messages."
                 if trace.object >> 8 != WARNINGS
                 else "What the bit means in the device's manual; look at its EMCY messages.",
-                [event.seq for event in group][:MAX_EVIDENCE],
+                evidence_of(group),
             )
-
-
-def _whose(facts: Facts, trace: TraceRow) -> str:
-    """The node within a sentence."""
-    who = facts.who(trace.bus, trace.node)
-    return who[0].lower() + who[1:]
-
-
-def _scale(trace: TraceRow) -> list[str]:
-    """Settings of the scale that were only assumed, in words."""
-    words = _DEGREES | _SETTINGS
-    return [words.get(name, name) for name in trace.assumed]
-
-
-def _events(analysis: Analysis, trace: TraceRow, kind: str) -> list[TraceEventRow]:
-    return [
-        event
-        for event in analysis.trace_events
-        if (event.bus, event.node, event.object, event.kind)
-        == (trace.bus, trace.node, trace.object, kind)
-    ]
-
-
-def _together(events: Sequence[TraceEventRow]) -> list[list[TraceEventRow]]:
-    groups: list[list[TraceEventRow]] = []
-    for event in events:
-        if groups and 0 <= event.t_ns - groups[-1][-1].t_ns <= TOGETHER_NS:
-            groups[-1].append(event)
-        else:
-            groups.append([event])
-    return groups if len(groups) <= MAX_FINDINGS else [list(events)]
-
-
-def _value(value: float | None) -> str:
-    return "?" if value is None else f"{value:.10g}"
-
-
-def _rests_on(trace: TraceRow) -> str:
-    """Says so when the numbers rest on an assumed scale."""
-    return " The scale is assumed in part." if trace.flags["scale_assumed"] else ""
 
 
 RULES: tuple[Rule, ...] = (

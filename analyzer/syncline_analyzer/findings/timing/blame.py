@@ -7,6 +7,7 @@ from syncline_analyzer.findings.rule import Facts
 from syncline_analyzer.results import Ahead, LatenessRow, PdoRow, WaitRow
 from syncline_schemas.wording import counted
 
+_GUESS = " (guess)"
 _NAMED = 3
 """Blockers that a sentence names."""
 
@@ -115,22 +116,25 @@ def named(facts: Facts, bus: str, node: int | None, ahead: Iterable[Ahead]) -> s
 
 def frames_of(facts: Facts, bus: str, ahead: Ahead) -> str:
     """Frames of one identifier in words."""
-    return f"{sender_of(facts, bus, ahead)} ({hex_id(ahead.cob_id, ahead.service)})"
+    how = ", by its identifier alone" if is_guess(ahead.service) else ""
+    width = 8 if ahead.service == "29-bit" else 3
+    return f"{_sender_of(facts, bus, ahead)} ({ahead.cob_id:0{width}X}h{how})"
 
 
-def sender_of(facts: Facts, bus: str, ahead: Ahead) -> str:
+def _sender_of(facts: Facts, bus: str, ahead: Ahead) -> str:
     """What the frames are, and whose."""
     if ahead.service == "SDO request":
         return f"SDO requests to node {ahead.cob_id & 0x7F}"
     service = f"{ahead.service}s" if ahead.service == "SDO answer" else ahead.service
+    service = service.removesuffix(_GUESS)
     if ahead.node is not None:
         return f"{service} of {facts.inside(bus, ahead.node)}"
     return "frames" if service in ("other", "29-bit") else service
 
 
-def hex_id(cob_id: int, service: str) -> str:
-    """An identifier of 11 or 29 bits."""
-    return f"{cob_id:08X}h" if service == "29-bit" else f"{cob_id:03X}h"
+def is_guess(service: str) -> bool:
+    """Whether only the predefined connection set says what the frames are."""
+    return service.endswith(_GUESS)
 
 
 def is_own(ahead: Ahead, node: int | None) -> bool:

@@ -4,7 +4,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from syncline_analyzer.findings.rule import Facts, Rule
-from syncline_analyzer.findings.timing.blame import assumed_window, frames_of, is_own, waits_of
+from syncline_analyzer.findings.timing.blame import (
+    assumed_window,
+    frames_of,
+    is_guess,
+    is_own,
+    waits_of,
+)
 from syncline_analyzer.results import (
     Ahead,
     DelayRow,
@@ -64,12 +70,12 @@ def _outranked_late(facts: Facts, row: LatenessRow, late: Sequence[Ahead]) -> Fi
         (row.late_last_ns or 0) + 1,
         f"{_name(facts, row)} was late {counted(row.late_by_bus, 'time')} behind frames that are not"
         f" bound to SYNC and go first by their lower identifiers: {_listed(facts, row.bus, late)}.",
-        "The identifiers are given by node-ID (CiA 301 7.3.5), not by urgency: each of these frames"
-        " that is sent about the time of a SYNC goes ahead of it.",
+        "Identifiers decide who goes first, and by default they follow the node-ID (CiA 301 7.3.5),"
+        " not what is urgent: each of these frames that is sent about the time of a SYNC goes ahead.",
         f"Give {row.cob_id:03X}h a lower identifier (180xh:1) than these, or let them be sent less"
         " often (inhibit time 180xh:3, event timer 180xh:5) or as answers to SYNC, too.",
         _evidence(waits),
-        assumed=_assumed(facts, row),
+        assumed=[*_assumed(facts, row), *_assumed_types(facts, row, late)],
     )
 
 
@@ -89,11 +95,12 @@ def _outranked_long(
         f"{_name(facts, row)} answers SYNC, but can have waited up to {worst / 1000:.4g} ms for"
         " frames that are not bound to SYNC and go first by their lower identifiers:"
         f" {_listed(facts, row.bus, ahead)}.",
-        "The identifiers are given by node-ID (CiA 301 7.3.5), not by urgency.",
+        "Identifiers decide who goes first, and by default they follow the node-ID (CiA 301 7.3.5),"
+        " not what is urgent.",
         f"Where {row.cob_id:03X}h is the more urgent one, give it a lower identifier (180xh:1) than"
         " these.",
         _evidence([wait for wait in waits if not _is_late(wait, row)]),
-        assumed=_assumed(facts, row),
+        assumed=[*_assumed(facts, row), *_assumed_types(facts, row, ahead)],
     )
 
 
@@ -136,8 +143,14 @@ def _delaying(facts: Facts, delay: DelayRow, late: Sequence[LatenessRow]) -> Fin
     own = [r for r in facts.analysis.delays if (r.bus, r.node) == (delay.bus, delay.node)]
     frames = [row for row in own if row.cob_id is not None]
     told = ", ".join(
-        f"{row.service} ({row.cob_id:03X}h) {row.us / 1000:.4g} ms" for row in frames[:_FEW]
+        f"{row.service.split(' (')[0]} ({row.cob_id:03X}h) {row.us / 1000:.4g} ms"
+        for row in frames[:_FEW]
     )
+    guessed = [
+        f"{row.cob_id:03X}h comes from node {row.node} (by its identifier alone)"
+        for row in frames[:_FEW]
+        if is_guess(row.service)
+    ]
     behind = ", ".join(f"{row.cob_id:03X}h" for row in late)
     made = f"; most of what made {behind} late was behind them" if late else ""
     waits = [wait for row in late for wait in _late_waits(facts, row)]
@@ -157,7 +170,7 @@ def _delaying(facts: Facts, delay: DelayRow, late: Sequence[LatenessRow]) -> Fin
         "Look at how many PDOs it sends on each SYNC or event (180xh:2, 180xh:3, 180xh:5); give it"
         " higher identifiers where the others are more urgent.",
         sorted({*_evidence(waits), delay.worst_seq}) if late else [delay.worst_seq],
-        assumed=facts.context.assumed_bitrate(delay.bus),
+        assumed=[*facts.context.assumed_bitrate(delay.bus), *guessed],
     )
 
 
@@ -279,6 +292,16 @@ def _evidence(waits: Sequence[WaitRow]) -> list[int]:
 def _assumed(facts: Facts, row: LatenessRow) -> list[str]:
     """What the times of a PDO rest on."""
     return [*facts.context.assumed_bitrate(row.bus), *assumed_window(facts, row)]
+
+
+def _assumed_types(facts: Facts, row: LatenessRow, ahead: Sequence[Ahead]) -> list[str]:
+    """Transmission types of the PDO and those ahead of it that only a device's EDS tells."""
+    ids = {row.cob_id, *(each.cob_id for each in ahead[:_FEW])}
+    return [
+        f"{pdo.cob_id:03X}h is of type {pdo.transmission_type} (eds-default)"
+        for pdo in facts.analysis.pdos
+        if pdo.bus == row.bus and pdo.cob_id in ids and pdo.type_source == "eds-default"
+    ]
 
 
 def _sync_period_us(facts: Facts, bus: str) -> float | None:

@@ -12,6 +12,7 @@ from syncline_analyzer.context import Context
 from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.folds.angle.frozen import with_frozen
 from syncline_analyzer.folds.angle.notes import (
+    cut_where_lost,
     note_alarms,
     note_ambiguous,
     note_frozen,
@@ -25,11 +26,21 @@ from syncline_analyzer.folds.angle.samples import (
     alarm_objects,
     changes_within,
 )
-from syncline_analyzer.folds.angle.trace import Converter, Derived, Encoder, Plain, Tilt, TraceState
+from syncline_analyzer.folds.angle.shafts import Shafts
+from syncline_analyzer.folds.angle.silence import held_by_design
+from syncline_analyzer.folds.angle.state import TraceState
+from syncline_analyzer.folds.angle.trace import Converter, Derived, Encoder, Plain, Tilt
 from syncline_analyzer.folds.timing.block import BLOCK_FRAMES, Block, Blocks
 from syncline_analyzer.object_history import Known, ObjectHistory
 from syncline_analyzer.pdo_binding import PdoBindings
-from syncline_analyzer.results import TiltRow, TiltTrace, Trace, TraceEventRow, TraceRow
+from syncline_analyzer.results import (
+    ShaftRow,
+    TiltRow,
+    TiltTrace,
+    Trace,
+    TraceEventRow,
+    TraceRow,
+)
 from syncline_schemas.batch import Gap
 from syncline_schemas.decoder import decode_nmt
 from syncline_schemas.devices import Device, Jump, quirks
@@ -41,6 +52,10 @@ from syncline_schemas.measurement import (
     tilt_scale,
 )
 
+_MOVES = ("jump", "step", "spike", "preset")
+"""Events in which a position moves as no shaft does."""
+STOOD_COUNTS = 2
+"""A value that differs by no more has stood."""
 WRITE_NS = 500_000_000
 """A jump this near to a write that explains it is the write's doing."""
 GENERIC_JUMPS = (Jump(0x6003, 0, "preset"), Jump(0x6000, 0, "operating parameters"))
@@ -81,6 +96,7 @@ class AngleTables:
     events: list[TraceEventRow] = field(default_factory=list)
     tilts: list[TiltRow] = field(default_factory=list)
     tilt_data: list[TiltTrace] = field(default_factory=list)
+    shafts: list[ShaftRow] = field(default_factory=list)
 
 
 class AngleFold:
@@ -93,13 +109,15 @@ class AngleFold:
     def __init__(self, context: Context, block_frames: int = BLOCK_FRAMES) -> None:
         self._context = context
         self._blocks = Blocks(block_frames)
-        self._reader = SampleReader(context.shadow, PdoBindings(context.shadow))
+        self._bindings = PdoBindings(context.shadow)
+        self._reader = SampleReader(context.shadow, self._bindings)
         self._states: dict[Key, TraceState] = {}
         self._writes: dict[tuple[int, int], deque[Cut]] = {}
         self._seen: dict[int, int] = {}
         self._resets: dict[tuple[int, int], list[int]] = {}
         self._jump_from_ns: dict[tuple[Key, int], int] = {}
         self._poses = Poses(context)
+        self._shafts = Shafts(context)
 
     def update(self, batch: IndexedBatch) -> None:
         """Take in the next frames."""
@@ -112,28 +130,42 @@ class AngleFold:
         for (bus, _, _), state in self._states.items():
             if gap.bus in (None, bus):
                 state.cut(self._seen.get(bus, 0), gap.start_ns, f"capture gap: {gap.reason}")
+                state.pauses.cut()
 
-    def finish(self, end_ns: int, starts: Sequence[tuple[str, int, int]] = ()) -> AngleTables:
+    def finish(
+        self,
+        end_ns: int,
+        starts: Sequence[tuple[str, int, int]] = (),
+        lost: Sequence[tuple[str, int, int, int]] = (),
+    ) -> AngleTables:
         """All traces; a jump that a write explains is told as a cut.
 
         Args:
             end_ns: end of the capture.
             starts: (bus, node, t_ns) of every restart; a jump over one is none.
+            lost: (bus, node, start_ns, end_ns) of every stretch in which a node was LOST.
         """
         self._flush()
-        tables = AngleTables(tilts=self._poses.rows(), tilt_data=self._poses.traces())
+        tables = AngleTables(
+            tilts=self._poses.rows(), tilt_data=self._poses.traces(), shafts=self._shafts.rows()
+        )
         for key, state in sorted(self._states.items()):
             bus, node, _ = key
             note_ambiguous(state)
             note_gray(state)
+            trace = state.trace()
+            for name, number, start_ns, stop_ns in lost if self._context.timed else ():
+                if (name, number) == (state.bus, node):
+                    cut_where_lost(state, trace, start_ns, stop_ns)
             tables.traces.append(state.row())
-            tables.trace_data.append(state.trace())
+            tables.trace_data.append(trace)
             writes = list(self._writes.get((bus, node), ()))
             own = [t for name, n, t in starts if (name, n) == (state.bus, node)]
             for event in state.events:
                 since_ns = self._jump_from_ns.get((key, event.seq), event.t_ns)
                 if not _explained(event, writes) and not _restarted(event, since_ns, own):
                     tables.events.append(event)
+        tables.events.extend(self._shafts.events())
         return tables
 
     def _flush(self) -> None:
@@ -150,6 +182,7 @@ class AngleFold:
                 self._extend(key, found.get(key), cuts[key[1]])
             self._seen[bus] = last_seq
         self._poses.join()
+        self._shafts.join()
 
     def _quantity(self, key: Key) -> tuple[int, int, str, int]:
         """What an object measures: two objects of the same axis measure the same."""
@@ -171,12 +204,33 @@ class AngleFold:
             self._states[key] = TraceState(self._context.bus_name(bus), node, number)
         state = self._states[key]
         begin = 0
+        cuts = sorted([*cuts, *self._silences(key, state, samples)])
         for cut in self._placed(key, samples, cuts):
             stop = int(np.searchsorted(samples.seq, cut.seq))
             self._add(state, key, _piece(samples, begin, stop))
             _cut(state, cut)
             begin = stop
         self._add(state, key, _piece(samples, begin, len(samples.seq)))
+
+    def _silences(self, key: Key, state: TraceState, samples: Samples) -> Iterator[Cut]:
+        """Cuts at the samples after a long silence, unless the value is told to have stood."""
+        state.silent.clear()
+        if not self._context.timed:
+            return
+        before = samples.raw[0] if state.last_raw is None else state.last_raw
+        state.pauses.compare(samples.raw)
+        for row, span_ns in state.pauses.silent(samples.t_ns):
+            seq, source = int(samples.seq[row]), int(samples.source[row])
+            shadow = self._context.shadow
+            by_design = held_by_design(shadow, self._bindings, key[0], source, seq)
+            if by_design:
+                continue
+            state.silent.append(seq)
+            moved = abs(int(samples.raw[row]) - int(samples.raw[row - 1] if row else before))
+            if by_design is None and not state.pauses.repeats and moved <= STOOD_COUNTS:
+                continue
+            text = f"no samples for {span_ns / 1e9:.4g} s"
+            yield Cut(seq, int(samples.t_ns[row]), text, False)
 
     def _placed(self, key: Key, samples: Samples, cuts: list[Cut]) -> list[Cut]:
         """The cuts; a write's cut is put where the value jumps, which may be before its answer."""
@@ -209,7 +263,12 @@ class AngleFold:
         derived = state.add(piece, converter, timed=self._context.timed)
         if isinstance(converter, Tilt):
             self._poses.take(key, piece, derived, converter)
+        elif isinstance(converter, Encoder):
+            line = derived.columns["unwrapped_deg"]
+            self._shafts.take(key, piece, line, state.segment, converter)
         self._note_jumps(state, key, piece, derived, converter)
+        if isinstance(converter, Encoder) and self._context.timed:
+            self._note_leaps(state, key, piece, converter)
         self._note_outside(state, piece, derived)
         note_frozen(state, piece)
         device = self._context.shadow.device(key[0], key[1])
@@ -240,6 +299,29 @@ class AngleFold:
                 f"{jump.span_ns / 1e6:.4g} ms apart, which would take {jump.speed_rpm:.0f} rpm;"
                 f" the device turns at most {limit:.0f} rpm{text}",
             )
+
+    def _note_leaps(self, state: TraceState, key: Key, piece: Samples, converter: Encoder) -> None:
+        """Steps and spikes that the speed limit lets pass; each source shows them, one is told."""
+        bus, node, _ = key
+        shadow, last = self._context.shadow, int(piece.seq[-1])
+        wired = quirks(shadow.device(bus, node)).hardware_preset
+        preset = (shadow.number(bus, node, 0x6003, 0, last) or 0) if wired else None
+        for source in (np.flatnonzero(np.bincount(piece.source + 1)) - 1).tolist():
+            rows = np.flatnonzero((piece.source == source) & piece.valid)
+            columns = (piece.seq[rows], piece.t_ns[rows], piece.raw[rows])
+            for leap in state.leaps.add(source, columns, converter.scale, preset):
+                since_ns = leap.t_ns - leap.span_ns
+                told = [e.t_ns for e in state.events if e.kind in _MOVES]
+                if any(since_ns - leap.span_ns <= t_ns <= leap.t_ns for t_ns in told):
+                    continue
+                self._jump_from_ns[key, leap.seq] = since_ns
+                text = (
+                    f"{leap.span_ns / 1e6:.4g} ms apart, the shaft turning as slowly before as"
+                    f" after; it would have to speed up and brake with {leap.rev_s2:.0f} rev/s^2"
+                )
+                if leap.kind == "preset":
+                    text += f"; it landed at the preset value {preset}"
+                state.note(leap.kind, leap.seq, leap.t_ns, leap.before, leap.after, text)
 
     def _jump_text(self, key: Key, after: float, converter: Converter, seq: int) -> str:
         """Hint at the wire that sets the position of some devices without a bus message."""
@@ -414,7 +496,7 @@ def _acting(history: ObjectHistory, resets: Sequence[int], seq: int) -> Known | 
 
 def _restarted(event: TraceEventRow, since_ns: int, starts: Sequence[int]) -> bool:
     """Whether the device started anew between the two samples of a jump."""
-    return event.kind == "jump" and any(since_ns <= start <= event.t_ns for start in starts)
+    return event.kind in _MOVES and any(since_ns <= start <= event.t_ns for start in starts)
 
 
 def _cut(state: TraceState, cut: Cut) -> None:
@@ -442,7 +524,7 @@ def _resets(block: Block, bus: int, node: int) -> Iterator[Cut]:
 
 def _explained(event: TraceEventRow, writes: list[Cut]) -> bool:
     """Whether a jump is the doing of a write near it."""
-    return event.kind == "jump" and any(abs(w.t_ns - event.t_ns) <= WRITE_NS for w in writes)
+    return event.kind in _MOVES and any(abs(w.t_ns - event.t_ns) <= WRITE_NS for w in writes)
 
 
 def _piece(samples: Samples, begin: int, stop: int) -> Samples:

@@ -5,7 +5,9 @@ from math import ceil
 import numpy as np
 
 from syncline_analyzer.folds.angle.samples import Samples
-from syncline_analyzer.folds.angle.trace import AMBIGUOUS, Encoder, Tilt, TraceState
+from syncline_analyzer.folds.angle.state import TraceState
+from syncline_analyzer.folds.angle.trace import AMBIGUOUS, Encoder, Tilt
+from syncline_analyzer.results import Trace
 from syncline_schemas.devices import Device
 from syncline_schemas.measurement import ambiguous_rpm
 
@@ -83,6 +85,17 @@ def _too_seldom(state: TraceState, converter: Encoder) -> str:
         f"samples every {spacing_ns / 1e6:.4g} ms tell direction and speed only below"
         f" {limit:.4g} rpm, the device may turn {scale.max_rpm:g} rpm"
     )
+
+
+def cut_where_lost(state: TraceState, trace: Trace, start_ns: int, end_ns: int) -> None:
+    """A line is not drawn through a stretch in which the node was LOST."""
+    after = int(np.searchsorted(trace.t_ns, start_ns, side="right"))
+    if not 0 < after < len(trace.t_ns) or trace.segment[after - 1] != trace.segment[after]:
+        return
+    trace.segment[after:] += 1
+    state.segment += 1
+    text = f"node lost for {(end_ns - start_ns) / 1e9:.4g} s"
+    state.note("cut", int(trace.seq[after]), start_ns, None, None, text)
 
 
 def note_gray(state: TraceState) -> None:

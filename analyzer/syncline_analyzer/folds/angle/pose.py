@@ -63,9 +63,8 @@ class Poses:
         if acting not in self._acting:
             self._acting.append(acting)
         number = np.full(len(piece.seq), self._acting.index(acting), np.int64)
-        vague = converter.bits == 16 and converter.axis.ambiguous_16
         outside = (derived.flags & OUT_OF_RANGE).astype(np.bool_)
-        angle = np.where(outside | vague, np.nan, derived.value)
+        angle = np.where(outside | converter.vague, np.nan, derived.value)
         part = _Axis(piece.seq, piece.t_ns, angle, number)
         self._parts.setdefault(key, []).append(part)
 

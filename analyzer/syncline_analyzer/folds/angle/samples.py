@@ -167,12 +167,18 @@ class SampleReader:
     def _reads(
         self, bus: int, node: int, entry: MappedObject, first: int, last: int
     ) -> list[tuple[int, int, int]]:
+        key = entry.index, entry.sub
+        news = [
+            known
+            for known in changes_within(self._shadow, bus, node, key, first, last)
+            if known.source == "sdo-read"
+        ]
+        again = self._shadow.take_rereads(bus, node, *key, last)
         reads = []
-        for known in changes_within(self._shadow, bus, node, (entry.index, entry.sub), first, last):
-            if known.source == "sdo-read":
-                value = known.value
-                raw = value if isinstance(value, int) else int.from_bytes(value[:4], "little")
-                reads.append((known.seq or 0, known.t_ns or 0, _resigned(raw, entry)))
+        for known in sorted((*news, *again), key=lambda known: known.seq or 0):
+            value = known.value
+            raw = value if isinstance(value, int) else int.from_bytes(value[:4], "little")
+            reads.append((known.seq or 0, known.t_ns or 0, _resigned(raw, entry)))
         return reads
 
 

@@ -1,16 +1,13 @@
-"""One angle trace from block to block: derived columns, flags and cuts."""
+"""From the samples of an unbroken piece to the columns of its trace: angle, speed, flags, jumps."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Any, Literal, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from syncline_analyzer.folds.angle.gray import GrayTest
 from syncline_analyzer.folds.angle.samples import Samples
-from syncline_analyzer.results import TRACE_FLAGS, Trace, TraceEventRow, TraceRow
-from syncline_analyzer.series import Columns, Thinner
 from syncline_schemas.measurement import (
     AxisScale,
     EncoderScale,
@@ -22,8 +19,6 @@ from syncline_schemas.measurement import (
     tilt_steps,
 )
 
-MAX_SAMPLES = 250_000
-"""Samples of a trace that are kept; beyond, the extremes of runs of samples."""
 MAX_EVENTS = 1000
 _SLACK_NS = 1_000_000
 """How much later than usual after its sampling a value may be sent."""
@@ -36,11 +31,10 @@ _TOLD_APART = 0.25
 """Of a range: beyond, the other way round is not even three times as far, so no speed is told."""
 _SELDOM = 1.5
 """A source that is heard so much less often than another one takes its speed where it is unsure."""
-WRAP, JUMP, AMBIGUOUS, FROZEN, OUT_OF_RANGE, SCALE_ASSUMED = (1 << k for k in range(6))
+WRAP, JUMP, AMBIGUOUS, FROZEN, OUT_OF_RANGE, SCALE_ASSUMED, SILENCE = (1 << k for k in range(7))
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.uint16]
-EventKind = Literal["jump", "out of range", "frozen", "alarm", "ambiguous", "gray code", "cut"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +76,11 @@ class Converter(Protocol):
         """What the value is, by the settings in force."""
         ...
 
+    @property
+    def step_deg(self) -> float:
+        """One count in degrees; NaN where there are none."""
+        ...
+
     def derive(self, state: "Link", piece: Samples, *, timed: bool) -> Derived:
         """Columns of a piece that goes on where `state` ends, which is moved to its end."""
         ...
@@ -121,6 +120,11 @@ class Encoder:
         return self.scale.assumed
 
     @property
+    def step_deg(self) -> float:
+        """One count in degrees."""
+        return 360.0 / self.scale.counts_per_turn if self.scale.counts_per_turn else np.nan
+
+    @property
     def shows(self) -> str:
         """Counts per turn, range and direction."""
         per_turn, total = self.scale.counts_per_turn, self.scale.range_counts
@@ -148,7 +152,6 @@ class Encoder:
         angles = encoder_angles(piece.raw, self.scale)
         position = np.where(piece.valid, angles.position.astype(np.float64), np.nan)
         plain, step = _steps(state, angles.position.astype(np.float64), self._step)
-        degrees = 360.0 / self.scale.counts_per_turn if self.scale.counts_per_turn else np.nan
         unwrapped = state.unwrapped + np.cumsum(step)
         flags = np.where(plain != step, WRAP, 0)
         flags |= np.where(angles.in_range, 0, OUT_OF_RANGE)
@@ -161,7 +164,7 @@ class Encoder:
             "position": position,
             "turn": angles.turn,
             "angle_deg": angles.angle_deg,
-            "unwrapped_deg": unwrapped * degrees,
+            "unwrapped_deg": unwrapped * self.step_deg,
             "speed_rpm": speed,
         }
         return Derived(position, columns, flags.astype(np.uint16), jumps)
@@ -191,6 +194,16 @@ class Tilt:
         return self.scale.assumed
 
     @property
+    def step_deg(self) -> float:
+        """One count in degrees."""
+        return self.scale.deg_per_count
+
+    @property
+    def vague(self) -> bool:
+        """Whether 16 bits are too few to tell the angle."""
+        return self.bits == 16 and self.axis.ambiguous_16
+
+    @property
     def shows(self) -> str:
         """Axis, angle definition, range and reference."""
         span = f"{self.axis.low_deg:g} .. {self.axis.high_deg:g} deg"
@@ -212,7 +225,7 @@ class Tilt:
         flags = np.where(np.abs(plain - step) > 180.0, WRAP, 0)
         outside = (angle < self.axis.low_deg) | (angle > self.axis.high_deg)
         flags |= np.where(outside, OUT_OF_RANGE, 0)
-        if self.bits == 16 and self.axis.ambiguous_16:
+        if self.vague:
             flags |= AMBIGUOUS
         speed = _tilt_speed(state, piece, angle, timed=timed)
         _advance(state, angle, unwrapped)
@@ -233,6 +246,11 @@ class Plain:
     unit: str
     assumed: tuple[str, ...] = ()
     shows: str = ""
+
+    @property
+    def step_deg(self) -> float:
+        """No degrees."""
+        return np.nan
 
     def same_scale(self, other: Converter | None) -> bool:
         """Whether the factor is the same."""
@@ -364,155 +382,3 @@ def _tilt_speed(state: Link, piece: Samples, angle: Floats, *, timed: bool) -> F
             rate[forward] = tilt_steps(values)[forward] / 360.0 * _MINUTE_NS / span[forward]
             speed[rows[-len(span) :]] = rate
     return speed
-
-
-@dataclass(slots=True)
-class TraceState:
-    """A trace and what its row is made of."""
-
-    bus: str
-    node: int
-    object: int
-    name: str = ""
-    unit: str = ""
-    samples: int = 0
-    low: float = np.inf
-    high: float = -np.inf
-    segment: int = 0
-    begun: bool = False
-    flag_counts: NDArray[np.int64] = field(
-        default_factory=lambda: np.zeros(len(TRACE_FLAGS), np.int64)
-    )
-    assumed: set[str] = field(default_factory=set)
-    converter: Converter | None = None
-    link: Link = field(default_factory=Link)
-    kept: Thinner = field(default_factory=lambda: Thinner("value", MAX_SAMPLES))
-    events: list[TraceEventRow] = field(default_factory=list)
-    noted: dict[EventKind, int] = field(default_factory=dict)
-    outside: bool = False
-    frozen: bool = False
-    span_deg: list[float] = field(default_factory=lambda: [np.inf, -np.inf, 0.0, 0.0])
-    """Least, greatest, sum and number of the unwrapped degrees."""
-    gray: GrayTest = field(default_factory=GrayTest)
-    alarm_bits: int = 0
-    first_seq: int = 0
-    first_ns: int | None = None
-    last_value: float | None = None
-
-    def cut(self, seq: int, t_ns: int, text: str) -> None:
-        """Begin a new segment; nothing is joined over it."""
-        self.link.cut()
-        if not self.begun:
-            return
-        self.begun = False
-        self.segment += 1
-        self.note("cut", seq, t_ns, None, None, text)
-
-    def note(
-        self,
-        kind: EventKind,
-        seq: int,
-        t_ns: int,
-        before: float | None,
-        after: float | None,
-        text: str,
-    ) -> None:
-        """Keep an event, up to the limit of its kind."""
-        self.noted[kind] = self.noted.get(kind, 0) + 1
-        if self.noted[kind] <= MAX_EVENTS:
-            self.events.append(
-                TraceEventRow(
-                    self.bus, self.node, self.object, kind, seq, t_ns, before, after, text
-                )
-            )
-
-    def add(self, piece: Samples, converter: Converter, *, timed: bool) -> Derived:
-        """Take in the samples of an unbroken piece."""
-        self.converter, self.unit = converter, converter.unit
-        self.name = piece.entry.name or self.name
-        derived = converter.derive(self.link, piece, timed=timed)
-        flags = derived.flags
-        if piece.frozen is not None:
-            flags = flags | np.where(piece.frozen, FROZEN, 0).astype(np.uint16)
-        if converter.assumed:
-            flags = flags | np.uint16(SCALE_ASSUMED)
-            self.assumed.update(converter.assumed)
-        self.begun = True
-        if self.first_ns is None:
-            self.first_seq, self.first_ns = int(piece.seq[0]), int(piece.t_ns[0])
-        self.samples += len(piece.seq)
-        for bit in range(len(TRACE_FLAGS)):
-            self.flag_counts[bit] += int((flags >> bit & 1).sum())
-        known = derived.value[~np.isnan(derived.value)]
-        if len(known):
-            self.low, self.high = min(self.low, known.min()), max(self.high, known.max())
-            self.last_value = float(known[-1])
-        self._widen(derived.columns.get("unwrapped_deg"))
-        columns: Columns = {
-            "t_ns": piece.t_ns,
-            "seq": piece.seq,
-            "raw": piece.raw,
-            "value": derived.value,
-            "flags": flags,
-            "segment": np.full(len(flags), self.segment, np.int32),
-        }
-        self.kept.add(columns | {f"column {name}": c for name, c in derived.columns.items()})
-        return derived
-
-    def _widen(self, unwrapped: Floats | None) -> None:
-        known = unwrapped[~np.isnan(unwrapped)] if unwrapped is not None else ()
-        if len(known):
-            low, high, total, count = self.span_deg
-            self.span_deg = [
-                min(low, float(np.min(known))),
-                max(high, float(np.max(known))),
-                total + float(np.sum(known)),
-                count + len(known),
-            ]
-
-    def row(self) -> TraceRow:
-        """Summary of the trace."""
-        known = self.low <= self.high
-        low, high, total, count = self.span_deg
-        counts = dict(zip(TRACE_FLAGS, self.flag_counts.tolist(), strict=True))
-        return TraceRow(
-            self.bus,
-            self.node,
-            self.object,
-            self.name,
-            self.unit,
-            self.samples,
-            float(self.low) if known else None,
-            float(self.high) if known else None,
-            self.segment,
-            counts,
-            self.converter.shows if self.converter else "",
-            sorted(self.assumed),
-            low if count else None,
-            high if count else None,
-            total / count if count else None,
-        )
-
-    def trace(self) -> Trace:
-        """The samples that were kept."""
-        columns = self.kept.columns()
-        derived = {
-            name.removeprefix("column "): column
-            for name, column in columns.items()
-            if name.startswith("column ")
-        }
-        return Trace(
-            self.bus,
-            self.node,
-            self.object,
-            self.name,
-            self.unit,
-            columns["t_ns"],
-            columns["seq"],
-            columns["raw"],
-            columns["value"],
-            columns["flags"],
-            columns["segment"],
-            derived,
-            sorted(self.assumed),
-        )

@@ -13,8 +13,8 @@ from syncline_analyzer.results import DelayRow
 
 _Key = TypeVar("_Key")
 
-MAX_IDS = 4096
-"""Identifiers of a bus that are followed one by one."""
+MAX_IDS = 256
+"""Identifiers ahead of one PDO that are followed one by one."""
 
 
 class _Sums(NamedTuple):

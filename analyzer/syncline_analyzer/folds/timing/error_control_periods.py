@@ -12,7 +12,7 @@ from syncline_analyzer.distribution import Distribution
 from syncline_analyzer.folds.nmt.table import NodeNmt
 from syncline_analyzer.folds.timing.block import Block
 from syncline_analyzer.folds.timing.overdue import LATE, Overdue
-from syncline_analyzer.folds.timing.periods import LEARN, Periods
+from syncline_analyzer.folds.timing.periods import Periods
 from syncline_analyzer.folds.timing.request_answers import RequestAnswers
 from syncline_analyzer.folds.timing.silence import Silence, within_silence
 from syncline_analyzer.results import ErrorControlRow, NmtStateRow, WorstRow
@@ -25,6 +25,7 @@ MAX_NODE = 127
 MAX_EVIDENCE = 20
 _ANSWER_NS = 100_000_000
 """A guard answer follows its request within this time; a later message is a heartbeat."""
+_LEARN = 8
 _REGIME = 4
 """So many long periods in a row are the rhythm."""
 _AS_TOLD = 0.25
@@ -271,7 +272,7 @@ class ErrorControlPeriods:
             kind="heartbeat" if kind == "heartbeat" else "guarding",
             count=rhythm.count,
             period_us=rhythm.periods.spread.quantiles(1000),
-            jitter_us=rhythm.periods.single.jitter(1000, step_ns),
+            jitter_us=rhythm.periods.jitter_us(step_ns),
             expected_us=expected_ms * 1000 if expected_ms else None,
             expected_source=known.source if known and expected_ms else None,
             deviation_us=rhythm.periods.spread.off(expected_ms * 1e6, 1000, step_ns)
@@ -310,10 +311,10 @@ def _part(block: Block, state: _State, data: NDArray[np.intp], remote: NDArray[n
 
 def _timer(periods: Ints, spread: Distribution, told_ns: int | None) -> int | None:
     """The period that is due: as told where the node keeps it, else the usual one."""
-    if len(periods) >= LEARN:
+    if len(periods) >= _LEARN:
         usual = round(float(np.median(periods)))
     else:
-        usual = round(spread.quantile(0.5)) if spread.count >= LEARN else 0
+        usual = round(spread.quantile(0.5)) if spread.count >= _LEARN else 0
     if told_ns and (not usual or abs(usual - told_ns) <= _AS_TOLD * told_ns):
         return told_ns
     return usual or None

@@ -117,7 +117,10 @@ class Busy:
                 self._take(self._current)
 
     def _add_bursts(self, t_ns: Ints, wire_ns: Floats, soon: NDArray[np.bool_]) -> None:
-        """Look at the time before the end of each frame, where all stamps are possible."""
+        """Look at the time before the end and after the start of each frame.
+
+        The fullest window ends or begins with a frame. Those with impossible stamps do not count.
+        """
         if not len(self._recent_ns):
             self._begun_ns = int(t_ns[0])
         known = len(self._recent_ns)
@@ -132,15 +135,17 @@ class Busy:
         # Knots of the busy time over time: it grows while a frame is on the wire.
         knots = np.maximum.accumulate(np.stack([since - wire_ns, since], axis=1).reshape(-1))
         levels = np.stack([busy - wire_ns, busy], axis=1).reshape(-1)
-        at = np.flatnonzero(since >= BURST_NS)
-        at = at[at >= known]
+        ends = np.concatenate([since[known:], since - wire_ns + BURST_NS])
+        ends = ends[(ends >= BURST_NS) & (ends <= since[-1])]
         if soon.any():
-            late_stamps = np.cumsum(soon)
-            first = np.searchsorted(since, since[at] - BURST_NS)
-            at = at[late_stamps[at] == late_stamps[first] - soon[first]]
-        if not len(at):
+            soon_before = np.concatenate([[0], np.cumsum(soon)])
+            last = np.searchsorted(since, ends) + 1
+            first = np.searchsorted(since, ends - BURST_NS)
+            ends = ends[soon_before[last] == soon_before[first]]
+        if not len(ends):
             return
-        share = (busy[at] - np.interp(since[at] - BURST_NS, knots, levels)) / BURST_NS
-        fullest = int(np.argmax(share))
-        if self.burst is None or share[fullest] > self.burst[0]:
-            self.burst = min(1.0, float(share[fullest])), int(end_ns[at[fullest]]) - BURST_NS
+        carried = np.interp(ends, knots, levels) - np.interp(ends - BURST_NS, knots, levels)
+        fullest = int(np.argmax(carried))
+        share = min(1.0, float(carried[fullest]) / BURST_NS)
+        if self.burst is None or share > self.burst[0]:
+            self.burst = share, self._begun_ns + round(float(ends[fullest])) - BURST_NS

@@ -303,8 +303,9 @@ class PdoFold:
         if every is None or every < 2:
             return
         end = self._sync.counter_end(bus, state.sync_cob_id)
-        if sync.counter is not None and end and end % every == 0:
-            state.phase.add(sync.counter[sync.before[rows]], every, "SYNC counter")
+        number = sync.counter[sync.before[rows]]
+        if end and end % every == 0 and number.all():
+            state.phase.add(number, every, "SYNC counter")
         else:
             state.phase.add(sync.first_ordinal + sync.before[rows], every, "first SYNC")
 

@@ -38,7 +38,7 @@ def with_statistics(
     return replace(
         _with_phase(row, state, how),
         jitter_us=response.jitter(1000, resolution_ns) if response else None,
-        period_jitter_us=state.periods.single.jitter(1000, resolution_ns)
+        period_jitter_us=state.periods.jitter_us(resolution_ns)
         if how.synchronous or timer_ns or state.cyclic()
         else None,
         answered=state.answered if how.synchronous else 0,

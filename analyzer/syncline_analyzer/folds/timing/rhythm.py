@@ -183,6 +183,9 @@ class Rhythm:
     ) -> NDArray[np.bool_]:
         """(m,) beside which second frames the due SYNCs before and after were answered, too.
 
+        After SYNCs without an answer, these may come late, one behind the other, for as long as the
+        silence was.
+
         Args:
             answered: (n,) numbers of the SYNCs that the next call of `answered` takes in.
             extra: (m,) number of the SYNC that each second frame follows.
@@ -194,7 +197,7 @@ class Rhythm:
         place = np.searchsorted(line, extra)
         before, after = line[np.maximum(place - 1, 0)], line[np.minimum(place + 1, len(line) - 1)]
         near: NDArray[np.bool_] = (extra - before <= every) & (after - extra <= every)
-        return near
+        return near & ~_soon_after_silence(line, extra, every)
 
     def answered(self, ordinal: NDArray[np.int64]) -> None:
         """Take in the numbers of the SYNCs that were answered, each once."""
@@ -258,6 +261,23 @@ def _syncs_before(index: SyncIndex, position: NDArray[np.int64], every: int) -> 
     cycle_ns = index.cycle_ns if index.cycle_ns > 0 else 0.0
     estimate = index.t_ns[position] - round(every * cycle_ns)
     return np.where(before >= index.first, index.t_ns[np.maximum(before, 0)], estimate)
+
+
+def _soon_after_silence(
+    answered: NDArray[np.int64], extra: NDArray[np.int64], every: int
+) -> NDArray[np.bool_]:
+    """(m,) which frames come no later after unanswered SYNCs than these lasted, by SYNC numbers.
+
+    >>> _soon_after_silence(np.array([0, 1, 6, 7, 8, 9, 10, 11]), np.array([1, 9, 11]), 1).tolist()
+    [False, True, False]
+    """
+    steps = np.diff(answered)
+    silent = np.flatnonzero(steps > every)
+    if not len(silent):
+        return np.zeros(len(extra), np.bool_)
+    last = np.searchsorted(answered[silent + 1], extra, side="right") - 1
+    until = answered[silent + 1] + steps[silent] - every
+    return (last >= 0) & (extra < until[np.maximum(last, 0)])
 
 
 def _one_based(counts: NDArray[np.int64]) -> NDArray[np.int64]:

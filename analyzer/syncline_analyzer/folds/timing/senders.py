@@ -78,7 +78,7 @@ class Senders:
         moved = self._moved(bus).get(can_id)
         owner = self._bindings.owner(bus, can_id, seq)
         if owner is not None and (moved is None or not owner.guess):
-            return Sender(owner.node if owner.kind == "tpdo" else MASTER, owner.name.split()[0])
+            return Sender(owner.node if owner.kind == "tpdo" else MASTER, owner.name)
         if moved is not None:
             return moved
         if service in _OF_NODE:

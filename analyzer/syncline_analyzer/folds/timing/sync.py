@@ -75,7 +75,7 @@ class SyncIndex:
             of a backlog), or stayed away for long.
         cycle_ns: median of the periods, 0 when there is none.
         bundled: (m + 1,) True from a SYNC to the next where the stamps are those of a backlog.
-        counter: (m + 1,) their counters, None where one of them has none.
+        counter: (m + 1,) their counters, 0 for those without one.
     """
 
     rows: NDArray[np.intp]
@@ -88,7 +88,7 @@ class SyncIndex:
     usable: NDArray[np.bool_]
     bundled: NDArray[np.bool_]
     cycle_ns: float
-    counter: NDArray[np.int64] | None = None
+    counter: NDArray[np.int64]
 
     @property
     def first(self) -> int:
@@ -105,10 +105,10 @@ class SyncIndex:
         position = self.before[rows]
         found: NDArray[np.bool_] = self.usable[position]
         if self.cycle_ns > 0:
-            whole = np.append(np.diff(self.t_ns) <= _MISSING * self.cycle_ns, True)
-            found = found & whole[position]
-            # Later than that the next one was due, and may be the one that was lost.
-            found &= t_ns[rows] - self.t_ns[position] <= self.cycle_ns
+            whole = np.append(np.diff(self.t_ns) <= _MISSING * self.cycle_ns, False)
+            # After the last one, the next was due a cycle later and may be the one that was lost.
+            soon = t_ns[rows] - self.t_ns[position] <= self.cycle_ns
+            found = found & (whole[position] | (soon & (position == len(self.rows))))
         return found
 
     @property
@@ -178,13 +178,13 @@ class SyncFold:
         state.counter.expect(by_now[0] if by_now else None)
         overflow = told_overflow(self._context.shadow, bus, cob_id)
         lost = _lost_by_counter(state, index, overflow[0] if overflow else None)
-        unsent = self._missing_by_time(state, index, in_bundles)
+        unsent = self._missing_by_time(state, bus, index, in_bundles)
         _add_holes(state, index, np.where(lost > 0, lost, unsent))
         state.count += len(rows)
         if len(rows):
             state.last_ns = int(index.t_ns[-1])
             state.last_seq, state.last_bits = int(index.seq[-1]), int(index.bits[-1])
-            state.last_counter = 0 if index.counter is None else int(index.counter[-1])
+            state.last_counter = int(index.counter[-1])
         return index
 
     def gap(self, bus: int | None) -> None:
@@ -281,7 +281,7 @@ class SyncFold:
             return
         median = _median(state, periods) if state.period.count else float(np.median(periods))
         usual = _usual(periods, median)
-        state.periods.add(periods[forward], seq[forward], t_ns[forward], usual[forward])
+        state.periods.add(periods[forward], seq[forward], t_ns[forward])
         state.pace.add(periods, usual)
         state.over_time.add(
             {"t_ns": t_ns[forward], "value": periods[forward].astype(np.float64) / 1000}
@@ -313,7 +313,7 @@ class SyncFold:
         state.unsteady.add(t_ns, seq, periods, off, cycles)
 
     def _missing_by_time(
-        self, state: _State, index: SyncIndex, in_bundles: bool
+        self, state: _State, bus: int, index: SyncIndex, in_bundles: bool
     ) -> NDArray[np.int64]:
         """SYNCs that are missing in each period: one per whole median (analysis.md section 5).
 
@@ -324,7 +324,9 @@ class SyncFold:
         median = _median(state, periods) if self._context.timed else 0.0
         if not len(periods) or not median > 0:
             return np.zeros(len(periods), np.int64)
-        waits = catching_up(periods, median)
+        bitrate = self._context.bitrates.get(self._context.bus_name(bus))
+        bits = np.diff(index.bits[index.first :])
+        waits = catching_up(periods, bits, median, 1e9 / bitrate if bitrate else 0.0)
         usual = _usual(np.where(waits, round(median), periods), median)
         usual[usual <= 0] = median
         if in_bundles:
@@ -374,7 +376,7 @@ class SyncFold:
             backlog=state.bundled,
             last_ns=state.last_ns if self._context.timed else None,
             last_seq=state.last_seq if state.last_ns is not None else None,
-            jitter_us=state.periods.single.jitter(1000, step_ns),
+            jitter_us=state.periods.jitter_us(step_ns),
             mean_us=state.pace.mean_us(),
             expected_us=expected[0] if expected else None,
             expected_source=expected[1] if expected else None,
@@ -394,23 +396,16 @@ class SyncFold:
         )
 
 
-def _counters(block: Block, state: _State, rows: NDArray[np.intp]) -> NDArray[np.int64] | None:
-    """(m + 1,) counters of the SYNCs, None where one of them has none."""
-    if not len(rows):
-        return np.array([state.last_counter]) if state.last_counter else None
-    if int(block.frames.dlc[rows].min()) == 0:
-        return None
-    before = [state.last_counter or int(block.frames.data[rows[0], 0]) - 1]
-    return np.concatenate((before, block.frames.data[rows, 0].astype(np.int64)))
+def _counters(block: Block, state: _State, rows: NDArray[np.intp]) -> NDArray[np.int64]:
+    """(m + 1,) counters of the SYNCs, 0 for those without one."""
+    counter = np.where(block.frames.dlc[rows] > 0, block.frames.data[rows, 0], 0)
+    return np.concatenate(([state.last_counter], counter)).astype(np.int64)
 
 
 def _lost_by_counter(state: _State, index: SyncIndex, told: int | None) -> NDArray[np.int64]:
     """SYNCs lost in each period by their counter."""
     nothing = np.zeros(len(index.periods), np.int64)
     if not len(index.rows):
-        return nothing
-    if index.counter is None:
-        state.counter.cut()
         return nothing
     lost = state.counter.follow(index.counter[1:], told)
     return lost if index.known else lost[1:]

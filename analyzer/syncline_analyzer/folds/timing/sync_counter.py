@@ -21,7 +21,7 @@ class SyncCounter:
     jumps: int = 0
     highest: int = 0
     told: int | None = None
-    _last: int | None = None
+    _last: int = 0
     _ends: Ints = field(default_factory=lambda: np.zeros(256, np.int64))
     """How often it began again after each number."""
 
@@ -34,17 +34,18 @@ class SyncCounter:
         """(n,) SYNCs that were left out before each of these.
 
         Args:
-            counter: (n,) counters in order.
+            counter: (n,) counters in order, 0 for SYNCs without one.
             told: 1019h, which counts until the frames themselves show where the counter ends.
         """
-        before = int(counter[0]) - 1 if self._last is None else self._last
-        apart = np.diff(counter, prepend=before)
-        again = np.flatnonzero((apart < 0) & (counter == 1))
-        at = np.concatenate(([before], counter))[again]
-        self._ends += np.bincount(at[at > 1].clip(max=255), minlength=256)
+        line = np.concatenate(([self._last], counter))
+        known = (line[:-1] > 0) & (counter > 0)
+        apart = np.diff(line)
+        ends = line[:-1][known & (apart < 0) & (counter == 1)]
+        self._ends += np.bincount(ends.clip(max=255), minlength=256)
         self.highest = max(self.highest, int(counter.max()))
         # The same number once more is the same SYNC once more.
-        lost: Ints = np.where(apart == 0, 0, (apart - 1) % max(self._overflow(told), 1))
+        known &= apart != 0
+        lost: Ints = np.where(known, (apart - 1) % max(self._overflow(told), 1), 0)
         self._last = int(counter[-1])
         self.jumps += int(np.count_nonzero(lost))
         return lost
@@ -57,7 +58,7 @@ class SyncCounter:
 
     def cut(self) -> None:
         """Nothing is left out over what comes now, as at a gap or a SYNC without a counter."""
-        self._last = None
+        self._last = 0
 
     def overflow(self, told: int | None) -> int | None:
         """Where it ends, by the frames or by what was `told`; None where neither says so."""

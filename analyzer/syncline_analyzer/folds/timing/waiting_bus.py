@@ -12,8 +12,8 @@ from syncline_analyzer.folds.timing.waiting import MASTER, UNKNOWN, Arbitration,
 from syncline_analyzer.results import Ahead
 from syncline_schemas.batch import FrameFlag
 
-_AT_ONCE = 4096
-"""Frames whose waiting is laid out in one table."""
+_CELLS = 1 << 19
+"""Size of the tables in which the waiting of many frames is laid out by identifier."""
 _SHORT_KEYS = 1 << 12
 _REMOTE_KEY = 1 << 29
 _EXTENDED_KEY = 1 << 30
@@ -190,10 +190,11 @@ class BusBlock:
         """What the frames waited for, a part of them at a time; nothing of those that did not."""
         place, wire_ns = self._identified[1], np.nan_to_num(self.wire_ns)
         width = len(self.keys)
+        at_once = max(1, _CELLS // width)
         waited = np.flatnonzero((ready.first < rows) & (ready.first >= 0) & ready.known)
         frame = (self.carried.flags & FrameFlag.ERROR) == 0
-        for at in range(0, len(waited), _AT_ONCE):
-            part = waited[at : at + _AT_ONCE]
+        for at in range(0, len(waited), at_once):
+            part = waited[at : at + at_once]
             victim, ahead = _ahead(ready.first[part], rows[part])
             victim, ahead = victim[frame[ahead]], ahead[frame[ahead]]
             cell, size = victim * width + place[ahead], len(part) * width

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.distribution import Distribution
-from syncline_analyzer.folds.timing.delays import Delays
+from syncline_analyzer.folds.timing.delays import MAX_IDS, Delays
 from syncline_analyzer.folds.timing.waiting import MASTER, Ready
 from syncline_analyzer.folds.timing.waiting_bus import Blame, BusBlock
 from syncline_analyzer.results import Ahead, LatenessRow, PdoRow, WaitRow
@@ -133,7 +133,7 @@ class Waits:
             old = self.late.blockers.get(key)
             if old is not None:
                 new = replace(new, frames=old.frames + new.frames, us=old.us + new.us)
-            if old is not None or len(self.late.blockers) < MAX_UNANSWERED:
+            if old is not None or len(self.late.blockers) < MAX_IDS:
                 self.late.blockers[key] = new
 
     def add_unanswered(self, sync_seq: Ints, free_ns: Floats) -> None:

@@ -1,0 +1,240 @@
+"""Findings on how a shaft or a platform moves, or is said to move."""
+
+from collections.abc import Iterator
+
+from syncline_analyzer.findings.angle.words import (
+    events_of,
+    evidence_of,
+    rests_on,
+    scale_of,
+    stepped,
+    together,
+)
+from syncline_analyzer.findings.rule import Facts, Rule
+from syncline_analyzer.results import Finding, ShaftRow, TraceRow
+
+NOISY_DEG = {"counts": 0.5, "deg": 1.0}
+"""Standard deviation at rest from which a value is worth a note, by the unit of the trace."""
+RESTED = 640
+"""Samples at rest from which noise is judged."""
+ALL_THE_TIME = 5
+"""Encoders that part so often do not slip: what was stated of their shaft is wrong."""
+
+
+def _steps(facts: Facts) -> Iterator[Finding]:
+    """Positions that were moved between two samples while the shaft went on as before."""
+    for trace in _judged(facts):
+        for group in together(events_of(facts.analysis, trace, "step")):
+            yield Finding(
+                "angle.step",
+                "warning",
+                trace.bus,
+                trace.node,
+                group[0].t_ns,
+                group[-1].t_ns + 1,
+                stepped(facts, trace, group, "steps"),
+                "The encoder lost its position, the coupling slipped, or its offset was changed"
+                " without a message in this capture.",
+                "Compare with the true position of the shaft; look at coupling, shielding and EMCY"
+                " messages of the encoder.",
+                evidence_of(group),
+                assumed=scale_of(trace),
+            )
+
+
+def _spikes(facts: Facts) -> Iterator[Finding]:
+    """Single samples far off the line of those around them."""
+    for trace in _judged(facts):
+        for group in together(events_of(facts.analysis, trace, "spike")):
+            first = group[0]
+            count = len(group)
+            times = f" ({count} such samples up to {facts.moment(group[-1].t_ns)})"
+            yield Finding(
+                "angle.spike",
+                "warning",
+                trace.bus,
+                trace.node,
+                first.t_ns,
+                group[-1].t_ns + 1,
+                f"{trace.name} of {facts.inside(trace.bus, trace.node)} was away for one sample"
+                f"{facts.at(first.t_ns)}: {first.before:.10g}, then {first.after:.10g}, then back"
+                f"{times if count > 1 else ''}; {first.text}.{rests_on(trace)}",
+                "A reading of the sensor was disturbed: dirty or damaged code disc, magnet or read"
+                " head, interference, or a bad line to the SSI encoder behind a converter.",
+                "Look whether it happens at one position of the shaft (disc) or at one time"
+                " (interference); check shielding and supply.",
+                evidence_of(group),
+                assumed=scale_of(trace),
+            )
+
+
+def _seldom(facts: Facts) -> Iterator[Finding]:
+    """Encoders whose samples come too seldom for their speed and direction."""
+    for trace in facts.analysis.traces:
+        moves = trace.min is not None and trace.min != trace.max
+        if trace.unit != "counts" or not moves:
+            continue
+        for event in events_of(facts.analysis, trace, "ambiguous"):
+            yield Finding(
+                "angle.sampled_too_seldom",
+                "info",
+                trace.bus,
+                trace.node,
+                event.t_ns,
+                facts.analysis.capture.end_ns,
+                f"{trace.name} of {facts.inside(trace.bus, trace.node)} is ambiguous:"
+                f" {event.text}; speed, direction and turns of the trace are right only if the"
+                f" shaft is slower.{rests_on(trace)}",
+                "The PDO or the SDO reads come too seldom for a shaft that may turn so fast.",
+                "Shorten the event timer (180xh:5) or use the PDO that follows SYNC; or state the"
+                " speed of the machine (override max_rpm).",
+                [event.seq],
+                assumed=scale_of(trace),
+            )
+
+
+def _noise(facts: Facts) -> Iterator[Finding]:
+    """Values that scatter while nothing moves."""
+    for trace in facts.analysis.traces:
+        noise, widest = trace.noise_deg, trace.noise_peak_deg
+        if noise is None or widest is None or trace.rest_samples < RESTED:
+            continue
+        if noise < NOISY_DEG.get(trace.unit, noise + 1) or trace.flags["out_of_range"]:
+            continue
+        capture = facts.analysis.capture
+        yield Finding(
+            "angle.noise",
+            "info",
+            trace.bus,
+            trace.node,
+            capture.begin_ns,
+            capture.end_ns,
+            f"{trace.name} of {facts.inside(trace.bus, trace.node)} scatters at rest: standard"
+            f" deviation {noise:.3g} deg over {trace.rest_samples} samples, up to {widest:.3g} deg"
+            f" from peak to peak.{rests_on(trace)}",
+            "Vibration of the mounting, play in the coupling, interference, or a filter that is off"
+            " or too fast.",
+            "Look at the filter of the sensor and its mounting; compare with a sensor nearby.",
+            [],
+            assumed=scale_of(trace),
+        )
+
+
+def _parted(facts: Facts) -> Iterator[Finding]:
+    """Encoders of one shaft that no longer tell the same."""
+    for shaft in facts.analysis.shafts:
+        if not shaft.parted or shaft.parted_ns is None or shaft.parted_deg is None:
+            continue
+        always = shaft.parted >= ALL_THE_TIME
+        events = [
+            event
+            for event in facts.analysis.trace_events
+            if (event.kind, event.bus, event.node) == ("parted", shaft.bus, shaft.node)
+        ]
+        last_ns = max((event.t_ns for event in events), default=shaft.parted_ns)
+        yield Finding(
+            "angle.shafts_parted",
+            "warning" if always else "error",
+            shaft.bus,
+            shaft.node,
+            shaft.parted_ns,
+            last_ns + 1,
+            _parting(facts, shaft),
+            "What was stated of the shaft is wrong (ratio, direction, or they are not on one"
+            " shaft), or a coupling slips all the time."
+            if always
+            else "A coupling or belt slipped, or one of the encoders lost its position or was"
+            " preset by its wire.",
+            "Compare both with the true position of the shaft; look at the couplings, and at"
+            " findings on either encoder.",
+            evidence_of(events),
+            assumed=sorted(
+                {
+                    f"{words} of node {trace.node}"
+                    for trace in facts.analysis.traces
+                    if trace.unit == "counts"
+                    and (trace.bus, trace.node)
+                    in ((shaft.bus, shaft.node), (shaft.other_bus, shaft.other))
+                    for words in scale_of(trace)
+                }
+            ),
+        )
+
+
+def _parting(facts: Facts, shaft: ShaftRow) -> str:
+    assert shaft.parted_ns is not None
+    assert shaft.parted_deg is not None
+    way = "ahead" if shaft.parted_deg > 0 else "back"
+    often = f"; it happened {shaft.parted} times" if shaft.parted > 1 else ""
+    return (
+        f"{facts.who(shaft.bus, shaft.node)} and {facts.inside(shaft.other_bus, shaft.other)} sit on"
+        f" one shaft (bus description, ratio {shaft.ratio:g}), but since"
+        f" {facts.moment(shaft.parted_ns)} the first one is {abs(shaft.parted_deg):.4g} deg further"
+        f" {way} than before ({shaft.allowed_deg:g} deg are allowed at rest){often}."
+    )
+
+
+def _judged(facts: Facts) -> Iterator[TraceRow]:
+    """Traces whose counts are in the right code."""
+    for trace in facts.analysis.traces:
+        if not events_of(facts.analysis, trace, "gray code"):
+            yield trace
+
+
+RULES: tuple[Rule, ...] = (
+    Rule(
+        "angle.step",
+        "A position was moved between two samples while the shaft went on as before.",
+        "The sample after the step.",
+        (
+            "Only what no machine can do: it would speed up and brake with 1000 rev/s^2.",
+            "Three samples before and after must tell the same slow motion.",
+            "Writes that explain it, resets, gaps and silences cut the trace instead.",
+        ),
+        _steps,
+    ),
+    Rule(
+        "angle.spike",
+        "A single sample of a position is far off the line of those around it.",
+        "The sample that is off.",
+        (
+            "Only what no machine can do: it would speed up and brake with 1000 rev/s^2.",
+            "A frame that is too short holds no value.",
+        ),
+        _spikes,
+    ),
+    Rule(
+        "angle.sampled_too_seldom",
+        "Samples of an encoder come too seldom to tell direction and speed of a fast shaft.",
+        "The first sample of the trace.",
+        (
+            "Not told of a shaft that stands still all the time.",
+            "Not told where another PDO of the node comes often enough.",
+            "Not told where no speed limit is known.",
+        ),
+        _seldom,
+    ),
+    Rule(
+        "angle.noise",
+        "A value scatters while nothing moves.",
+        "The samples of the stretches at rest.",
+        (
+            "Only stretches whose mean does not move.",
+            "A few counts are usual; it is a note, not a fault.",
+        ),
+        _noise,
+        untimed=True,
+    ),
+    Rule(
+        "angle.shafts_parted",
+        "Two encoders on one shaft, by the bus description, no longer tell the same.",
+        "The sample at which they parted.",
+        (
+            "Whole ranges are no difference where turns cannot be counted surely.",
+            "The faster the shaft turns, the more they may differ.",
+            "Presets, resets, gaps and silences of either begin a new comparison.",
+            "Single samples do not count: it must last half a second.",
+        ),
+        _parted,
+    ),
+)

@@ -1,0 +1,368 @@
+"""Two encoders on one shaft: whether they keep telling the same."""
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from syncline_analyzer.context import Context
+from syncline_analyzer.folds.angle.samples import Key, Samples
+from syncline_analyzer.folds.angle.trace import Encoder
+from syncline_analyzer.results import ShaftRow, TraceEventRow
+from syncline_schemas.measurement import EncoderScale
+
+TOLERANCE_DEG = 2.0
+"""Distance that is allowed at standstill where the user states none."""
+LAG_NS = 50_000_000
+"""Filters and transmission of the two may differ by this much: the faster, the more is allowed."""
+FAR_NS = 1_000_000_000
+"""No line is drawn between samples further apart than this."""
+FOR_GOOD = 16
+"""Samples in a row that must be too far off, over at least `FOR_GOOD_NS`."""
+FOR_GOOD_NS = 500_000_000
+MAX_WAITING = 200_000
+"""Samples of one encoder that wait for the other one."""
+MAX_EVENTS = 1000
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+_Member = tuple[int, int]
+"""(bus number, node)"""
+
+
+class _Line(NamedTuple):
+    """Samples of one encoder, all (n,): `segment` grows where the line breaks, `circle_deg` is
+    what its angle is only known modulo (inf where turns are counted surely)."""
+
+    t_ns: Integers
+    seq: Integers
+    deg: Floats
+    segment: Integers
+    circle_deg: Floats
+
+    def of(self, part: slice) -> "_Line":
+        """Some of the samples."""
+        return _Line(
+            self.t_ns[part],
+            self.seq[part],
+            self.deg[part],
+            self.segment[part],
+            self.circle_deg[part],
+        )
+
+    def followed_by(self, later: "_Line") -> "_Line":
+        """Both, one after the other."""
+        return _Line(
+            np.concatenate((self.t_ns, later.t_ns)),
+            np.concatenate((self.seq, later.seq)),
+            np.concatenate((self.deg, later.deg)),
+            np.concatenate((self.segment, later.segment)),
+            np.concatenate((self.circle_deg, later.circle_deg)),
+        )
+
+
+_NOTHING = _Line(
+    np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0), np.zeros(0, np.int64), np.zeros(0)
+)
+
+
+@dataclass(slots=True)
+class _Encoder:
+    """One encoder's samples that the other one has not reached yet."""
+
+    waiting: _Line = _NOTHING
+    unsure: bool = False
+    segment: int = -1
+    last_ns: int = 0
+    last_deg: float = 0.0
+
+    def add(self, piece: Samples, deg: Floats, segment: int, scale: EncoderScale) -> None:
+        """Take in a piece; turns are not sure any more once a step was too long to tell."""
+        if segment != self.segment:
+            self.segment, self.unsure = segment, False
+            self.last_ns, self.last_deg = int(piece.t_ns[0]), float(deg[0])
+        assert scale.range_counts is not None
+        assert scale.counts_per_turn is not None
+        circle_deg = scale.range_counts / scale.counts_per_turn * 360.0
+        span = np.diff(piece.t_ns, prepend=self.last_ns)
+        doubtful = np.abs(np.diff(deg, prepend=self.last_deg)) > circle_deg / 4
+        if scale.max_rpm is not None:
+            doubtful |= span * (scale.max_rpm * 6 / 1e9) > circle_deg / 2
+        unsure = np.maximum.accumulate(doubtful) | self.unsure
+        self.unsure = bool(unsure[-1])
+        self.last_ns, self.last_deg = int(piece.t_ns[-1]), float(deg[-1])
+        known = np.where(unsure, circle_deg, np.inf)
+        new = _Line(piece.t_ns, piece.seq, deg, np.full(len(deg), segment, np.int64), known)
+        self.waiting = self.waiting.followed_by(new).of(slice(-MAX_WAITING, None))
+
+
+@dataclass(slots=True)
+class _Pair:
+    """Two encoders, and how far they are from one another."""
+
+    member: _Member
+    other: _Member
+    ratio: float
+    tolerance_deg: float
+    own: _Encoder = field(default_factory=_Encoder)
+    foreign: _Encoder = field(default_factory=_Encoder)
+    object: int = 0
+    done_ns: int | None = None
+    compared: int = 0
+    left_out: int = 0
+    first_deg: float | None = None
+    widest_deg: float | None = None
+    offset: float | None = None
+    segments: tuple[int, int] | None = None
+    learned: list[float] = field(default_factory=list)
+    off: list[tuple[int, int, float]] = field(default_factory=list)
+    """(t_ns, seq, distance) of the samples too far off since the last good one, the first ones."""
+    parted: list[tuple[int, int, float]] = field(default_factory=list)
+    count: int = 0
+
+    @property
+    def heard(self) -> bool:
+        """Whether both encoders have sent anything."""
+        return self.own.segment >= 0 and self.foreign.segment >= 0
+
+    def join(self) -> None:
+        """Compare what both have sent since the last call."""
+        if not len(self.own.waiting.t_ns) or not len(self.foreign.waiting.t_ns):
+            return
+        until_ns = int(min(self.own.waiting.t_ns[-1], self.foreign.waiting.t_ns[-1]))
+        lines = []
+        for each in (self.own, self.foreign):
+            stop = int(np.searchsorted(each.waiting.t_ns, until_ns, side="right"))
+            # One sample more, so that a line leads up to the last one of the other.
+            lines.append(each.waiting.of(slice(0, stop + 1)))
+            each.waiting = each.waiting.of(slice(max(stop - 2, 0), None))
+        self._compare(lines[0], lines[1], until_ns)
+        self.done_ns = until_ns
+
+    def _compare(self, one: _Line, two: _Line, until_ns: int) -> None:
+        """Lay the samples of the encoder with fewer of them against the line of the other one."""
+        swap = len(one.t_ns) > len(two.t_ns)
+        few, many = (two, one) if swap else (one, two)
+        since_ns = -1 if self.done_ns is None else self.done_ns
+        first, stop = np.searchsorted(few.t_ns, [since_ns, until_ns], side="right").tolist()
+        few = few.of(slice(first, stop))
+        if not len(few.t_ns) or len(many.t_ns) < 2:
+            self.left_out += len(few.t_ns)
+            return
+        after = np.clip(np.searchsorted(many.t_ns, few.t_ns), 1, len(many.t_ns) - 1)
+        span = many.t_ns[after] - many.t_ns[after - 1]
+        inside = (few.t_ns >= many.t_ns[after - 1]) & (few.t_ns <= many.t_ns[after])
+        whole = many.segment[after] == many.segment[after - 1]
+        good = inside & whole & (span > 0) & (span <= FAR_NS)
+        step = many.deg[after] - many.deg[after - 1]
+        part = (few.t_ns - many.t_ns[after - 1]) / np.maximum(span, 1)
+        line = many.deg[after - 1] + part * step
+        bend = np.abs(step - np.diff(many.deg, prepend=many.deg[0])[after - 1])
+        moving = np.abs(step) / np.maximum(span, 1) * LAG_NS + bend
+        mine, its = (line, few.deg) if swap else (few.deg, line)
+        scale = 1.0 if swap else abs(self.ratio)
+        circles = (many.circle_deg[after], few.circle_deg)
+        own, foreign = circles if swap else circles[::-1]
+        circle = self._circle(own, foreign)
+        segments = np.stack(
+            (many.segment[after], few.segment) if swap else (few.segment, many.segment[after])
+        )
+        good &= circle > 0
+        self.left_out += int(np.count_nonzero(~good))
+        self._judge(
+            few.t_ns[good],
+            few.seq[good],
+            (mine - self.ratio * its)[good],
+            (self.tolerance_deg + moving * scale)[good],
+            circle[good],
+            segments[:, good],
+        )
+
+    def _circle(self, own: Floats, foreign: Floats) -> Floats:
+        """What the difference is known modulo [deg]; 0 where it is not known at all."""
+        theirs = foreign * abs(self.ratio)
+        both = np.isfinite(own) & np.isfinite(theirs)
+        alike = abs(self.ratio) == 1.0
+        return np.where(both & (not alike), 0.0, np.minimum(own, theirs))
+
+    def _judge(
+        self,
+        t_ns: Integers,
+        seq: Integers,
+        difference: Floats,
+        allowed: Floats,
+        circle: Floats,
+        segments: Integers,
+    ) -> None:
+        edges = np.flatnonzero(np.any(np.diff(segments, axis=1) != 0, axis=0)) + 1
+        for part in np.split(np.arange(len(t_ns)), edges):
+            if not len(part):
+                continue
+            now = int(segments[0, part[0]]), int(segments[1, part[0]])
+            if now != self.segments:
+                self.segments, self.offset = now, None
+                self.learned.clear()
+                self.off.clear()
+            self.compared += len(part)
+            at = 0
+            while at < len(part):
+                rows = part[at:]
+                at += self._stretch(
+                    t_ns[rows], seq[rows], difference[rows], allowed[rows], circle[rows]
+                )
+
+    def _stretch(
+        self, t_ns: Integers, seq: Integers, difference: Floats, allowed: Floats, circle: Floats
+    ) -> int:
+        """Judge samples up to the next parting; how many were taken."""
+        if self.offset is None:
+            wanted = FOR_GOOD - len(self.learned)
+            self.learned += difference[:wanted].tolist()
+            if len(self.learned) == FOR_GOOD:
+                base = self.learned[0]
+                around = [base + _around(each - base, circle[0]) for each in self.learned]
+                self.offset = float(np.median(around))
+                self.first_deg = self.offset if self.first_deg is None else self.first_deg
+                self.learned.clear()
+            return min(wanted, len(t_ns))
+        away = _around(difference - self.offset, circle)
+        bad = np.abs(away) > allowed
+        fits = away[~bad]
+        stop = self._parting(t_ns, bad)
+        for row in np.flatnonzero(bad[:stop]).tolist():
+            # Only the first ones since the last good one are of interest.
+            if row and not bad[row - 1]:
+                self.off.clear()
+            if len(self.off) < FOR_GOOD:
+                self.off.append((int(t_ns[row]), int(seq[row]), float(away[row])))
+        if stop < len(t_ns) or (stop and self._long(int(t_ns[stop - 1]))):
+            self._part()
+        elif stop and not bad[stop - 1]:
+            self.off.clear()
+        if len(fits):
+            widest = float(np.abs(fits).max())
+            self.widest_deg = max(self.widest_deg or 0.0, widest)
+        return stop
+
+    def _long(self, t_ns: int) -> bool:
+        return len(self.off) == FOR_GOOD and t_ns - self.off[0][0] >= FOR_GOOD_NS
+
+    def _parting(self, t_ns: Integers, bad: NDArray[np.bool_]) -> int:
+        """Number of samples up to and with the one that makes a parting sure, else all."""
+        rows = np.arange(len(bad))
+        good = np.maximum.accumulate(np.where(bad, -1, rows))
+        carried = len(self.off) if len(bad) and bad[0] else 0
+        length = rows - good + np.where(good < 0, carried, 0)
+        since = t_ns[np.minimum(good + 1, len(bad) - 1)]
+        if carried:
+            since = np.where(good < 0, self.off[0][0], since)
+        sure = np.flatnonzero(bad & (length >= FOR_GOOD) & (t_ns - since >= FOR_GOOD_NS))
+        return int(sure[0]) + 1 if len(sure) else len(bad)
+
+    def _part(self) -> None:
+        t_ns, seq, _ = self.off[0]
+        self.count += 1
+        if len(self.parted) < MAX_EVENTS:
+            distance = float(np.median([each for _, _, each in self.off]))
+            self.parted.append((t_ns, seq, distance))
+        self.widest_deg = max(self.widest_deg or 0.0, *(abs(each) for _, _, each in self.off))
+        self.offset = None
+        self.off.clear()
+
+
+def _around(deg: Floats | float, circle: Floats | float) -> Floats:
+    """The shortest way on a circle of so many degrees; all the way where it is infinite."""
+    finite = np.where(np.isfinite(circle), circle, 1.0)
+    short = (deg + finite / 2) % finite - finite / 2
+    return np.where(np.isfinite(circle), short, deg)
+
+
+class Shafts:
+    """All pairs of encoders that the bus description places on one shaft."""
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        self._pairs: list[_Pair] = []
+        self._seen = 0
+
+    def take(
+        self, key: Key, piece: Samples, unwrapped_deg: Floats, segment: int, converter: Encoder
+    ) -> None:
+        """Take in an unbroken piece of an encoder."""
+        scale = converter.scale
+        if not self._context.timed or scale.range_counts is None or scale.counts_per_turn is None:
+            return
+        for pair in self._all():
+            if key[:2] == pair.member:
+                pair.object = key[2]
+                pair.own.add(piece, unwrapped_deg, segment, scale)
+            elif key[:2] == pair.other:
+                pair.foreign.add(piece, unwrapped_deg, segment, scale)
+
+    def join(self) -> None:
+        """Compare what both encoders of each pair have sent."""
+        for pair in self._all():
+            pair.join()
+
+    def rows(self) -> list[ShaftRow]:
+        """What came of each pair of which both were heard."""
+        return [self._row(pair) for pair in self._all() if pair.heard]
+
+    def events(self) -> list[TraceEventRow]:
+        """Every parting, at the encoder whose entry names the other one."""
+        return [
+            TraceEventRow(
+                self._context.bus_name(pair.member[0]),
+                pair.member[1],
+                pair.object,
+                "parted",
+                seq,
+                t_ns,
+                None,
+                None,
+                f"{abs(distance):.4g} deg {'ahead of' if distance > 0 else 'behind'} node"
+                f" {pair.other[1]} on the same shaft",
+            )
+            for pair in self._all()
+            for t_ns, seq, distance in pair.parted
+        ]
+
+    def _row(self, pair: _Pair) -> ShaftRow:
+        t_ns, seq, distance = pair.parted[0] if pair.parted else (None, None, None)
+        return ShaftRow(
+            self._context.bus_name(pair.member[0]),
+            pair.member[1],
+            self._context.bus_name(pair.other[0]),
+            pair.other[1],
+            pair.ratio,
+            pair.compared,
+            pair.left_out,
+            pair.first_deg,
+            pair.widest_deg,
+            pair.tolerance_deg,
+            pair.count,
+            t_ns,
+            seq,
+            distance,
+        )
+
+    def _all(self) -> list[_Pair]:
+        """The pairs; more where a bus was added."""
+        if len(self._context.buses) != self._seen:
+            self._seen = len(self._context.buses)
+            self._pairs += self._described({pair.member for pair in self._pairs})
+        return self._pairs
+
+    def _described(self, known: set[_Member]) -> list[_Pair]:
+        return [
+            _Pair(
+                (bus, node),
+                (bus, entry.same_shaft_as),
+                entry.ratio,
+                entry.tolerance_deg if entry.tolerance_deg is not None else TOLERANCE_DEG,
+            )
+            for bus, name in enumerate(self._context.buses)
+            for node, entry in self._context.description.described(name).items()
+            if entry.same_shaft_as is not None and (bus, node) not in known
+        ]

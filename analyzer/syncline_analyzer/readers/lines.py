@@ -40,6 +40,9 @@ MAX_T_NS = 1 << 62
 """Later times, which are none, would not fit into the columns."""
 _SAMPLE = 512
 _DISTANCES = 20
+_SHARED = 10
+"""So many frames with the time of the one before are no chance."""
+_COARSE = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -332,13 +335,15 @@ class Resolution:
     """The step of a log's times: the largest power of ten ns that divides those looked at.
 
     A bus with a steady rhythm looks like a coarse clock: a step above a microsecond is believed
-    only when many different distances between frames are whole numbers of it.
+    only when many different distances between frames are whole numbers of it, or when frames share
+    a time, which no wire lets them; then up to a millisecond.
     """
 
     def __init__(self) -> None:
         self._divisor = 0
         self._count = 0
         self._distances: set[int] = set()
+        self._shared = 0
 
     def sample(self, t_ns: NDArray[np.int64]) -> None:
         """Look at up to 512 of the times."""
@@ -346,15 +351,18 @@ class Resolution:
         some = t_ns[::step]
         self._count += len(some)
         self._divisor = math.gcd(self._divisor, int(np.gcd.reduce(some)) if len(some) else 0)
+        distances = np.diff(t_ns)
+        self._shared += int(np.count_nonzero(distances == 0))
         if len(self._distances) < _DISTANCES:
-            self._distances.update(np.unique(np.diff(t_ns))[:_DISTANCES].tolist())
+            self._distances.update(np.unique(distances)[:_DISTANCES].tolist())
 
     @property
     def step_ns(self) -> int:
         """The step [ns]; 1 when there were too few times to tell."""
         if self._count < 4 or self._divisor == 0:
             return 1
-        step, coarsest = 1, 10**9 if len(self._distances) >= _DISTANCES else 1000
+        coarsest = _COARSE if self._shared >= _SHARED else 1000
+        step, coarsest = 1, 10**9 if len(self._distances) >= _DISTANCES else coarsest
         while step < coarsest and self._divisor % (10 * step) == 0:
             step *= 10
         return step

@@ -7,6 +7,7 @@ import subprocess
 import tempfile
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -31,6 +32,7 @@ from tests.analyzer.analysis_builder import (
     untimed,
     usual_states,
 )
+from tests.analyzer.busy_bus import busy_bus
 
 VOID = {"meta", "br"}
 
@@ -220,6 +222,127 @@ def test_captures_without_times_draw_nothing_over_time() -> None:
     assert "untimed" not in page
 
 
+# -- timing
+
+
+def cells(page: str, caption: str) -> list[list[str]]:
+    """Rows of the table with a caption, as text."""
+    (table,) = re.findall(rf"<caption>{re.escape(caption)}</caption>(.*?)</table>", page)[:1]
+    rows = re.findall(r"<tr>(.*?)</tr>", table)
+    return [
+        [re.sub("<.*?>", "", cell) for cell in re.findall(r"<t[hd].*?>(.*?)</t[hd]>", row)]
+        for row in rows
+    ]
+
+
+def row_of(page: str, caption: str, first: str) -> dict[str, str]:
+    """The row of a table that starts with a word, by the heads of its columns."""
+    heads, *rows = cells(page, caption)
+    (row,) = [row for row in rows if row[0] == first]
+    return dict(zip(heads, row, strict=True))
+
+
+def test_answers_are_taken_apart_into_device_and_waiting() -> None:
+    page = markup(busy_bus())
+    row = row_of(page, "Answers to SYNC: response, and what of it is the device&#x27;s", "183h")
+    assert row["Response min/median/p99/max [us]"] == "402/655/902/1483"
+    assert row["Jitter std/p99-p1 [us]"] == "71.5/410"
+    assert row["Device between (medians) [us]"] == "310 to 450"
+    assert row["Device at least, by arbitration median/max [us]"] == "333/900"
+    assert row["Waited at most median/max [us]"] == "120/777"
+    pdo = row_of(page, "PDOs of all nodes", "183h")
+    assert pdo["Faults"] == "4 late (3 bus)"
+    assert pdo["Due"] == "every SYNC, within 1.4 ms of it (1007h)"
+
+
+def test_sync_heartbeats_shares_and_waits_are_listed() -> None:
+    page = markup(busy_bus())
+    sync = row_of(page, "SYNC", "080h")
+    assert (sync["Expected"], sync["Drift [ppm]"]) == (
+        "10000 us (1006h of node 1 (sdo-read))",
+        "+12.5",
+    )
+    heartbeat = row_of(page, "Heartbeats and guarding", "1 drive 1")
+    assert (heartbeat["Told"], heartbeat["Median off it [us]"]) == ("100 ms (sdo-write)", "+18")
+    share = row_of(page, "Traffic of can0 by node", "master and others")
+    assert (share["Share of the traffic"], share["Load"]) == ("40.00 %", "16.00 %")
+    assert row_of(page, "Traffic of can0 by identifier", "181h")["Service"] == "TPDO1"
+    waits = " ".join(cells(page, "Longest wait of every PDO")[1])
+    for words in (
+        "TPDO2 of node 7 (287h)",
+        "TPDO1 of node 1: 2 frames 91, 93, 508 us",
+        "605h SDO request",
+    ):
+        assert words in waits
+    delay = row_of(page, "Frames that answers waited for (at most)", "can0")
+    assert (delay["Of node"], delay["In all"], delay["Worst of"]) == (
+        "1 drive 1",
+        "95 ms",
+        "TPDO1 of node 7 (187h)",
+    )
+    worst = row_of(page, "Longest and shortest", "sync period")
+    assert (worst["[us]"], worst["Frame"]) == ("19987", "4711")
+
+
+def test_figures_below_the_step_of_the_stamps_are_not_printed() -> None:
+    page = markup(busy_bus(step_us=1000.0))
+    row = row_of(page, "Answers to SYNC: response, and what of it is the device&#x27;s", "183h")
+    assert row["Jitter std/p99-p1 [us]"] == "&lt; 1 ms"
+    assert row["Response min/median/p99/max [us]"] == "&lt;1000/1000/1000/1000"
+    assert row_of(page, "SYNC", "080h")["Jitter std/p99-p1 [us]"] == "&lt; 1 ms"
+    assert "std &lt; 1 ms" in page
+    assert "The stamps have steps of 1 ms" in page
+
+
+def test_an_estimated_bit_rate_is_said_over_the_tables_and_in_the_plots() -> None:
+    page = markup(busy_bus(source="estimated"))
+    assert "estimated with high confidence from the spacing of the frames" in page
+    plots = {plot["title"]: plot["lines"] for plot in data_of(page)["plots"]}
+    assert plots["Bus load [%]"][1] == "bus load in 1 s, bit rate estimated"
+    assert plots["PDO response [us] of node 3 drive 3"][0].endswith(
+        "waited at most, bit rate estimated"
+    )
+
+
+def data_of(page: str) -> Any:
+    found = re.search(r'<script type="application/json" id="report-data">(.*?)</script>', page)
+    assert found is not None
+    return json.loads(found[1])
+
+
+def test_every_pdo_that_answers_has_a_histogram() -> None:
+    dom = Dom(markup(busy_bus(7)))
+    pictures = [str(a["aria-label"]) for a in dom.all("svg") if "histogram" in str(a["aria-label"])]
+    assert len(pictures) == 14
+    assert pictures[4].startswith(
+        "Response histogram of 183h TPDO1 of node 3 drive 3: 500 answers, median 655 us"
+    )
+    for kind in ("hist", "median", "p99"):
+        assert len(dom.all("path", class_=kind)) == 14, kind
+    outline = str(dom.all("path", class_="hist")[0]["d"])
+    heights = [90 - float(top) for top in re.findall(r"V([\d.]+)H", outline)]
+    assert max(heights) == pytest.approx(86)
+    assert "nan" not in outline
+
+
+def test_load_of_a_long_capture_is_a_band_from_the_least_to_the_most() -> None:
+    load = next(p for p in data_of(report(busy_bus()))["plots"] if p["title"] == "Bus load [%]")
+    band, line = load["traces"]
+    assert (band["fill"], line.get("fill")) == ("toself", None)
+    assert (min(band["y"]), max(band["y"])) == (41.0, 50.0)
+    assert len(band["x"]) == len(band["y"]) < 6_000
+
+
+@pytest.mark.parametrize(("nodes", "pdos"), [(127, 4), (60, 8)])
+def test_page_of_a_full_line_stays_below_8_mb(nodes: int, pdos: int) -> None:
+    shown = busy_bus(nodes, pdos, answers=20_000)
+    assert len(report(shown).encode()) < 8_000_000
+
+
+def test_page_without_plots_does_without_the_library() -> None:
+    assert len(report(untimed()).encode()) < 60_000
+
+
 # -- in a real browser
 
 CHROMIUM = shutil.which("chromium")
@@ -254,7 +377,9 @@ def browse(page: Path, *flags: str) -> tuple[str, list[str]]:
 
 @in_browser
 @pytest.mark.parametrize(
-    "shown", [bad_day(), many_nodes(), untimed()], ids=["bad day", "many", "untimed"]
+    "shown",
+    [bad_day(), many_nodes(), busy_bus(), untimed()],
+    ids=["bad day", "many", "busy", "untimed"],
 )
 def test_browser_draws_all_plots_without_a_complaint(shown: Analysis, tmp_path: Path) -> None:
     page = write_report(shown, tmp_path / "report.html")

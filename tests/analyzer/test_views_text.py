@@ -1,6 +1,7 @@
 """The summary for a terminal: what it says, in which order, and that nothing can take it over."""
 
 import io
+from typing import Any
 
 import pytest
 from rich.console import Console
@@ -25,6 +26,7 @@ from tests.analyzer.analysis_builder import (
     untimed,
     usual_states,
 )
+from tests.analyzer.busy_bus import busy_bus
 
 
 def line_with(text: str, *words: str) -> str:
@@ -195,3 +197,46 @@ def test_services_are_told_where_there_is_something_to_tell() -> None:
     empty = summary(bad_day())
     titles = ("LSS", "TIME", "Error list 1003h", "Error frames", "recorder's controller")
     assert not [title for title in titles if title in empty]
+
+
+def timing_block(text: str) -> list[str]:
+    """The lines from the bus load to the heartbeats."""
+    lines = text.splitlines()
+    first = lines.index("Bus load")
+    last = next(i for i, line in enumerate(lines) if line.startswith("Heartbeats and guarding"))
+    return lines[first : last + 11]
+
+
+@pytest.mark.parametrize("width", [80, 120])
+@pytest.mark.parametrize("nodes", [7, 40])
+def test_timing_fits_one_screen_whatever_the_bus(nodes: int, width: int) -> None:
+    text = summary(busy_bus(nodes), width=width)
+    block = timing_block(text)
+    assert len(block) <= 70
+    assert max(map(len, text.splitlines())) <= width
+    first = line_with(text, "183h", "402/655/1483", "777", "4 late (3 bus)")
+    assert first == first.split("\n")[0]
+    assert ("and 60 more" in text) == (nodes == 40)
+    assert line_with(text, "drift 12.5 ppm")
+    assert line_with(text, "181h x2 (TPDO1 of node 1), 605h" if width == 120 else "181h x2")
+
+
+def test_figures_below_the_step_of_the_stamps_are_not_printed() -> None:
+    text = summary(busy_bus(step_us=1000.0))
+    row = line_with(text, "183h", "late")
+    assert "< 1 ms" in row
+    assert "<1000/1000/1000" in row
+    assert "655" not in row
+    assert line_with(text, "The stamps have steps of 1 ms")
+    assert line_with(text, "080h", "< 1 ms")
+
+
+@pytest.mark.parametrize("source", ["estimated", "recorded"])
+def test_an_estimated_bit_rate_is_said_beside_what_rests_on_it(source: Any) -> None:
+    text, told = (
+        summary(busy_bus(source=source), width=200),
+        findings_markdown(busy_bus(source=source)),
+    )
+    sentence = "estimated with high confidence from the spacing of the frames"
+    assert (sentence in text) == (sentence in told) == (source == "estimated")
+    assert ("250 kbit/s (estimated)" in text) == (source == "estimated")

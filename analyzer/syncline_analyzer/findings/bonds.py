@@ -219,5 +219,25 @@ BONDS: tuple[Bond, ...] = (
     *_bonds("sdo.delays_pdo", "pdo.late", shared=True),
     *_bonds("pdo.delaying_node", "pdo.outranked", "pdo.late", shared=True, same_node=False),
     *_bonds("pdo.outranked", "pdo.late", shared=True),
+    *_bonds("pdo.deadline", "emcy.active", "emcy.storm", lasting=True),
+    *_bonds("nmt.node_lost", "pdo.not_answered"),
+    *_bonds(
+        "device.wrong_device",
+        "angle.out_of_range",
+        "angle.jump",
+        "angle.scale_assumed",
+        "pdo.silent",
+        lifelong=True,
+        before_ns=_FOREVER,
+    ),
+    *_bonds("device.defaults_pending", "device.lost_at_reset", lifelong=True),
+    *_bonds(
+        "bus.bitrate_contradicted",
+        "bus.overload",
+        "device.overload_by_settings",
+        lifelong=True,
+        same_node=False,
+        before_ns=_FOREVER,
+    ),
 )
 """Causes before what follows from them; of several the first one that holds is taken."""

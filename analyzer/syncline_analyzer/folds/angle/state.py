@@ -68,6 +68,8 @@ class TraceState:
     last_raw: int | None = None
     silent: list[int] = field(default_factory=list)
     """`seq` of the samples of this block that come after a silence."""
+    wide: int = 0
+    """Steps of which the other way round may be as likely."""
     sources: dict[int, int] = field(default_factory=dict)
     """Samples by COB-ID, or `SDO_SOURCE`."""
 
@@ -158,6 +160,10 @@ class TraceState:
             return
         sure = piece.valid & (derived.flags & OUT_OF_RANGE == 0)
         line = np.where(sure, derived.columns["unwrapped_deg"], np.nan)
+        unsure = (derived.flags & AMBIGUOUS).astype(np.bool_)
+        if unsure.any():
+            quarter = 0.25 * converter.range_deg
+            self.wide += int(np.count_nonzero(np.abs(np.diff(line))[unsure[1:]] > quarter))
         self.statistics.add(np.where(sure, angle, np.nan), line, converter.step_deg)
 
     def _mean_deg(self) -> float | None:
@@ -171,8 +177,7 @@ class TraceState:
 
     def _reversals(self) -> int | None:
         """Changes of direction; None where the samples tell no direction."""
-        unsure = int(self.flag_counts[AMBIGUOUS.bit_length() - 1])
-        told = self.statistics.scaled and 2 * unsure < self.samples
+        told = self.statistics.scaled and 100 * self.wide < self.samples
         return self.statistics.reversals.count if told else None
 
     def row(self) -> TraceRow:

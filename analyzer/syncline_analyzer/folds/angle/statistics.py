@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 WINDOW = 64
 """Samples in a row that are judged together on whether it stands still."""
-PARTS = 4
+PARTS = 8
 """Parts of such a stretch whose means are compared."""
 BACK_DEG = 1.0
 """A turn back by less is no change of direction."""
@@ -73,9 +73,12 @@ class Rest:
         stretches = line[:whole].reshape(-1, WINDOW)
         parts = stretches.reshape(-1, PARTS, WINDOW // PARTS)
         means = parts.mean(axis=2)
-        within = np.sqrt(parts.var(axis=2).mean(axis=1))
-        # A drift shows in the means of the parts long before it shows within one of them.
-        still = np.ptp(means, axis=1) <= np.maximum(1.01 * step_deg, within)
+        within = parts.std(axis=2)
+        usual = np.median(within, axis=1)
+        # A drift shows in the means of the parts long before it shows within one of them, and where
+        # a motion begins one part scatters more than the others.
+        still = np.ptp(means, axis=1) <= np.maximum(1.01 * step_deg, 1.5 * usual)
+        still &= within.max(axis=1) <= 2.5 * usual + 1.01 * step_deg
         resting = stretches[still]
         if len(resting):
             self.samples += resting.size

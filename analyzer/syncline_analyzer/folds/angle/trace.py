@@ -81,6 +81,11 @@ class Converter(Protocol):
         """One count in degrees; NaN where there are none."""
         ...
 
+    @property
+    def range_deg(self) -> float:
+        """After so many degrees the values repeat; NaN where that is not known."""
+        ...
+
     def derive(self, state: "Link", piece: Samples, *, timed: bool) -> Derived:
         """Columns of a piece that goes on where `state` ends, which is moved to its end."""
         ...
@@ -123,6 +128,11 @@ class Encoder:
     def step_deg(self) -> float:
         """One count in degrees."""
         return 360.0 / self.scale.counts_per_turn if self.scale.counts_per_turn else np.nan
+
+    @property
+    def range_deg(self) -> float:
+        """The measuring range in degrees."""
+        return self.step_deg * self.scale.range_counts if self.scale.range_counts else np.nan
 
     @property
     def shows(self) -> str:
@@ -199,6 +209,11 @@ class Tilt:
         return self.scale.deg_per_count
 
     @property
+    def range_deg(self) -> float:
+        """The circle."""
+        return 360.0
+
+    @property
     def vague(self) -> bool:
         """Whether 16 bits are too few to tell the angle."""
         return self.bits == 16 and self.axis.ambiguous_16
@@ -249,6 +264,11 @@ class Plain:
 
     @property
     def step_deg(self) -> float:
+        """No degrees."""
+        return np.nan
+
+    @property
+    def range_deg(self) -> float:
         """No degrees."""
         return np.nan
 

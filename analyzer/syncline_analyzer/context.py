@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from syncline_analyzer.folds.nmt.events import KeptWaiting
 from syncline_analyzer.folds.timing.bit_rate import Estimate
 from syncline_analyzer.shadow import Shadow
 from syncline_schemas.description import BusDescription
@@ -28,6 +29,8 @@ class Context:
         estimates: what the spacing of the frames says, by bus name, also where the bit rate is told.
         pdo_lengths: the first `seq` of each length [bytes] that frames of a PDO have, by bus number
             and identifier.
+        kept_waiting: heartbeats that waited long for other frames, by bus number and node, in
+            order; complete once the timing fold is.
     """
 
     buses: list[str]
@@ -40,6 +43,7 @@ class Context:
     bitrate_sources: dict[str, BitrateSource] = field(default_factory=dict)
     estimates: dict[str, Estimate] = field(default_factory=dict)
     pdo_lengths: dict[tuple[int, int], dict[int, int]] = field(default_factory=dict)
+    kept_waiting: dict[tuple[int, int], list[KeptWaiting]] = field(default_factory=dict)
 
     def assumed_bitrate(self, bus_name: str) -> list[str]:
         """What a finding rests on that needs the bit rate of a bus: nothing where it is told."""

@@ -17,6 +17,7 @@ from syncline_analyzer.folds.angle.fold import AngleFold
 from syncline_analyzer.folds.control import ControlFold
 from syncline_analyzer.folds.emcy.context import emcy_context
 from syncline_analyzer.folds.emcy.history import error_history
+from syncline_analyzer.folds.nmt.kept_waiting import told_waiting
 from syncline_analyzer.folds.timing.fold import TimingFold
 from syncline_analyzer.joining import joined
 from syncline_analyzer.nodes import node_rows
@@ -98,7 +99,7 @@ def analyze(
         capture=census.row(facts, context, origin_ns),
         nodes=nodes,
         nmt_commands=controls.nmt.commands,
-        nmt_states=controls.nmt.states,
+        nmt_states=told_waiting(context, controls.nmt.states, controls.nmt.timelines),
         sync=timings.sync,
         pdos=timings.pdos,
         emcy=controls.emcy.rows,

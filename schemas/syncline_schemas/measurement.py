@@ -5,7 +5,7 @@ The rules are the device sheets' section 6; which objects hold the scale is data
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -35,6 +35,8 @@ class EncoderScale:
     clockwise: bool = True
     max_rpm: float | None = None
     assumed: tuple[str, ...] = ()
+    cut_bits: int | None = None
+    """Bits of the value that is sent where they are too few for the range: R is then 2^bits."""
 
 
 class _Settings:
@@ -102,6 +104,17 @@ def encoder_scale(
     )
 
 
+def sent_in(scale: EncoderScale, bits: int) -> EncoderScale:
+    """The scale of a value of which only the lower `bits` are sent (6004h mapped with 16 bits).
+
+    >>> sent_in(EncoderScale(4096, 1 << 24), 16).range_counts
+    65536
+    """
+    if scale.range_counts is None or scale.range_counts <= 1 << bits:
+        return scale
+    return replace(scale, range_counts=1 << bits, cut_bits=bits)
+
+
 def _counts_per_turn(settings: _Settings) -> tuple[_Known, bool]:
     """Counts per turn, and whether the scaling switch was assumed."""
     programmed = _positive(settings.known("cpr", "counts_per_turn"))
@@ -149,8 +162,8 @@ def _clockwise(settings: _Settings) -> tuple[bool, bool]:
 class EncoderAngles:
     """Raw counts as people read them; all (n,).
 
-    position: int64 counts modulo R. turn: float64. angle_deg: float64 in [0, 360); NaN where the
-    scale is not known. in_range: bool, False where the raw value is not below R.
+    position: int64 counts modulo R. turn: float64. angle_deg: float64 in [0, 360); both NaN where
+    the scale is not known, or too few bits are sent. in_range: bool, False where the raw value is not below R.
     """
 
     position: Counts
@@ -170,9 +183,12 @@ def encoder_angles(raw: Counts, scale: EncoderScale) -> EncoderAngles:
         unknown = np.full(len(raw), np.nan)
         return EncoderAngles(position, unknown, unknown, in_range)
     turn, within = np.divmod(position, scale.counts_per_turn)
-    return EncoderAngles(
-        position, turn.astype(np.float64), within * 360.0 / scale.counts_per_turn, in_range
-    )
+    turns, angle = turn.astype(np.float64), within * 360.0 / scale.counts_per_turn
+    if scale.cut_bits is not None:
+        turns = np.full(len(raw), np.nan)
+        if (1 << scale.cut_bits) % scale.counts_per_turn:
+            angle = turns
+    return EncoderAngles(position, turns, angle, in_range)
 
 
 def count_steps(position: Counts, range_counts: int) -> Counts:

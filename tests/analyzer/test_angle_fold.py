@@ -505,3 +505,45 @@ def test_a_known_profile_is_not_called_assumed() -> None:
     )
     assert trace.name == "Position value"
     assert "profile" not in trace.assumed
+
+
+def narrow(per_turn: int, total: int) -> Context:
+    """A CiA 406 encoder whose 6004h is mapped with 16 bits."""
+    known = {"o1000": 0x0002_0196, "o6000": 0, "o6001": per_turn, "o6002": total}
+    return mapped(0x6004_0010, **known)
+
+
+def in_16_bits(step: int, count: int = 400) -> list[Row]:
+    return [
+        frame(k * 20 * MS, 0x185, (k * step % 65536).to_bytes(2, "little")) for k in range(count)
+    ]
+
+
+@pytest.mark.parametrize("step", [300, -300])
+def test_a_position_of_which_16_bits_are_sent_wraps_at_65536(step: int) -> None:
+    trace = only(angles(narrow(4096, 1 << 24), ordered(in_16_bits(step))))
+    turned = np.diff(trace.columns["unwrapped_deg"])
+    np.testing.assert_allclose(turned, step * 360 / 4096)
+    np.testing.assert_allclose(
+        trace.columns["angle_deg"], np.arange(400) * step % 4096 * 360 / 4096, atol=1e-9
+    )
+    assert np.isnan(trace.columns["turn"]).all()
+
+
+def test_16_bits_of_a_finer_encoder_tell_motion_but_no_angle() -> None:
+    tables = angles(narrow(1 << 18, 1 << 18), ordered(in_16_bits(300)))
+    trace = only(tables)
+    assert np.diff(trace.columns["unwrapped_deg"]) == pytest.approx(300 * 360 / (1 << 18))
+    assert np.isnan(trace.columns["angle_deg"]).all()
+    assert "only 16 bits are sent" in tables.traces[0].shows
+
+
+def test_an_sdo_read_of_32_bits_joins_a_pdo_of_16() -> None:
+    ctx = narrow(4096, 1 << 24)
+    for k in (100, 200, 200):
+        learn(ctx, 5, 0x6004, 0, 5 * 65536 + k * 300 % 65536, seq=k + k // 200, t_ns=k * 20 * MS)
+    frames = ordered(in_16_bits(300))
+    for size in (50, 1 << 16):
+        trace = only(angles(ctx, frames, block_frames=size))
+        assert set(trace.segment.tolist()) == {0}
+        assert np.abs(np.diff(trace.columns["unwrapped_deg"])).max() <= 600 * 360 / 4096

@@ -1,12 +1,16 @@
 """Statistics, silences and sources of angle traces against motions that the test knows."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from syncline_analyzer.context import Context
+from syncline_analyzer.fold import IndexedBatch
+from syncline_analyzer.folds.angle.fold import AngleFold
 from syncline_analyzer.folds.angle.statistics import WINDOW, Circle, Rest, Reversals
 from syncline_analyzer.results import TraceRow
 from syncline_schemas.batch import Gap
@@ -25,7 +29,7 @@ from tests.analyzer.timing_builder import (
 )
 
 
-def pdos(counts: np.ndarray, *, period_ns: int = 20 * MS, start_ns: int = 0) -> list[Row]:
+def pdos(counts: Any, *, period_ns: int = 20 * MS, start_ns: int = 0) -> list[Row]:
     """TPDO1 of node 1."""
     return [
         frame(start_ns + k * period_ns, 0x181, position(int(c) % LIR_RANGE))
@@ -33,7 +37,7 @@ def pdos(counts: np.ndarray, *, period_ns: int = 20 * MS, start_ns: int = 0) -> 
     ]
 
 
-def row_of(counts: np.ndarray) -> TraceRow:
+def row_of(counts: Any) -> TraceRow:
     return angles(lir(), ordered(pdos(counts))).traces[0]
 
 
@@ -99,7 +103,7 @@ def test_noise_is_told_of_the_samples_at_rest() -> None:
     ],
     ids=["turning", "slow", "to and fro", "twice to and fro", "starting"],
 )
-def test_what_moves_is_not_at_rest(line: np.ndarray) -> None:
+def test_what_moves_is_not_at_rest(line: Any) -> None:
     rest = Rest()
     rest.add(line, 0.001)
     assert (rest.samples, rest.noise_deg) == (0, None)
@@ -122,9 +126,7 @@ def turning_back(line: list[float], play: float) -> int:
 
 
 @given(st.lists(st.integers(-60, 60), min_size=1, max_size=200), st.integers(1, 200))
-def test_directions_agree_with_a_play_that_is_moved_step_by_step(
-    line: list[int], cut: int
-) -> None:
+def test_directions_agree_with_a_play_that_is_moved_step_by_step(line: list[int], cut: int) -> None:
     eighths = [value / 8 for value in line]
     reversals = Reversals()
     reversals.add(np.array(eighths[:cut]), 0.0)
@@ -159,7 +161,7 @@ def test_an_aliased_shaft_tells_no_directions() -> None:
     assert slow.direction_changes == 0
 
 
-def polled(ctx, times: list[int], values: list[int], start_seq: int = 1) -> None:  # type: ignore[no-untyped-def]
+def polled(ctx: Context, times: list[int], values: list[int], start_seq: int = 1) -> None:
     for k, (t_ns, value) in enumerate(zip(times, values, strict=True)):
         learn(ctx, 1, 0x6004, 0, value, seq=start_seq + k, t_ns=t_ns)
 
@@ -251,9 +253,6 @@ def test_a_capture_gap_is_cut_once() -> None:
 
 
 def test_a_line_is_not_drawn_through_a_lost_stretch() -> None:
-    from syncline_analyzer.fold import IndexedBatch
-    from syncline_analyzer.folds.angle.fold import AngleFold
-
     rows = [r for r in pdos(np.full(100, 700)) if not 600 * MS <= r[0] - T0 < SECOND]
     fold = AngleFold(lir())
     fold.update(IndexedBatch(ordered(rows), 0))

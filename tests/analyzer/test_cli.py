@@ -53,7 +53,18 @@ def test_analyze_prints_a_summary(session: FakeSession) -> None:
 
 def test_analyze_hands_its_options_on(session: FakeSession) -> None:
     words = "a.log b.log --description bus.toml --device 10=jn2100 --device 0x10=x=y.eds"
-    run(cli.analyze, *words.split(), "--bitrate", "250000", "--from", "10s", "--to", "1m30s", "--data-bitrate", "2000000")
+    run(
+        cli.analyze,
+        *words.split(),
+        "--bitrate",
+        "250000",
+        "--from",
+        "10s",
+        "--to",
+        "1m30s",
+        "--data-bitrate",
+        "2000000",
+    )
     assert session.asked == {
         "captures": (Path("a.log"), Path("b.log")),
         "description": Path("bus.toml"),

@@ -175,9 +175,7 @@ def test_frames_sooner_than_the_inhibit_time() -> None:
 def test_an_inhibit_time_that_holds_no_longer_was_broken_all_the_same(after: str) -> None:
     """A reset throws the written value away, another write replaces it: the frames came before."""
     setup = [*setting(0x1800, 2, 0xFF, 1, 2.1), *setting(0x1800, 3, 200, 2, 4.1)]
-    rows = [
-        row for k in range(8) for row in every(TPDO, 500 + 613 * k, 509 + 613 * k, 8, COUNTING)
-    ]
+    rows = [row for k in range(8) for row in every(TPDO, 500 + 613 * k, 509 + 613 * k, 8, COUNTING)]
     reset = [(10_000 * MS, 0, 0, 0, 2, bytes([0x81, NODE])), (10_300 * MS, 0, 0x705, 0, 1, b"\0")]
     longer = setting(0x1800, 3, 1000, 2, 10_000)
     told = whole(setup, quiet(), rows, reset if after == "reset" else longer)

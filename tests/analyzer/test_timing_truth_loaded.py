@@ -3,12 +3,14 @@
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from random import Random
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from syncline_analyzer import open_session
 from syncline_analyzer.results import Responses
 from syncline_samples.loaded import random_loaded_bus
 from syncline_schemas.batch import FrameBatch
@@ -131,6 +133,33 @@ def test_coarser_stamps_widen_the_bounds_and_keep_them_true(seed: int) -> None:
         assert outcome(lines) == []
         width = float(np.mean(widths_us(case)["low"]))
         assert exact <= width <= exact + 2 * step_ns / 1000
+
+
+@pytest.mark.parametrize("step_ns", [1000, 100_000, 1_000_000])
+def test_the_step_of_the_stamps_in_a_text_log_widens_the_bounds(
+    tmp_path: Path, step_ns: int
+) -> None:
+    """Nobody tells the reader of a log how coarse the clock of its logger was."""
+    plan = replace(case_of(24).plan, stamp_resolution_ns=step_ns)
+    case = measured(plan)
+    log, described = tmp_path / "run.log", tmp_path / "bus.toml"
+    log.write_text(candump(frames_of(case)), encoding="ascii")
+    described.write_text(plan.description_toml, encoding="utf-8")
+    analysis = open_session(log, description=described, bitrate=plan.bitrate).analyze()
+    read = replace(case, analysis=analysis)
+    assert sum(len(each.seq) for each in analysis.responses) > 1000
+    assert outcome(line for each in analysis.responses for line in wrong_bounds(read, each)) == []
+    assert outcome(line for each in analysis.responses for line in wrong_waiting(read, each)) == []
+
+
+def candump(frames: FrameBatch) -> str:
+    """The frames as `candump -L` writes them."""
+    lines = (
+        f"({t_ns // 10**9}.{t_ns % 10**9 // 1000:06d}) can0 {frames.can_id[row]:03X}"
+        f"#{frames.payload(row).hex()}\n"
+        for row, t_ns in enumerate(frames.t_ns.tolist())
+    )
+    return "".join(lines)
 
 
 def test_two_buses_in_one_log_are_those_of_two_logs() -> None:

@@ -189,10 +189,16 @@ def test_answers_are_not_joined_across_a_silence() -> None:
     shown = responses(count=1_000)
     keep = (shown.t_ns < at(100)) | (shown.t_ns > at(200))
     cut = replace(
-        shown, t_ns=shown.t_ns[keep], seq=shown.seq[keep], response_us=shown.response_us[keep]
+        shown,
+        t_ns=shown.t_ns[keep],
+        seq=shown.seq[keep],
+        response_us=shown.response_us[keep],
+        waiting_us=np.where(np.arange(keep.sum()) % 5, np.nan, 100.0),
     )
-    assert np.isnan(panels(analysis(responses=[cut]))[0].lines[0].value).sum() == 1
-    assert np.isnan(panels(analysis(responses=[shown]))[0].lines[0].value).sum() == 0
+    for line in panels(analysis(responses=[cut]))[0].lines:
+        assert np.isnan(line.value).sum() == 1, line.name
+    for line in panels(analysis(responses=[shown]))[0].lines:
+        assert np.isnan(line.value).sum() == 0, line.name
 
 
 def test_a_bar_far_from_all_others_is_left_out_and_counted() -> None:

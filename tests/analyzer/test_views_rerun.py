@@ -30,6 +30,7 @@ from tests.analyzer.analysis_builder import (
     untimed,
     usual_states,
 )
+from tests.analyzer.busy_bus import busy_bus
 
 SCREENSHOT_TOOL = Path(__file__).parents[2] / "../shared/tools/rerun_screenshot.py"
 
@@ -95,6 +96,17 @@ def test_overview_is_thinned_with_its_peak_and_detail_holds_every_sample(tmp_pat
     assert np.isfinite(values).sum() == count
     shown = np.array([value[0] for value in overview["Scalars:scalars"]])
     assert np.nanmax(shown) == trace.columns["speed_rpm"].max()
+
+
+def test_load_and_answers_lie_over_short_windows_and_waits(tmp_path: Path) -> None:
+    path = write_rrd(busy_bus(40, pdos=1), tmp_path / "s.rrd")
+    load = "/plots/bus_load/all"
+    short = columns(path, f"{load}/0", "Scalars:scalars")["Scalars:scalars"]
+    assert (len(short), max(short)) == (6_000, [50.0])
+    assert len(columns(path, f"{load}/1", "Scalars:scalars")["Scalars:scalars"]) == 600
+    answers = [name for name in entities(path) if name.startswith("/plots/pdo_response_us/node_")]
+    assert {f"/plots/pdo_response_us/node_40_drive_40/{i}" for i in (0, 1)} <= set(answers)
+    assert len({name.rsplit("/", 1)[0] for name in answers}) == 40
 
 
 @pytest.mark.parametrize(
@@ -230,7 +242,7 @@ def where(pixels: Picture, colour: tuple[int, int, int]) -> tuple[Picture, Pictu
     return rows, columns
 
 
-HIDDEN_TAB, TILT = "PDO response [us]", "Angle [deg] of node 10 boom tilt"
+HIDDEN_TAB, TILT = "PDO response [us] of node 5 shaft", "Angle [deg] of node 10 boom tilt"
 
 
 @pytest.fixture(scope="module")
@@ -249,7 +261,7 @@ def opened(tool: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> dict[s
         (WHOLE, "shaft angle", LINE_COLOURS[0], 900),
         (WHOLE, "EMCY marker", EMCY_COLOUR, 200),
         (WHOLE, "histogram", (81, 163, 103), 5_000),
-        (HIDDEN_TAB, "answers of node 5", LINE_COLOURS[1], 2_000),
+        (HIDDEN_TAB, "answers of node 5", LINE_COLOURS[0], 2_000),
         (TILT, "slope long", LINE_COLOURS[0], 1_500),
         (TILT, "slope lateral", LINE_COLOURS[1], 1_500),
         (TILT, "EMCY marker", EMCY_COLOUR, 100),

@@ -167,7 +167,7 @@ def by_definition(case: Measured, can_id: int) -> Due:
 def _missed(case: Measured, answered: list[int], every: int) -> list[int]:
     """Numbers of the due SYNCs between two answers, and after the last one."""
     syncs = case.truth.syncs
-    ends = [*answered[1:], len(syncs) - 1]
+    ends = [*answered[1:], len(syncs) - 1] if answered else []
     found: list[int] = []
     for number, end in zip(answered, ends, strict=True):
         for due in range(number + every, end, every):

@@ -194,9 +194,13 @@ def _of_responses(responses: Responses, gaps: NDArray[np.int64], estimated: bool
     """Response of one PDO, and behind it the part of it that it can have waited."""
     name = f"{responses.pdo or 'PDO'} ({hex_code(responses.cob_id, 3)})"
     cuts = _cuts(responses.t_ns, gaps) | _silences(responses.t_ns)
-    if np.isfinite(responses.waiting_us).any():
+    known = np.isfinite(responses.waiting_us)
+    if known.any():
         waited = f"{name} waited at most{_ESTIMATED if estimated else ''}"
-        yield replace(_line(responses, waited, responses.waiting_us, cuts), band=True)
+        t_ns = responses.t_ns[known]
+        part = replace(responses, t_ns=t_ns, seq=responses.seq[known])
+        apart = _cuts(t_ns, gaps) | _silences(t_ns)
+        yield replace(_line(part, waited, responses.waiting_us[known], apart), band=True)
     yield _line(responses, name, responses.response_us, cuts)
 
 

@@ -13,11 +13,14 @@ from syncline_analyzer.views.plots import Line, Panel, panels, shown_at_once
 from syncline_analyzer.views.thin import envelope, extremes
 from syncline_analyzer.views.words import Clock
 
-POINTS_OF_A_PAGE = 100_000
+POINTS_OF_A_PAGE = 80_000
 MAX_POINTS, MIN_POINTS = 4_000, 100
 MAX_LINES = 40
 """Lines of one plot; of more, those that reach farthest up and down."""
 MAX_MARKS, MAX_BANDS = 1_000, 200
+
+_OUTLINE = 8
+"""Points of a stretch that are worth an outline; with more holes a band is drawn as a line."""
 
 _LONGEST_BAND = 0.2
 
@@ -90,7 +93,8 @@ def _reach(value: NDArray[np.float64]) -> float:
 
 
 def _trace(line: Line, clock: Clock, points: int) -> dict[str, Any]:
-    if line.band and len(line.value) > points:
+    outlines = np.count_nonzero(np.isnan(line.value)) + 1
+    if line.band and len(line.value) > points > _OUTLINE * outlines:
         return _band(line, clock, points)
     rows = extremes(line.value, points)
     return {

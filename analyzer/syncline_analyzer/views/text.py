@@ -268,7 +268,9 @@ def _timing(analysis: Analysis, clock: Clock, width: int) -> Iterator[tuple[str,
     if analysis.sync or analysis.pdos:
         notes = (Text(line, style="dim") for line in basis_lines(analysis))
         title = "SYNC and PDOs (min/median/max; period in ms, all else in us; waited: at most)"
-        yield title, Group(_pdos(analysis, one_bus, width), *notes)
+        left = len(analysis.pdos) - MAX_ROWS
+        rest = [Text(f"and {left} more PDOs with less to tell", style="dim")] if left > 0 else []
+        yield title, Group(_pdos(analysis, one_bus, width), *rest, *notes)
     narrow = ("response", "device", "frames", "worst of", "count")
     for listing in (*waiting_listings(analysis, clock), *error_control_listings(analysis)):
         yield listing.title, _narrowed(listing, narrow, width, one_bus)
@@ -298,9 +300,6 @@ def _pdos(analysis: Analysis, one_bus: Sequence[str], width: int) -> Table:
         what = str(row[2]).removeprefix("node ") if narrow else row[2]
         cells = (*row[:2], what, *row[3:])
         _row(table, *(cells[i] for i in kept))
-    if left := len(analysis.pdos) - len(shown):
-        told = f"and {left} more with less to tell"
-        table.add_row(*[""] * kept.index(2), Text(told, style="dim"))
     return table
 
 

@@ -6,6 +6,7 @@ from itertools import groupby
 from operator import itemgetter
 from typing import NamedTuple
 
+from syncline_analyzer.findings.nmt.waited import only_waited
 from syncline_analyzer.findings.reaction import told_until_ns
 from syncline_analyzer.findings.rule import Facts
 from syncline_analyzer.findings.stretch import Stretch, seconds
@@ -34,6 +35,8 @@ class _Silence(NamedTuple):
     end_ns: int
     last_seq: int
     node: int
+    waited: bool = False
+    """Its heartbeat stood ready, but the bus was full."""
 
 
 class _Silent(NamedTuple):
@@ -46,6 +49,8 @@ class _Silent(NamedTuple):
     """A node like others, whose loss is an event of its own."""
     assumed: str = ""
     """What is taken for granted where no 1016h names it."""
+    waited: bool = False
+    """Its heartbeat stood ready, but the bus was full."""
 
     @property
     def name(self) -> str:
@@ -56,9 +61,18 @@ class _Silent(NamedTuple):
     @property
     def root(self) -> str:
         """Where to look."""
+        if self.waited:
+            return "what fills the bus at that time"
         if self.slave:
             return f"node {self.node} (supply, cable, restarted, bus-off?)"
         return "the master (program stopped, restarted, bus-off?)"
+
+    @property
+    def blame(self) -> str:
+        """What happened to it."""
+        if self.waited:
+            return f"{self.name} was there, but its heartbeat had to wait on a full bus"
+        return f"{self.name} stopped"
 
 
 class _Story(NamedTuple):
@@ -168,7 +182,7 @@ def _story(facts: Facts, bus: str, node: int, told: list[EmcyRow]) -> _Story:
         silent.last_ns if silent else first.t_ns,
         max(last.t_ns, fall[2] if fall else last.t_ns),
         f"{' -> '.join(pieces)}.",
-        f"{silent.name} stopped: the root is there, not at node {node}."
+        f"{silent.blame}: the root is there, not at node {node}."
         if silent
         else f"The master stopped guarding or its heartbeat did not reach node {node};"
         f" {_suspicion(facts, node, first.t_ns, suspects)}.",
@@ -237,7 +251,7 @@ def _together(facts: Facts, stories: Sequence[_Story]) -> Finding:
         f"{silent.name} silent from {facts.moment(start_ns)} on -> nodes {named} miss it, node"
         f" {first.finding.node} first after {seconds(first.missed_ns - start_ns)} -> EMCY 8130h of"
         f" all {len(nodes)}.",
-        f"{silent.name} stopped: the root is there, not at the nodes that miss it.",
+        f"{silent.blame}: the root is there, not at the nodes that miss it.",
         f"{_check(silent, 'sensors')} compare its period with 100Ch x 100Dh or 1016h of them.",
         list(seqs)[:_EVIDENCE],
         [story.finding.as_link() for story in ordered],
@@ -264,7 +278,7 @@ def _silent_before(
         last = max(named)
         slave = _is_slave(facts, (key[0], last.node))
         assumed = watched[last.node].assumed
-        return _Silent(last.node, last.last_ns, last.last_seq, slave, assumed), []
+        return _Silent(last.node, last.last_ns, last.last_seq, slave, assumed, last.waited), []
     nodes = {silence.node for silence in silences}
     if len(nodes) != 1 or not _may_be_master(facts, key, max(silences)):
         return None, silences
@@ -273,7 +287,8 @@ def _silent_before(
         f"node {key[1]} watches node {last.node}: 1016h of node {key[1]} is not known, but no"
         " other node was silent then"
     )
-    return _Silent(last.node, last.last_ns, last.last_seq, assumed=assumed), []
+    silent = _Silent(last.node, last.last_ns, last.last_seq, assumed=assumed, waited=last.waited)
+    return silent, []
 
 
 def _guarding_paused(facts: Facts, key: NodeKey, t_ns: int) -> _Silent | None:
@@ -300,7 +315,13 @@ def _silences(facts: Facts) -> dict[int, list[_Silence]]:
     found: dict[int, list[_Silence]] = {}
     for (bus, node), timeline in facts.control.nmt.timelines.items():
         found.setdefault(bus, []).extend(
-            _Silence(lost.last_ns, lost.end_ns, lost.last_seq, node)
+            _Silence(
+                lost.last_ns,
+                lost.end_ns,
+                lost.last_seq,
+                node,
+                only_waited(facts, (bus, node), lost),
+            )
             for lost in (*timeline.lost, *timeline.restarts)
         )
     return {bus: sorted(silences) for bus, silences in found.items()}

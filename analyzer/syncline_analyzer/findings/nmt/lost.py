@@ -14,6 +14,7 @@ from syncline_analyzer.findings.nmt.lateness import late_silences
 from syncline_analyzer.findings.nmt.power import APART_NS, power_breaks, told_at_once
 from syncline_analyzer.findings.nmt.switching import bus_silence, faded, fading, others_went_on
 from syncline_analyzer.findings.nmt.twins import Shared, twins
+from syncline_analyzer.findings.nmt.waited import only_waited
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import seconds, several
 from syncline_analyzer.folds.control import ControlTables
@@ -127,6 +128,7 @@ def _entries(facts: Facts) -> list[tuple[int, NodeKey, Lost]]:
         if lost.last_seq not in told
         and not _after_reset(timeline, lost)
         and not was_bus_off(facts, key, lost)
+        and not only_waited(facts, key, lost)
         and not _not_due(facts, key, lost)
         and not _of_one_of_two(doubled, facts, key, lost)
         and not any(
@@ -400,6 +402,10 @@ RULES = (
             "Only nodes whose error control is periodic, and any frame of a node is a sign of life.",
             "A heartbeat that was switched off or slowed down by a write of 1017h is no loss.",
             "A guarded node only while the master asks it.",
+            (
+                "A heartbeat that only waited on a full bus is no loss of its node: see"
+                " nmt.heartbeat_waited."
+            ),
             (
                 "A heartbeat that is late now and then, without one missing, is no loss: see"
                 " nmt.heartbeat_irregular and nmt.consumer_time."

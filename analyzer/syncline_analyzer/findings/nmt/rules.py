@@ -10,11 +10,13 @@ from syncline_analyzer.findings.nmt import (
     states,
     twins,
     unheard,
+    waited,
 )
 
 RULES = (
     *guarding.RULES,
     *lost.RULES,
+    *waited.RULES,
     *twins.RULES,
     *restarts.RULES,
     *commands.RULES,

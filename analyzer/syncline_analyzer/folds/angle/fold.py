@@ -48,6 +48,7 @@ from syncline_schemas.measurement import (
     encoder_scale,
     measured_by,
     position_objects,
+    sent_in,
     tilt_axis,
     tilt_scale,
 )
@@ -380,7 +381,7 @@ class AngleFold:
             zeroed = self._zeroed(bus, node, device, seq)
             return Tilt(tilt, tilt.axes[axis], piece.entry.bits, reference=reference, zeroed=zeroed)
         if by is not None:
-            encoder = encoder_scale(by, lookup, overrides)
+            encoder = sent_in(encoder_scale(by, lookup, overrides), piece.entry.bits)
             return Encoder(replace(encoder, assumed=(*encoder.assumed, *profile)))
         return Plain(piece.entry.scale, piece.entry.unit)
 

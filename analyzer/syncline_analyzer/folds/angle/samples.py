@@ -47,6 +47,7 @@ class SampleReader:
         self._bindings = bindings
         self._reads_seen: dict[int, int] = {}
         self._last_raw: dict[tuple[Key, int], int] = {}
+        self._bits: dict[Key, int] = {}
 
     def read(self, block: Block, bus: int) -> dict[Key, Samples]:
         """Samples of every trace of a bus in a block."""
@@ -60,7 +61,18 @@ class SampleReader:
         for key, samples in self._from_sdo(bus, self._reads_seen.get(bus, -1), last_seq):
             found.setdefault(key, []).append(samples)
         self._reads_seen[bus] = last_seq
-        return {key: _joined(parts) for key, parts in found.items()}
+        return {key: _joined(self._alike(key, parts)) for key, parts in found.items()}
+
+    def _alike(self, key: Key, parts: list[Samples]) -> list[Samples]:
+        """Samples of one object with as many bits as its narrowest source has so far."""
+        bits = min(self._bits.get(key, 64), *(part.entry.bits for part in parts))
+        self._bits[key] = bits
+        return [
+            replace(part, entry=replace(part.entry, bits=bits), raw=part.raw & (1 << bits) - 1)
+            if part.entry.bits > bits and part.entry.kind == "unsigned"
+            else part
+            for part in parts
+        ]
 
     def _from_pdo(self, block: Block, bus: int, can_id: int) -> Iterator[tuple[Key, Samples]]:
         rows = block.batch.rows(bus, can_id)

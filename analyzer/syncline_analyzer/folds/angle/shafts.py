@@ -115,7 +115,10 @@ class _Pair:
     widest_deg: float | None = None
     offset: float | None = None
     segments: tuple[int, int] | None = None
-    learned: list[float] = field(default_factory=list)
+    doubt_deg: float = 0.0
+    """What the offset may be off because it was learned while they moved."""
+    learned: list[tuple[float, float]] = field(default_factory=list)
+    """(difference, how much of it may be motion) of the samples that the offset is learned from."""
     off: list[tuple[int, int, float]] = field(default_factory=list)
     """(t_ns, seq, distance) of the samples too far off since the last good one, the first ones."""
     parted: list[tuple[int, int, float]] = field(default_factory=list)
@@ -215,35 +218,47 @@ class _Pair:
     def _stretch(
         self, t_ns: Integers, seq: Integers, difference: Floats, allowed: Floats, circle: Floats
     ) -> int:
-        """Judge samples up to the next parting; how many were taken."""
+        """Judge samples up to the next parting, or a better offset; how many were taken."""
+        moving = allowed - self.tolerance_deg
         if self.offset is None:
-            wanted = FOR_GOOD - len(self.learned)
-            self.learned += difference[:wanted].tolist()
-            if len(self.learned) == FOR_GOOD:
-                base = self.learned[0]
-                around = [base + _around(each - base, circle[0]) for each in self.learned]
-                self.offset = float(np.median(around))
-                self.first_deg = self.offset if self.first_deg is None else self.first_deg
-                self.learned.clear()
-            return min(wanted, len(t_ns))
+            return self._learn(difference, moving, circle)
+        slow = np.flatnonzero(2 * moving < self.doubt_deg)[: FOR_GOOD - len(self.learned)]
         away = _around(difference - self.offset, circle)
-        bad = np.abs(away) > allowed
-        fits = away[~bad]
+        bad = np.abs(away) > allowed + self.doubt_deg
         stop = self._parting(t_ns, bad)
+        if len(slow) + len(self.learned) >= FOR_GOOD:
+            stop = min(stop, int(slow[-1]) + 1)
         for row in np.flatnonzero(bad[:stop]).tolist():
             # Only the first ones since the last good one are of interest.
             if row and not bad[row - 1]:
                 self.off.clear()
             if len(self.off) < FOR_GOOD:
                 self.off.append((int(t_ns[row]), int(seq[row]), float(away[row])))
-        if stop < len(t_ns) or (stop and self._long(int(t_ns[stop - 1]))):
-            self._part()
-        elif stop and not bad[stop - 1]:
-            self.off.clear()
+        fits = np.abs(away[:stop][~bad[:stop]])
         if len(fits):
-            widest = float(np.abs(fits).max())
-            self.widest_deg = max(self.widest_deg or 0.0, widest)
+            self.widest_deg = max(self.widest_deg or 0.0, float(fits.max()))
+        if not bad[stop - 1]:
+            self.off.clear()
+        elif self._long(int(t_ns[stop - 1])):
+            self._part()
+            return stop
+        slow = slow[slow < stop]
+        if len(slow):
+            self._learn(difference[slow], moving[slow], circle[slow])
         return stop
+
+    def _learn(self, difference: Floats, moving: Floats, circle: Floats) -> int:
+        """Learn the offset; the faster it turned meanwhile, the less is it worth."""
+        wanted = FOR_GOOD - len(self.learned)
+        self.learned += zip(difference[:wanted].tolist(), moving[:wanted].tolist(), strict=True)
+        if len(self.learned) == FOR_GOOD:
+            base = self.learned[0][0]
+            around = [base + float(_around(each - base, circle[0])) for each, _ in self.learned]
+            self.offset = float(np.median(around))
+            self.first_deg = self.offset if self.first_deg is None else self.first_deg
+            self.doubt_deg = max(each for _, each in self.learned)
+            self.learned.clear()
+        return min(wanted, len(difference))
 
     def _long(self, t_ns: int) -> bool:
         return len(self.off) == FOR_GOOD and t_ns - self.off[0][0] >= FOR_GOOD_NS
@@ -268,6 +283,7 @@ class _Pair:
             self.parted.append((t_ns, seq, distance))
         self.widest_deg = max(self.widest_deg or 0.0, *(abs(each) for _, _, each in self.off))
         self.offset = None
+        self.learned.clear()
         self.off.clear()
 
 

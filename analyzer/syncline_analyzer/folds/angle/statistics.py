@@ -77,7 +77,7 @@ class Rest:
         usual = np.median(within, axis=1)
         # A drift shows in the means of the parts long before it shows within one of them, and where
         # a motion begins one part scatters more than the others.
-        still = np.ptp(means, axis=1) <= np.maximum(1.01 * step_deg, 1.5 * usual)
+        still = np.ptp(means, axis=1) <= np.maximum(1.01 * step_deg, 2 * usual)
         still &= within.max(axis=1) <= 2.5 * usual + 1.01 * step_deg
         resting = stretches[still]
         if len(resting):

@@ -138,8 +138,10 @@ class Encoder:
     def shows(self) -> str:
         """Counts per turn, range and direction."""
         per_turn, total = self.scale.counts_per_turn, self.scale.range_counts
+        bits = self.scale.cut_bits
         return ", ".join(
             (
+                *((f"only {bits} bits are sent",) if bits is not None else ()),
                 f"{per_turn} counts per turn" if per_turn else "counts per turn unknown",
                 f"range {total} counts" if total else "range unknown",
                 f"rising {'clockwise' if self.scale.clockwise else 'counter-clockwise'}",

@@ -236,6 +236,27 @@ class Lost(NamedTuple):
     whole_bus: bool
 
 
+class KeptWaiting(NamedTuple):
+    """A heartbeat that waited for other frames while the bus was full.
+
+    The one before it came at `before_ns`; the bus was free for it at `free_ns` for the last time,
+    before it came at `end_ns`, or before its bus was not heard any more (not `over`).
+    `busy` is the part of that time (0..1) that frames took, most of it those of `ahead`.
+    """
+
+    before_ns: int
+    end_ns: int
+    free_ns: int
+    busy: float
+    ahead: tuple[int, ...]
+    over: bool
+
+    @property
+    def waited_ns(self) -> int:
+        """How long it waited at most [ns]."""
+        return self.end_ns - self.free_ns
+
+
 class Ignored(NamedTuple):
     """A command that the node demonstrably did not follow.
 

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from syncline_analyzer.capture import Unread
 from syncline_analyzer.context import Context
 from syncline_analyzer.fold import IndexedBatch
+from syncline_analyzer.folds.nmt.kept_waiting import HeartbeatWaits
 from syncline_analyzer.folds.nmt.table import NodeNmt
 from syncline_analyzer.folds.timing.block import BLOCK_FRAMES, Block, Blocks
 from syncline_analyzer.folds.timing.error_control_periods import ErrorControlPeriods
@@ -40,6 +41,7 @@ class TimingFold:
         self._pdo = PdoFold(context, self._bindings, self._sync, self._waiting)
         self._load = LoadFold(context)
         self._error_control = ErrorControlPeriods(context)
+        self._heartbeat_waits = HeartbeatWaits(context)
         self._silence = SilenceFold()
         self._gap_starts: set[int] = set()
 
@@ -58,6 +60,7 @@ class TimingFold:
         self._load.gap(gap.bus)
         self._silence.gap(gap.bus)
         self._error_control.gap(gap.bus)
+        self._heartbeat_waits.gap(gap.bus)
 
     def finish(
         self,
@@ -74,6 +77,7 @@ class TimingFold:
         sends heartbeats (None: the frames of 700h + node alone do).
         """
         self._flush()
+        self._heartbeat_waits.finish()
         syncs = self._sync.finish()
         load = self._load.finish(self._bindings, [(t.row.bus, t.row.cob_id) for t in syncs])
         tables = TimingTables(
@@ -154,6 +158,7 @@ class TimingFold:
             if self._context.timed:
                 self._silence.update(block, bus)
                 self._error_control.update(block, bus)
+                self._heartbeat_waits.update(block, bus)
 
     def _turns(self, block: Block) -> list[int]:
         """Where PDOs or SYNC moved or got another timing: nothing is told over such a frame."""

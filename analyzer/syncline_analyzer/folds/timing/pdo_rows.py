@@ -34,9 +34,7 @@ def pdo_row(
         transmission_type=sending.type,
         type_source=sending.source,
         period_us=state.period.quantiles(1000),
-        response_us=response.quantiles(1000, std=True)
-        if response
-        else None,
+        response_us=response.quantiles(1000, std=True) if response else None,
         device_us_low=state.device_low.quantiles(1000) if answers else None,
         device_us_high=state.device_high.quantiles(1000) if answers else None,
         missed=missed.count,

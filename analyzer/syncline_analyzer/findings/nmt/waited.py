@@ -1,0 +1,130 @@
+"""Heartbeats that a full bus kept back for so long that their nodes count as lost."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from syncline_analyzer.findings.nmt.lateness import late_silences
+from syncline_analyzer.findings.rule import Facts, Rule
+from syncline_analyzer.findings.stretch import seconds, several
+from syncline_analyzer.folds.nmt.events import KeptWaiting, Lost
+from syncline_analyzer.folds.nmt.kept_waiting import kept_waiting
+from syncline_analyzer.folds.nmt.table import NodeKey
+from syncline_analyzer.results import Finding
+
+EVIDENCE = 40
+_BOOT_UP_NS = 1_000_000_000
+"""A boot-up this soon after a silence belongs to it [ns]."""
+
+
+class Waited(NamedTuple):
+    """A silence of a node in which its heartbeat only had to wait."""
+
+    lost: Lost
+    kept: KeptWaiting
+    key: NodeKey
+
+
+def waited(facts: Facts) -> dict[NodeKey, list[Waited]]:
+    """Those of every node; none that a boot-up ended, because then the node did start anew."""
+    found: dict[NodeKey, list[Waited]] = {}
+    for key in facts.context.kept_waiting:
+        timeline = facts.control.nmt.timelines.get(key)
+        boots = [boot.t_ns for boot in timeline.boot_ups] if timeline else []
+        spread = late_silences(facts, key) if timeline else []
+        for lost in timeline.lost if timeline else ():
+            kept = kept_waiting(facts.context, key, lost)
+            if kept is None or lost in spread or lost.whole_bus:
+                continue
+            if any(0 <= t_ns - lost.end_ns <= _BOOT_UP_NS for t_ns in boots):
+                continue
+            found.setdefault(key, []).append(Waited(lost, kept, key))
+    return found
+
+
+def only_waited(facts: Facts, key: NodeKey, lost: Lost) -> bool:
+    """Whether the bus, not the node, explains a silence."""
+    return any(each.lost == lost for each in facts.once(waited).get(key, ()))
+
+
+def kept_back(facts: Facts) -> Iterator[Finding]:
+    """One finding for each bus: it is the bus that fails, not the nodes."""
+    by_bus: dict[int, list[Waited]] = {}
+    for key, found in facts.once(waited).items():
+        by_bus.setdefault(key[0], []).extend(found)
+    for bus, found in sorted(by_bus.items()):
+        yield _kept_back(facts, bus, sorted(found, key=lambda each: each.lost.last_ns))
+
+
+def _kept_back(facts: Facts, bus: int, found: list[Waited]) -> Finding:
+    name = facts.context.bus_name(bus)
+    nodes = sorted({each.key[1] for each in found})
+    losses = [each.lost for each in found]
+    seqs = {seq for lost in losses for seq in (lost.last_seq, lost.end_seq) if seq is not None}
+    assumed = [loss.reason for loss in losses if "eds-default" in loss.reason]
+    return Finding(
+        "nmt.heartbeat_waited",
+        "warning",
+        name,
+        nodes[0] if len(nodes) == 1 else None,
+        losses[0].last_ns,
+        max(lost.end_ns for lost in losses),
+        _text(facts, name, nodes, found),
+        f"Frames of higher priority filled {name}, most of all {_ahead(facts, name, found)}. It is"
+        " the bus that is too full, not the node that is broken; whoever watches the heartbeat"
+        " takes the node for lost.",
+        "Do not change the node. See what fills the bus at that time: send it less often, raise"
+        " inhibit times, cut long SDO transfers into pieces or use a higher bit rate; give the"
+        " watching nodes a longer time (1016h).",
+        sorted(seqs)[:EVIDENCE],
+        assumed=[*facts.context.assumed_bitrate(name), *sorted(set(assumed))],
+    )
+
+
+def _text(facts: Facts, bus: str, nodes: list[int], found: list[Waited]) -> str:
+    worst = max(found, key=lambda each: each.lost.end_ns - each.lost.last_ns)
+    passed = worst.lost.end_ns - worst.lost.last_ns
+    whose, which = f"heartbeat of {facts.inside(bus, nodes[0])}", ""
+    if len(nodes) > 1:
+        whose = "heartbeats of nodes " + ", ".join(map(str, nodes))
+        which = f" (node {worst.key[1]})"
+    busy_ns = min(worst.kept.end_ns, worst.lost.end_ns) - worst.kept.free_ns
+    often = several([facts.moment(each.lost.last_ns) for each in found])
+    moment = "" if often else f"from {facts.moment(worst.lost.last_ns)} on "
+    text = (
+        f"The {whose} had to wait {often}{moment}behind frames of higher priority: up to"
+        f" {seconds(passed)} without one{which}, and for the last {seconds(busy_ns)} of them the bus"
+        f" was never free for it ({worst.kept.busy:.0%} busy). The node counts as lost after"
+        f" {seconds(worst.lost.timeout_ns)}: {worst.lost.reason}."
+    )
+    if not all(each.kept.over for each in found):
+        text += " The bus stayed full up to the end, so whether it is still there is not known."
+    return text
+
+
+def _ahead(facts: Facts, bus: str, found: list[Waited]) -> str:
+    """The identifiers that took most of the time, with what they are."""
+    worst = max(found, key=lambda each: each.kept.waited_ns)
+    service = {row.cob_id: row.service for row in facts.analysis.bus_shares if row.bus == bus}
+    named = [
+        f"{can_id:03X}h" + (f" ({service[can_id]})" if can_id in service else "")
+        for can_id in worst.kept.ahead
+    ]
+    return ", ".join(named)
+
+
+RULES = (
+    Rule(
+        "nmt.heartbeat_waited",
+        "A heartbeat waited behind frames of higher priority until its node counted as lost.",
+        "The node's last frame before that time and its first one after it.",
+        (
+            "Only where the bit rate is known; an estimated one is named as such.",
+            (
+                "The bus was never free for the heartbeat from the moment on at which the node counts"
+                " as lost: neither idle nor taken by a frame of lower priority of another node."
+            ),
+            "A node that comes back with a boot-up was lost, however full the bus was.",
+        ),
+        kept_back,
+    ),
+)

@@ -1,0 +1,306 @@
+"""Heartbeats that waited for other frames: when the bus was free for each of them last.
+
+A heartbeat has one of the highest identifiers of all. While the bus is never idle it stands in the
+arbitration, and no frame of a higher identifier gets through either (ISO 11898-1). So a node whose
+heartbeat comes late was late itself only if the bus was free for it before.
+"""
+
+from bisect import bisect_left
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from syncline_analyzer.context import Context
+from syncline_analyzer.folds.nmt.events import KeptWaiting, Lost
+from syncline_analyzer.folds.nmt.table import NodeKey
+from syncline_analyzer.folds.nmt.timeline import Timeline
+from syncline_analyzer.folds.timing.block import Block
+from syncline_analyzer.folds.timing.waiting import noise_of
+from syncline_analyzer.results import NmtStateRow
+from syncline_schemas.batch import FrameBatch, FrameFlag
+from syncline_schemas.canopen.nmt import NmtState
+from syncline_schemas.wire_length import INTERMISSION_BITS
+
+FIRST_ID = 0x700
+MAX_NODE = 127
+_WORTH = 0.05
+"""Waiting that makes up less of a heartbeat's period is let be."""
+_FULL = 0.9
+"""So much of the time that frames took on the wire must be seen to call the bus full."""
+_ERROR_BITS = 160
+"""An error frame and what it destroyed take no longer."""
+_IDLE_BITS = 2.0
+"""The bus is idle when nobody starts within so many bits after the intermission."""
+_CLOCKS = 0.003
+"""Part by which frames may take longer than the bit rate and the recorder's clock say."""
+_HELD = 1 << 16
+"""Frames of a bus before a block in which the last idle moment is looked for."""
+_MAX_KEPT = 10_000
+"""Kept for each node."""
+_AHEAD = 3
+"""Identifiers that are named."""
+_CUT_NS = 10_000_000
+"""A bus ends its traffic so soon before the capture, or another bus, does [ns]."""
+_NO_HEARTBEAT = np.uint16(FrameFlag.EXTENDED | FrameFlag.ERROR | FrameFlag.FD)
+
+Ints = NDArray[np.int64]
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Frames:
+    """Frames of one bus in order; all (n,).
+
+    `most_ns` is what each took on the wire with intermission at most, `least_ns` at least. `node`
+    is that of a heartbeat, negative where it is asked for one, 0 for other frames.
+    """
+
+    t_ns: Ints
+    can_id: Ints
+    most_ns: Floats
+    least_ns: Floats
+    node: NDArray[np.int16]
+
+    def after(self, before: "_Frames | None") -> "_Frames":
+        """These frames behind others."""
+        if before is None:
+            return self
+        return _Frames(
+            np.concatenate((before.t_ns, self.t_ns)),
+            np.concatenate((before.can_id, self.can_id)),
+            np.concatenate((before.most_ns, self.most_ns)),
+            np.concatenate((before.least_ns, self.least_ns)),
+            np.concatenate((before.node, self.node)),
+        )
+
+    def last(self, count: int) -> "_Frames":
+        """The last ones."""
+        columns = (self.t_ns, self.can_id, self.most_ns, self.least_ns, self.node)
+        return _Frames(*(column[-count:].copy() for column in columns))  # type: ignore[arg-type]
+
+
+@dataclass(slots=True)
+class _Bus:
+    """One bus from block to block."""
+
+    before: _Frames | None = None
+    noise_ns: float = 0.0
+    beat_ns: dict[int, int] = field(default_factory=dict)
+    """Time of each node's last heartbeat."""
+
+
+class HeartbeatWaits:
+    """Fills `Context.kept_waiting` on every bus whose bit rate is known."""
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        self._buses: dict[int, _Bus] = {}
+
+    def update(self, block: Block, bus: int) -> None:
+        """Take in the frames of one bus of a block."""
+        name = self._context.bus_name(bus)
+        bitrate = self._context.bitrates.get(name)
+        told = self._context.estimates.get(name)
+        if not bitrate or (told is not None and told.confident and told.bitrate != bitrate):
+            return
+        bit_ns = 1e9 / bitrate
+        state = self._buses.setdefault(bus, _Bus())
+        fresh = self._frames(block, bus, bit_ns)
+        state.noise_ns = noise_of(
+            fresh.t_ns,
+            fresh.least_ns,
+            bit_ns=bit_ns,
+            resolution_ns=self._context.resolution_ns,
+            before_ns=state.noise_ns,
+        )
+        begin = len(state.before.t_ns) if state.before is not None else 0
+        frames = fresh.after(state.before)
+        traffic = _Traffic(frames, bit_ns, self._context.resolution_ns - 1 + state.noise_ns)
+        rows = begin + np.flatnonzero(fresh.node > 0)
+        for node in np.unique(frames.node[rows]).tolist():
+            self._judge((bus, node), state, traffic, rows[frames.node[rows] == node])
+        state.before = frames.last(_HELD)
+
+    def gap(self, bus: int | None) -> None:
+        """Nothing is known of the frames in a gap."""
+        for each in [bus] if bus is not None else list(self._buses):
+            self._close(each)
+
+    def finish(self) -> None:
+        """Look at the heartbeats that did not come any more."""
+        self.gap(None)
+
+    def _close(self, bus: int) -> None:
+        state = self._buses.pop(bus, None)
+        bitrate = self._context.bitrates.get(self._context.bus_name(bus))
+        if state is None or state.before is None or not bitrate:
+            return
+        slack_ns = self._context.resolution_ns - 1 + state.noise_ns
+        traffic = _Traffic(state.before, 1e9 / bitrate, slack_ns)
+        for node, beat_ns in state.beat_ns.items():
+            found = traffic.waited(node, len(state.before.t_ns), beat_ns)
+            if found is not None:
+                self._keep((bus, node), found)
+
+    def _judge(self, key: NodeKey, state: _Bus, traffic: "_Traffic", rows: Ints) -> None:
+        """Look at the heartbeats of a node before which the bus was full for long."""
+        t_ns = traffic.frames.t_ns[rows]
+        last_ns = state.beat_ns.get(key[1])
+        state.beat_ns[key[1]] = int(t_ns[-1])
+        before = np.concatenate((t_ns[:1] if last_ns is None else [last_ns], t_ns[:-1]))
+        for at in np.flatnonzero(traffic.worth(rows, before)).tolist():
+            found = traffic.waited(key[1], int(rows[at]), int(before[at]))
+            if found is not None:
+                self._keep(key, found)
+
+    def _keep(self, key: NodeKey, found: KeptWaiting) -> None:
+        kept = self._context.kept_waiting.setdefault(key, [])
+        if len(kept) < _MAX_KEPT:
+            kept.append(found)
+
+    def _frames(self, block: Block, bus: int, bit_ns: float) -> _Frames:
+        places = block.by_bus[bus]
+        frames = block.frames[places]
+        fast = block.data_phase_bits[places]
+        nominal_ns = (block.wire_bits[places] - fast) * bit_ns
+        rate = self._context.data_bitrates.get(self._context.bus_name(bus))
+        most = nominal_ns + fast * (1e9 / rate if rate else bit_ns)
+        return _Frames(
+            frames.t_ns.astype(np.int64),
+            frames.can_id.astype(np.int64),
+            np.where(block.error[places], _ERROR_BITS * bit_ns, most),
+            nominal_ns + fast * (1e9 / rate if rate else 0.0),
+            _beating(frames),
+        )
+
+
+class _Traffic:
+    """Frames of a bus, and when it was idle between them."""
+
+    def __init__(self, frames: _Frames, bit_ns: float, slack_ns: float) -> None:
+        self.frames = frames
+        self._allowed_ns = slack_ns + _IDLE_BITS * bit_ns
+        since = (frames.t_ns - frames.t_ns[:1]).astype(np.float64)
+        self._start_ns = since - frames.most_ns + INTERMISSION_BITS * bit_ns
+        apart = np.diff(since, prepend=np.inf)
+        idle = (apart - frames.most_ns > self._allowed_ns) | (apart < -slack_ns)
+        idle[:1] = True
+        self._last_idle: Ints = np.maximum.accumulate(np.where(idle, np.arange(len(idle)), 0))
+        self._idle_ns = since - np.cumsum((1 + _CLOCKS) * frames.most_ns)
+        """Time without frames so far, less what the clocks may be apart."""
+        self._busy_ns = np.cumsum(frames.least_ns)
+
+    def worth(self, rows: Ints, before_ns: Ints) -> Bools:
+        """(r,) whether the bus was not idle for a good part of the time since another moment."""
+        t_ns = self.frames.t_ns
+        waited = t_ns[rows] - t_ns[self._last_idle[rows]]
+        found: Bools = waited > _WORTH * (t_ns[rows] - before_ns)
+        return found
+
+    def waited(self, node: int, row: int, before_ns: int) -> KeptWaiting | None:
+        """What a heartbeat, the frame of a row or the one that never came, waited for.
+
+        Args:
+            node: whose heartbeat.
+            row: the heartbeat; the number of frames for one that never came.
+            before_ns: time of the one before.
+        """
+        frames, last = self.frames, min(row, len(self.frames.t_ns) - 1)
+        first = max(self._free(last), self._weaker(node, last))
+        free_ns, end_ns = self._begin(first), int(frames.t_ns[last])
+        waited = end_ns - free_ns
+        if waited <= _WORTH * (end_ns - before_ns):
+            return None
+        busy = min(1.0, float(self._busy_ns[last] - self._busy_ns[first]) / waited)
+        if busy < _FULL:
+            return None
+        ahead = _longest(frames.can_id[first:row], frames.least_ns[first:row])
+        return KeptWaiting(before_ns, end_ns, free_ns, busy, ahead, over=row == last)
+
+    def _begin(self, row: int) -> int:
+        return int(self.frames.t_ns[0]) + round(float(self._start_ns[row]))
+
+    def _free(self, row: int) -> int:
+        """The first frame after the bus was idle last, by the sum of what passed between frames."""
+        since = int(self._last_idle[row])
+        idle = self._idle_ns[since : row + 1]
+        proof = np.flatnonzero(idle < idle[-1] - self._allowed_ns)
+        return since if not len(proof) else since + int(proof[-1]) + 1
+
+    def _weaker(self, node: int, row: int) -> int:
+        """The last frame before a row at whose start the heartbeat of a node was not ready.
+
+        That is another one's of a higher identifier, or a request to the node, which loses against
+        the answer. Right behind a frame that may be the node's own this proves nothing: it may have
+        to load the next one.
+        """
+        since = int(self._last_idle[row])
+        sent = self.frames.node[since:row]
+        found = since + np.flatnonzero((sent > node) | (sent == -node))
+        found = found[found > 0]
+        found = found[self.frames.can_id[found - 1] & MAX_NODE != node]
+        return int(found[-1]) if len(found) else 0
+
+
+def kept_waiting(context: Context, key: NodeKey, lost: Lost) -> KeptWaiting | None:
+    """What kept a node's heartbeat back in a silence; None where the node itself was silent.
+
+    The bus was never free for the heartbeat once the node was silent for too long.
+    """
+    every = context.kept_waiting.get(key, [])
+    at = bisect_left(every, lost.end_ns, key=lambda kept: kept.end_ns)
+    for kept in every[max(0, at - 1) : at + 1]:
+        later = 0 if kept.over else _CUT_NS
+        within = kept.before_ns <= lost.last_ns and lost.end_ns <= kept.end_ns + later
+        if within and kept.free_ns <= lost.start_ns:
+            return kept
+    return None
+
+
+def told_waiting(
+    context: Context, states: Sequence[NmtStateRow], timelines: dict[NodeKey, Timeline]
+) -> list[NmtStateRow]:
+    """The states of all nodes; that a LOST node only had to wait is said in its cause."""
+    waited = {
+        (context.bus_name(key[0]), key[1], lost.start_ns): kept
+        for key, timeline in timelines.items()
+        if key in context.kept_waiting
+        for lost in timeline.lost
+        if (kept := kept_waiting(context, key, lost)) is not None
+    }
+    if not waited:
+        return list(states)
+    return [
+        replace(row, cause=f"{row.cause}; {_told(kept)}")
+        if row.state == NmtState.LOST
+        and (kept := waited.get((row.bus, row.node, row.start_ns))) is not None
+        else row
+        for row in states
+    ]
+
+
+def _told(kept: KeptWaiting) -> str:
+    return (
+        "frames of higher priority kept the bus busy"
+        f" ({kept.busy:.0%} of {kept.waited_ns / 1e6:.0f} ms): its heartbeat had to wait"
+    )
+
+
+def _beating(frames: FrameBatch) -> NDArray[np.int16]:
+    """(n,) node of each message of error control, negative for a request, 0 for other frames."""
+    can_id = frames.can_id.astype(np.int64)
+    place = (can_id > FIRST_ID) & (can_id <= FIRST_ID + MAX_NODE)
+    place &= (frames.flags & _NO_HEARTBEAT) == 0
+    remote = (frames.flags & FrameFlag.REMOTE) != 0
+    node = np.where(remote, FIRST_ID - can_id, np.where(frames.dlc == 1, can_id - FIRST_ID, 0))
+    return np.where(place, node, 0).astype(np.int16)
+
+
+def _longest(can_id: Ints, wire_ns: Floats) -> tuple[int, ...]:
+    """The identifiers that took most of the time."""
+    keys, place = np.unique(can_id, return_inverse=True)
+    took = np.bincount(place, wire_ns, minlength=len(keys))
+    return tuple(keys[np.argsort(-took, kind="stable")[:_AHEAD]].tolist())

@@ -66,6 +66,7 @@ def whole(
     damage: str | None = None,
     unparsed: int = 0,
     batch: int = 10_000,
+    resolution_ns: int = 1,
 ) -> Analysis:
     """The analysis of frames given in ms from the start; rows are put in order of time."""
     rows = [row for part in parts if not isinstance(part, Gap) for row in part]
@@ -75,6 +76,7 @@ def whole(
     origin = T0 if base == "utc" else 0
     facts = CaptureFacts(Path("run.log"), "test", list(buses), base)
     facts.damage, facts.unparsed_count = damage, unparsed
+    facts.resolution_ns = resolution_ns
     return analyze(
         _stream(rows, gaps, origin, batch),
         [facts],

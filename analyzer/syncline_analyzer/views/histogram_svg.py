@@ -93,7 +93,7 @@ def _told(bars: Bars, responses: Responses, row: PdoRow | None) -> Iterator[str]
     if row is not None and row.response_us is not None:
         yield f"median {number(row.response_us.median, 'us')}"
         yield f"p99 {number(row.response_us.p99, 'us')}"
-        std = fine(row.response_us.std, row.resolution_us)
-        yield f"std {std}" + (" us" if row.response_us.std is not None else "")
+        spread = row.jitter_us.std if row.jitter_us else None
+        yield f"std {fine(spread, row.resolution_us)}{'' if spread is None else ' us'}"
     if bars.left_out:
         yield f"{bars.left_out} far away left out"

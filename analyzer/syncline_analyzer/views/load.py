@@ -50,4 +50,5 @@ def _line(row: BusLoadRow, clock: Clock) -> list[str]:
 
 
 def _at(figure: str, t_ns: int | None, clock: Clock) -> str:
-    return figure if t_ns is None else f"{figure} at {clock.short(t_ns)}"
+    # What begins with the first frame begins before its stamp, which is taken at its end.
+    return figure if t_ns is None else f"{figure} at {clock.short(max(t_ns, clock.first_ns))}"

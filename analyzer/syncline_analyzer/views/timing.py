@@ -3,9 +3,9 @@
 from collections.abc import Iterator
 
 from syncline_analyzer.results import Analysis, ErrorControlRow
-from syncline_analyzer.views.basis import deviation, fine, stepped
+from syncline_analyzer.views.basis import fine, stepped
 from syncline_analyzer.views.services import Listing
-from syncline_analyzer.views.words import names_of, node_label, number
+from syncline_analyzer.views.words import duration, names_of, node_label, number
 
 _SHOWN = 8
 """Nodes that are listed: those whose messages are missing, and the least even ones."""
@@ -46,9 +46,16 @@ def _line(row: ErrorControlRow, label: str) -> list[str]:
 
 def _against(row: ErrorControlRow) -> Iterator[str]:
     if row.expected_us is not None:
-        off = deviation(row.deviation_us, row.expected_us, row.resolution_us)
-        yield f"{number(row.expected_us / 1000)} ms ({row.expected_source}): {off} us off"
+        yield f"{number(row.expected_us / 1000)} ms ({row.expected_source}): {_off(row)} off"
     if row.missing:
         yield f"{row.missing} {'missing' if row.kind == 'heartbeat' else 'not answered'}"
     if row.answer_us is not None:
         yield f"answered within {stepped(row.answer_us.max, row.resolution_us)} us"
+
+
+def _off(row: ErrorControlRow) -> str:
+    """How far the median period is off what it is set to."""
+    if row.deviation_us is None:
+        return fine(None, row.resolution_us)
+    sign = "+" if row.deviation_us > 0 else ""
+    return f"{sign}{duration(round(1000 * row.deviation_us))}"

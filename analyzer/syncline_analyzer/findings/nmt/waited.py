@@ -7,13 +7,11 @@ from syncline_analyzer.findings.nmt.lateness import late_silences
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import seconds, several
 from syncline_analyzer.folds.nmt.events import KeptWaiting, Lost
-from syncline_analyzer.folds.nmt.kept_waiting import kept_waiting
+from syncline_analyzer.folds.nmt.kept_waiting import losses_by_waiting
 from syncline_analyzer.folds.nmt.table import NodeKey
 from syncline_analyzer.results import Finding
 
 EVIDENCE = 40
-_BOOT_UP_NS = 1_000_000_000
-"""A boot-up this soon after a silence belongs to it [ns]."""
 
 
 class Waited(NamedTuple):
@@ -25,19 +23,12 @@ class Waited(NamedTuple):
 
 
 def waited(facts: Facts) -> dict[NodeKey, list[Waited]]:
-    """Those of every node; none that a boot-up ended, because then the node did start anew."""
+    """Those of every node, but for a spread of its heartbeat that is told as such."""
     found: dict[NodeKey, list[Waited]] = {}
-    for key in facts.context.kept_waiting:
-        timeline = facts.control.nmt.timelines.get(key)
-        boots = [boot.t_ns for boot in timeline.boot_ups] if timeline else []
-        spread = late_silences(facts, key) if timeline else []
-        for lost in timeline.lost if timeline else ():
-            kept = kept_waiting(facts.context, key, lost)
-            if kept is None or lost in spread or lost.whole_bus:
-                continue
-            if any(0 <= t_ns - lost.end_ns <= _BOOT_UP_NS for t_ns in boots):
-                continue
-            found.setdefault(key, []).append(Waited(lost, kept, key))
+    for key, timeline in facts.control.nmt.timelines.items():
+        for lost, kept in losses_by_waiting(facts.context, timeline):
+            if lost not in late_silences(facts, key):
+                found.setdefault(key, []).append(Waited(lost, kept, key))
     return found
 
 

@@ -26,12 +26,12 @@ from syncline_analyzer.folds.angle.samples import (
     alarm_objects,
     changes_within,
 )
+from syncline_analyzer.folds.angle.scales import Scales, scale_objects
 from syncline_analyzer.folds.angle.shafts import Shafts
 from syncline_analyzer.folds.angle.silence import held_by_design
 from syncline_analyzer.folds.angle.state import TraceState
-from syncline_analyzer.folds.angle.trace import Converter, Derived, Encoder, Plain, Tilt
+from syncline_analyzer.folds.angle.trace import Converter, Derived, Encoder, Tilt
 from syncline_analyzer.folds.timing.block import BLOCK_FRAMES, Block, Blocks
-from syncline_analyzer.object_history import Known, ObjectHistory
 from syncline_analyzer.pdo_binding import PdoBindings
 from syncline_analyzer.results import (
     ShaftRow,
@@ -45,12 +45,8 @@ from syncline_schemas.batch import Gap
 from syncline_schemas.decoder import decode_nmt
 from syncline_schemas.devices import Device, Jump, quirks
 from syncline_schemas.measurement import (
-    encoder_scale,
     measured_by,
-    position_objects,
-    sent_in,
     tilt_axis,
-    tilt_scale,
 )
 
 _MOVES = ("jump", "step", "spike", "preset")
@@ -62,18 +58,6 @@ WRITE_NS = 500_000_000
 GENERIC_JUMPS = (Jump(0x6003, 0, "preset"), Jump(0x6000, 0, "operating parameters"))
 _RESETS = (0x81, 0x82)
 _RECENT_WRITES = 1000
-_SCALE_ROLES = (
-    "counts_per_turn",
-    "hardware_counts_per_turn",
-    "range",
-    "turns",
-    "resolution",
-    "quadrant",
-    "definition",
-)
-"""Roles of objects in a device's `measurement` that make its scale."""
-_STANDARD_SCALE = tuple((index, 0) for index in (0x6000, 0x6001, 0x6002, 0x6501, 0x6502))
-"""Objects of the scale in CiA 406 and CiA 410."""
 
 
 class Cut(NamedTuple):
@@ -115,7 +99,7 @@ class AngleFold:
         self._states: dict[Key, TraceState] = {}
         self._writes: dict[tuple[int, int], deque[Cut]] = {}
         self._seen: dict[int, int] = {}
-        self._resets: dict[tuple[int, int], list[int]] = {}
+        self._scales = Scales(context)
         self._jump_from_ns: dict[tuple[Key, int], int] = {}
         self._poses = Poses(context)
         self._shafts = Shafts(context)
@@ -250,7 +234,7 @@ class AngleFold:
         if not len(rows):
             return []
         piece = _piece(samples, int(rows[0]), int(rows[-1]) + 1)
-        converter = self._converter(key, piece, seq)
+        converter = self._scales.converter(key, piece, seq)
         trial = TraceState("", 0, 0)
         derived = converter.derive(trial.link, piece, timed=True)
         return [int(rows[0]) + jump.row for jump in derived.jumps]
@@ -258,7 +242,7 @@ class AngleFold:
     def _add(self, state: TraceState, key: Key, piece: Samples) -> None:
         if not len(piece.seq):
             return
-        converter = self._converter(key, piece, int(piece.seq[0]))
+        converter = self._scales.converter(key, piece, int(piece.seq[0]))
         if state.begun and not converter.same_scale(state.converter):
             state.cut(int(piece.seq[0]), int(piece.t_ns[0]), "another scale")
         derived = state.add(piece, converter, timed=self._context.timed)
@@ -353,92 +337,6 @@ class AngleFold:
                 assumed,
             )
 
-    def _converter(self, key: Key, piece: Samples, seq: int) -> Converter:
-        """Scale of a trace as known at `seq`."""
-        bus, node, number = key
-        shadow = self._context.shadow
-        device = shadow.device(bus, node)
-
-        def lookup(index: int, sub: int) -> tuple[int, bool] | None:
-            known = self._acting(bus, node, device, (index, sub), seq)
-            if known is None or not isinstance(known.value, int):
-                return None
-            doubtful = self._doubtful(bus, node, device, (index, sub), known, seq)
-            return known.value, known.source == "eds-default" or doubtful
-
-        index = number >> 8
-        overrides = self._context.overrides(bus, node)
-        device_type = shadow.number(bus, node, 0x1000, 0, seq)
-        by, is_assumed = measured_by(device, device_type, index, number & 0xFF)
-        profile = ("profile",) if is_assumed else ()
-        axis = tilt_axis(by, index)
-        if axis is not None:
-            tilt = tilt_scale(by, lookup, overrides)
-            if by is not device and "res" in tilt.assumed:
-                return Plain(1.0, "counts", ("res", *profile))
-            tilt = replace(tilt, assumed=(*tilt.assumed, *profile))
-            reference = self._reference(bus, node, device, seq)
-            zeroed = self._zeroed(bus, node, device, seq)
-            return Tilt(tilt, tilt.axes[axis], piece.entry.bits, reference=reference, zeroed=zeroed)
-        if by is not None:
-            encoder = sent_in(encoder_scale(by, lookup, overrides), piece.entry.bits)
-            return Encoder(replace(encoder, assumed=(*encoder.assumed, *profile)))
-        return Plain(piece.entry.scale, piece.entry.unit)
-
-    def _acting(
-        self, bus: int, node: int, device: Device | None, key: tuple[int, int], seq: int
-    ) -> Known | None:
-        """The value that acts at `seq`: on some devices a new scale acts after a restart only."""
-        shadow, pending = self._context.shadow, quirks(device).pending_until_reset
-        known = shadow.get(bus, node, key[0], key[1], seq)
-        if not pending or device is None:
-            return known
-        histories = dict(shadow.history(bus, node))
-        if key in pending and key in histories:
-            resets = self._resets.get((bus, node), [])
-            return _acting(histories[key], resets, seq) or shadow.assumed(bus, node, *key)
-        per_turn = device.measurement.get("counts_per_turn")
-        if key == device.measurement.get("range") and per_turn in pending and known is not None:
-            changed = self._acting(bus, node, device, per_turn, seq)
-            if changed is None or changed.source != "sdo-write":
-                return known
-            return known if (known.seq or 0) > (changed.seq or 0) else None
-        return known
-
-    def _doubtful(
-        self,
-        bus: int,
-        node: int,
-        device: Device | None,
-        key: tuple[int, int],
-        known: Known,
-        seq: int,
-    ) -> bool:
-        """Whether a reset came since, and the maker does not say that the value survives it."""
-        facts = device.object(*key) if device else None
-        if facts is None or facts.persisted != "?" or not known.confirmed:
-            return False
-        resets = self._resets.get((bus, node), [])
-        return any((known.seq or 0) < reset <= seq for reset in resets)
-
-    def _reference(self, bus: int, node: int, device: Device | None, seq: int) -> str:
-        """Whether angles count from gravity or from a pose that was taught."""
-        keys = device.measurement.get("reference", ()) if device else ()
-        if not keys:
-            return ""
-        shadow = self._context.shadow
-        values = [shadow.confirmed(bus, node, index, sub, seq) for index, sub in keys]
-        if 1 in values:
-            return "relative"
-        return "absolute" if all(value == 2 for value in values) else "reference unknown"
-
-    def _zeroed(self, bus: int, node: int, device: Device | None, seq: int) -> bool:
-        """Whether the device subtracts a zero point from its angles."""
-        key = device.measurement.get("zero") if device else None
-        if key is None:
-            return False
-        return self._context.shadow.confirmed(bus, node, key[0], key[1], seq) == 1
-
     def _cuts(self, block: Block, bus: int, node: int, last_seq: int) -> list[Cut]:
         """Everything in a block that cuts the traces of a node."""
         first = self._seen.get(bus, -1)
@@ -453,7 +351,7 @@ class AngleFold:
             if first < seq <= last_seq
         )
         resets = list(_resets(block, bus, node))
-        self._resets.setdefault((bus, node), []).extend(cut.seq for cut in resets)
+        self._scales.reset(bus, node, [cut.seq for cut in resets])
         return sorted([*writes, *news, *resets])
 
     def _explaining_writes(
@@ -467,32 +365,6 @@ class AngleFold:
                 if known.source == "sdo-write" and fits:
                     text = f"{jump.text} ({jump.index:04X}h written)"
                     yield Cut(known.seq or 0, known.t_ns or 0, text, True)
-
-
-def scale_objects(device: Device | None) -> list[tuple[int, int]]:
-    """Objects on which the scale of a device's traces rests."""
-    if not position_objects(device):
-        return [(0x1000, 0), *_STANDARD_SCALE]
-    assert device is not None
-    keys = [device.measurement[role] for role in _SCALE_ROLES if role in device.measurement]
-    keys += device.measurement.get("reference", ())
-    flags = [device.measurement.get(role) for role in ("direction", "scaling")]
-    return keys + [flag["object"] for flag in flags if flag]
-
-
-def _acting(history: ObjectHistory, resets: Sequence[int], seq: int) -> Known | None:
-    """What an object acts as where a written value waits for the next reset."""
-    acting: Known | None = None
-    waits = False
-    for change in history.changes:
-        if change.seq > seq:
-            break
-        waits = (waits or change.cause == "sdo-write") and not any(
-            change.seq < reset <= seq for reset in resets
-        )
-        if not waits:
-            acting = change.known
-    return acting
 
 
 def _restarted(event: TraceEventRow, since_ns: int, starts: Sequence[int]) -> bool:

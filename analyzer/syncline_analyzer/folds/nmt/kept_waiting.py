@@ -6,7 +6,7 @@ heartbeat comes late was late itself only if the bus was free for it before.
 """
 
 from bisect import bisect_left
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -25,6 +25,8 @@ from syncline_schemas.wire_length import INTERMISSION_BITS
 
 FIRST_ID = 0x700
 MAX_NODE = 127
+BOOT_UP_NS = 1_000_000_000
+"""A boot-up this soon after a silence belongs to it [ns]."""
 _WORTH = 0.05
 """Waiting that makes up less of a heartbeat's period is let be."""
 _FULL = 0.9
@@ -245,12 +247,25 @@ class _Traffic:
         return int(found[-1]) if len(found) else 0
 
 
-def kept_waiting(context: Context, key: NodeKey, lost: Lost) -> KeptWaiting | None:
-    """What kept a node's heartbeat back in a silence; None where the node itself was silent.
+def losses_by_waiting(context: Context, timeline: Timeline) -> Iterator[tuple[Lost, KeptWaiting]]:
+    """Silences in which a node's heartbeat only had to wait, and what for.
 
-    The bus was never free for the heartbeat once the node was silent for too long.
+    The bus was never free for the heartbeat once the node was silent for too long. A node that
+    boots after its silence was lost, however full the bus was.
     """
-    every = context.kept_waiting.get(key, [])
+    key = (timeline.history.bus, timeline.history.node)
+    every = context.kept_waiting.get(key)
+    if not every:
+        return
+    boots = [boot.t_ns for boot in timeline.boot_ups]
+    for lost in timeline.lost:
+        kept = _kept_waiting(every, lost)
+        booted = any(0 <= t_ns - lost.end_ns <= BOOT_UP_NS for t_ns in boots)
+        if kept is not None and not booted and not lost.whole_bus:
+            yield lost, kept
+
+
+def _kept_waiting(every: Sequence[KeptWaiting], lost: Lost) -> KeptWaiting | None:
     at = bisect_left(every, lost.end_ns, key=lambda kept: kept.end_ns)
     for kept in every[max(0, at - 1) : at + 1]:
         later = 0 if kept.over else _CUT_NS
@@ -267,9 +282,7 @@ def told_waiting(
     waited = {
         (context.bus_name(key[0]), key[1], lost.start_ns): kept
         for key, timeline in timelines.items()
-        if key in context.kept_waiting
-        for lost in timeline.lost
-        if (kept := kept_waiting(context, key, lost)) is not None
+        for lost, kept in losses_by_waiting(context, timeline)
     }
     if not waited:
         return list(states)

@@ -10,6 +10,7 @@ from syncline_analyzer.folds.timing.block import Block
 from syncline_analyzer.folds.timing.lateness import others_as_late
 from syncline_analyzer.folds.timing.overdue import lacking_after
 from syncline_analyzer.folds.timing.pdo_state import Pause, PdoState
+from syncline_analyzer.folds.timing.phase import UNTOLD
 from syncline_analyzer.folds.timing.sync import SyncFold, SyncIndex
 from syncline_analyzer.folds.timing.waiting_fold import WaitingFold
 from syncline_analyzer.pdo_binding import PdoBindings, Transmission
@@ -291,23 +292,20 @@ class PdoFold:
         fresh = passing.block.batch.seq0 + rows >= state.changed_seq
         state.rhythm.answered(ordinal[fresh])
         every = self._due_every(passing.bus, state)
-        self._count_phase(passing.bus, state, rows, sync, every)
+        self._count_phase(state, rows, sync)
         unanswered = state.rhythm.evaluate(every, sync)
         self._waiting.unanswered(can_id, state.owner, unanswered, sync)
 
-    def _count_phase(
-        self, bus: int, state: PdoState, rows: NDArray[np.intp], sync: SyncIndex, every: int | None
-    ) -> None:
-        """Which of n SYNCs were answered, by their counter where it tells n apart."""
+    @staticmethod
+    def _count_phase(state: PdoState, rows: NDArray[np.intp], sync: SyncIndex) -> None:
+        """Which of n SYNCs were answered."""
         state.answered += len(rows)
-        if every is None or every < 2:
+        told = state.told_type()
+        every = UNTOLD if told is None else told
+        if state.off or not 2 <= every <= 0xF0:
             return
-        end = self._sync.counter_end(bus, state.sync_cob_id)
-        number = sync.counter[sync.before[rows]]
-        if end and end % every == 0 and number.all():
-            state.phase.add(number, every, "SYNC counter")
-        else:
-            state.phase.add(sync.first_ordinal + sync.before[rows], every, "first SYNC")
+        at = sync.before[rows]
+        state.phase.add(every, sync.counter[at], sync.first_ordinal + at)
 
     def _due_every(self, bus: int, state: PdoState) -> int | None:
         if state.off:

@@ -10,7 +10,7 @@ from syncline_analyzer.folds.timing.operational import operational
 from syncline_analyzer.folds.timing.pause import pauses
 from syncline_analyzer.folds.timing.pdo_rows import pdo_holes, pdo_row, responses
 from syncline_analyzer.folds.timing.pdo_state import PdoState
-from syncline_analyzer.folds.timing.pdo_statistics import with_statistics, worst
+from syncline_analyzer.folds.timing.pdo_statistics import with_phase, with_statistics, worst
 from syncline_analyzer.folds.timing.request_answers import ANSWER_NS
 from syncline_analyzer.folds.timing.rhythm import MissedList, Operational
 from syncline_analyzer.folds.timing.sending import Sending, by_chance, due_step_ns, sending
@@ -64,6 +64,8 @@ class PdoJudge:
         counter = self.bindings.repeat_counter(state.owner) if state.owner else None
         overdue = self._overdue(bus, state, silences)
         unanswered = self._unanswered(bus, state, silences)
+        counter_end = self.sync.counter_end(bus, state.sync_cob_id) or 0
+        told = with_phase(told, state, how, counter_end)
         row = with_statistics(told, state, how, overdue, unanswered, counter, resolution_ns)
         if how.synchronous and state.response.count:
             row = self.waiting.judge(tables, bus, can_id, row, missed.seq)

@@ -36,7 +36,7 @@ def with_statistics(
     timer_ns, deadline_ns = state.told_timer_ns(), state.told_deadline_ns()
     response = state.response if how.synchronous else None
     return replace(
-        _with_phase(row, state, how),
+        row,
         jitter_us=response.jitter(1000, resolution_ns) if response else None,
         period_jitter_us=state.periods.jitter_us(resolution_ns)
         if how.synchronous or timer_ns or state.cyclic()
@@ -75,19 +75,22 @@ def worst(row: PdoRow, state: PdoState) -> list[WorstRow]:
     return found + state.request_answers.slowest.rows(*place, "answer")
 
 
-def _with_phase(row: PdoRow, state: PdoState, how: Sending) -> PdoRow:
-    """n of a synchronous PDO and which of n SYNCs it answers; none for type 0, sent on change."""
+def with_phase(row: PdoRow, state: PdoState, how: Sending, counter_end: int) -> PdoRow:
+    """n of a synchronous PDO and which of n SYNCs it answers; none for type 0, sent on change.
+
+    `counter_end` is the highest value of the SYNC counter (1019h), 0 without one.
+    """
     if not how.synchronous or how.type == 0:
         return row
-    usual = state.phase.usual() if state.phase.every == how.every > 1 else None
+    usual = state.phase.usual(how.every, counter_end) if how.every > 1 else None
     if usual is None:
         return replace(row, every=how.every)
     return replace(
         row,
         every=how.every,
-        phase=usual[0],
-        phase_basis=state.phase.basis,
-        phase_share=usual[1],
+        phase=usual.remainder,
+        phase_basis=usual.basis,
+        phase_share=usual.share,
         phase_changes=state.rhythm.strays(how.every),
     )
 

@@ -1,32 +1,61 @@
 """Which of n SYNCs a PDO answers that is sent with every n-th."""
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+UNTOLD = 240
+"""Most n that are inferred from the frames divide it, so n need not be known beforehand."""
+
+
+class UsualPhase(NamedTuple):
+    """Remainder modulo n of the SYNCs that are answered, its share, and what numbers them."""
+
+    remainder: int
+    share: float
+    basis: str
+
+
+def _none() -> NDArray[np.int64]:
+    return np.zeros(0, np.int64)
+
 
 @dataclass(slots=True)
 class Phase:
-    """Counts the answers by the number of their SYNC, modulo n; another n begins anew.
+    """Counts the answers by the number of their SYNC, modulo `every`; another one begins anew.
 
-    `basis` tells what numbers the SYNCs: their counter, or the first one of the capture.
+    SYNCs have two numbers: that of their counter, and that from the first SYNC of the capture on.
     """
 
     every: int = 0
-    basis: str = ""
-    counts: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+    by_counter: NDArray[np.int64] = field(default_factory=_none)
+    by_place: NDArray[np.int64] = field(default_factory=_none)
 
-    def add(self, number: NDArray[np.int64], every: int, basis: str) -> None:
-        """Take in the numbers of the SYNCs that were answered."""
-        if (every, basis) != (self.every, self.basis):
-            self.every, self.basis, self.counts = every, basis, np.zeros(every, np.int64)
-        self.counts += np.bincount(number % every, minlength=every)
+    def add(self, every: int, counter: NDArray[np.int64], place: NDArray[np.int64]) -> None:
+        """Take in the numbers of the SYNCs that were answered; without a counter it is 0."""
+        if every != self.every:
+            self.every = every
+            self.by_counter, self.by_place = np.zeros(every, np.int64), np.zeros(every, np.int64)
+        self.by_counter += np.bincount(counter[counter > 0] % every, minlength=every)
+        self.by_place += np.bincount(place % every, minlength=every)
 
-    def usual(self) -> tuple[int, float] | None:
-        """(remainder, share of the answers that have it); None without answers."""
-        total = int(self.counts.sum())
-        if not total:
+    def usual(self, every: int, counter_end: int) -> UsualPhase | None:
+        """The usual one of n; by the counter where it numbers all and tells n apart.
+
+        Args:
+            every: n; None comes back where it was not counted.
+            counter_end: highest value of the SYNC counter, 0 without one.
+        """
+        total = int(self.by_place.sum())
+        if not total or self.every % every:
             return None
-        best = int(self.counts.argmax())
-        return best, int(self.counts[best]) / total
+        counted = int(self.by_counter.sum()) == total
+        numbered = counted and counter_end > 0 and counter_end % every == 0
+        counts = self.by_counter if numbered else self.by_place
+        counts = counts.reshape(-1, every).sum(axis=0)
+        best = int(counts.argmax())
+        return UsualPhase(
+            best, int(counts[best]) / total, "SYNC counter" if numbered else "first SYNC"
+        )

@@ -161,14 +161,15 @@ class Distribution:
 
     def _add_moments(self, new: Floats) -> None:
         """Extremes, mean and squares; those of two parts are joined as Chan et al. do (1979)."""
-        low, high, mean = float(new.min()), float(new.max()), float(new.mean())
+        low, high = float(np.minimum.reduce(new)), float(np.maximum.reduce(new))
+        mean = float(np.add.reduce(new)) / len(new)
         if not self.count:
             self.minimum, self.maximum, self._mean = low, high, mean
         self.minimum, self.maximum = min(self.minimum, low), max(self.maximum, high)
         before, self.count = self.count, self.count + len(new)
         apart = mean - self._mean
         self._mean += apart * len(new) / self.count
-        self._squares += float(np.square(new - mean).sum())
+        self._squares += float(np.add.reduce(np.square(new - mean)))
         self._squares += apart * apart * before * len(new) / self.count
 
 

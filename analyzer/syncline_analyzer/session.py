@@ -226,6 +226,10 @@ class Session:
         """One row per inclinometer and pair of its objects: how far it tilted."""
         return self._frame("tilts")
 
+    def shafts(self) -> pd.DataFrame:
+        """One row per two encoders that the bus description places on one shaft."""
+        return self._frame("shafts")
+
     def bus_load(self) -> pd.DataFrame:
         """One row per bus."""
         return self._frame("bus_load")

@@ -175,6 +175,37 @@ def test_a_move_to_the_preset_value_is_no_wire() -> None:
         assert severe(analysis) == []
 
 
+def running_up(rpm: float) -> Motion:
+    """From standstill to a speed in 4 s, and on."""
+
+    def motion(t_s: Any) -> Any:
+        return 100 + rpm / 60 * np.where(t_s < 4, t_s**2 / 8, t_s - 2)
+
+    return motion
+
+
+@pytest.mark.triggers("angle.overspeed")
+@pytest.mark.parametrize("batch", [97, 100_000])
+def test_a_shaft_that_turns_too_fast_is_no_jump(batch: int) -> None:
+    rows = encoder(running_up(3600), period_ms=5.0) + encoder(
+        running_up(3600), pdo=0x280, period_ms=20.0, begin_ms=27.0
+    )
+    analysis = whole(rows, description=described(5), batch=batch)
+    (finding,) = found(analysis, "angle.overspeed")
+    assert found(analysis, "angle.jump") == found(analysis, "angle.step") == []
+    assert finding.start_ns - analysis.capture.first_ns == pytest.approx(3.33e9, rel=0.1)
+    assert "up to 3600 rpm within 16." in finding.text
+    assert analysis.traces[0].speed_max_rpm == pytest.approx(3600, rel=0.01)
+
+
+@pytest.mark.near_miss("angle.overspeed")
+def test_a_jump_and_a_shaft_at_its_limit_are_no_overspeed() -> None:
+    jump = moved(encoder(turning), 10_010, 700 * TURN)
+    analysis = run(jump)
+    assert [f.id for f in analysis.findings if f.severity != "info"] == ["angle.jump"]
+    assert severe(run(encoder(running_up(2980), period_ms=5.0))) == []
+
+
 @pytest.mark.triggers("angle.sampled_too_seldom")
 def test_a_single_turn_encoder_every_515_ms_is_told_to_be_too_slow() -> None:
     lir = BusDescription.loads(

@@ -364,3 +364,52 @@ def test_two_cadences_are_found_however_the_heartbeats_are_cut(seed: int, size: 
         pieces.note(seq[part], t_ns[part], regular[part])
     assert (once.periods_ns, once.at) == (pieces.periods_ns, pieces.at)
     assert once.periods_ns is None or once.span == pieces.span
+
+
+# -- a node by itself, and what the recorder makes of it -------------------------------------------
+
+
+@pytest.mark.near_miss("nmt.bus_silent")
+def test_a_node_that_restarts_while_the_clock_is_set_was_not_off_with_the_machine() -> None:
+    """Node 5 is away from 4.0 s on, the clock jumps by 2.3 s at 5.7 s; the others go on."""
+    rows = ordered(
+        heartbeats(0, 4000),
+        [boot(6000)],
+        heartbeats(6100, 16_000),
+        heartbeats(0, 16_000, node=9),
+        heartbeats(7, 16_000, every_ms=500, node=1),
+    )
+    moved = [(t_ns + (2_333 * MS if t_ns >= 5_700 * MS else 0), *rest) for t_ns, *rest in rows]
+    result = run(*moved)  # type: ignore[arg-type]
+    assert accusing(result) == []
+    assert [state for state, _, _ in result.states(NODE)][1] == "INITIALISING"
+
+
+@pytest.mark.near_miss("nmt.heartbeat_slow")
+def test_a_gap_may_hide_that_1017h_was_lost_with_a_restart() -> None:
+    before = ordered(heartbeats(0, 6000, every_ms=400), others(8000), written(6100, 0x1017, 200))
+    after = ordered(heartbeats(11_000, 30_000, every_ms=400), others(30_000))
+    after = [row for row in after if row[0] >= 11_000 * MS]
+    gap = Gap(8_100 * MS, 11_000 * MS, "adapter lost", 20, 0)
+    assert "nmt.heartbeat_slow" not in run(*before, gap, *after).ids()
+    heard = ordered(heartbeats(0, 30_000, every_ms=400), others(30_000), written(6100, 0x1017, 200))
+    assert "nmt.heartbeat_slow" in run(*heard).ids()
+
+
+@pytest.mark.triggers("nmt.guarding_lost")
+@pytest.mark.near_miss("nmt.left_operational")
+def test_a_master_that_falls_silent_twice_is_one_story() -> None:
+    """Both falls of the node belong to it."""
+
+    def silence(at_ms: float) -> list[Row]:
+        return [
+            frame(at_ms, 0x085, "3081110000000000"),
+            *guarding(at_ms + 200, at_ms + 700, state=0x7F),
+            frame(at_ms + 700, 0x000, "0105"),
+            *guarding(at_ms + 750, at_ms + 2000),
+        ]
+
+    rows = ordered([boot(0)], guarding(100, 2900), silence(3200), silence(5500))
+    result = run(*ordered(rows, others(8000)), devices=JN2100)
+    assert "nmt.left_operational" not in result.ids()
+    assert "its PDOs stop, 2 times" in one(result, "nmt.guarding_lost").text

@@ -5,6 +5,7 @@ import re
 import shutil
 import subprocess
 import tempfile
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -308,6 +309,16 @@ def data_of(page: str) -> Any:
     found = re.search(r'<script type="application/json" id="report-data">(.*?)</script>', page)
     assert found is not None
     return json.loads(found[1])
+
+
+def test_what_is_left_out_or_not_exact_is_said() -> None:
+    many = busy_bus(40, pdos=1)
+    page = markup(many)
+    assert "Without a plot here: 28 nodes that answer more evenly." in page
+    assert "Response histograms of 28 more PDOs" in page
+    assert "minima and maxima are exact" not in page
+    long = replace(many, pdos=[replace(row, quantile_error=0.0048) for row in many.pdos])
+    assert "Medians and percentiles are within 0.48 %" in markup(long)
 
 
 def test_every_pdo_that_answers_has_a_histogram() -> None:

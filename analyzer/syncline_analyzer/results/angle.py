@@ -18,6 +18,7 @@ EventKind = Literal[
     "spike",
     "preset",
     "parted",
+    "too fast",
 ]
 """What happens to a trace."""
 
@@ -59,6 +60,8 @@ class TraceRow:
     noise_peak_deg: float | None = None
     sources: dict[str, int] = field(default_factory=dict)
     """Samples by what carried them: "18Ah" (the COB-ID of a PDO), "SDO"."""
+    speed_max_rpm: float | None = None
+    """Fastest speed that the samples tell, either way."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +105,8 @@ class TraceEventRow:
     6503h or 6505h came up), "ambiguous" (the first sample whose value or direction cannot be told),
     "gray code" (at the end: counts in the wrong code), "step" (away within one sample, at the same
     speed before and after), "spike" (away for one sample and back), "preset" (a step onto the
-    preset value), "parted" (from another encoder on its shaft) or "cut"; `text` says why. `before`
+    preset value), "parted" (from another encoder on its shaft), "too fast" (turns on and on faster than it may) or
+    "cut"; `text` says why. `before`
     and `after` are values in the trace's unit.
     """
 

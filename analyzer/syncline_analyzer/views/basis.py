@@ -25,8 +25,18 @@ def basis_lines(analysis: Analysis) -> Iterator[str]:
         return
     step = duration(analysis.capture.resolution_ns)
     yield f'The stamps have steps of {step}; a spread that they cannot show is written "< {step}".'
+    if error := _quantile_error(analysis):
+        yield f"Medians and percentiles are within {error:.2g} %; minima and maxima are exact."
     for row in analysis.bus_load:
         yield f"{row.bus}: {_rate(row)}"
+
+
+def _quantile_error(analysis: Analysis) -> float:
+    """Largest relative error of a quantile [%]; 0 while all of them are exact."""
+    errors = [row.quantile_error for row in analysis.sync]
+    errors += [row.quantile_error for row in analysis.pdos]
+    errors += [row.quantile_error for row in analysis.error_control_periods]
+    return 100 * max(errors, default=0.0)
 
 
 def _rate(row: BusLoadRow) -> str:

@@ -24,6 +24,7 @@ from syncline_analyzer.views.palette import (
     STATE_COLOURS,
     css,
 )
+from syncline_analyzer.views.plots import RESPONSES_APART
 from syncline_analyzer.views.report_plots import bands_of, plots_of
 from syncline_analyzer.views.services import error_list, listings
 from syncline_analyzer.views.text import recording_lines
@@ -35,6 +36,7 @@ from syncline_analyzer.views.words import (
     node_label,
     number,
 )
+from syncline_schemas.wording import counted
 
 FIRST_STORIES = 6
 """Findings told at once; the rest opens on a click."""
@@ -344,6 +346,10 @@ def _timing(analysis: Analysis, clock: Clock, plots: list[dict[str, Any]]) -> It
     )
     yield from histogram_figures(analysis)
     yield from _titled(plots, "PDO response")
+    left = len({(r.bus, r.node) for r in analysis.responses}) - RESPONSES_APART
+    if plots and left > 0:
+        told = f"Without a plot here: {counted(left, 'node')} that answer more evenly."
+        yield element("p", told, class_="dim")
     for listing in waiting_listings(analysis, clock):
         yield from tables.listed_table(listing)
     yield from timing.ahead_table(analysis, clock)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from syncline_analyzer.results import CaptureRow, NodeRow, Quantiles, SdoRow
+from syncline_analyzer.results import CaptureRow, NodeRow, SdoRow
 
 _SECOND = 1_000_000_000
 
@@ -79,17 +79,6 @@ def number(value: float | None, unit: str = "", digits: int = 4) -> str:
     whole = value == int(value) or abs(value) >= 10**digits
     text = f"{value:.0f}" if whole else f"{value:.{digits}g}"
     return f"{text} {unit}" if unit else text
-
-
-def spread(quantiles: Quantiles | None) -> str:
-    """Minimum, median and maximum of a quantity in one cell.
-
-    >>> spread(Quantiles(9990.0, 10000.0, 10010.0, 10020.0))
-    '9990/10000/10020'
-    """
-    if quantiles is None:
-        return "-"
-    return "/".join(number(v) for v in (quantiles.min, quantiles.median, quantiles.max))
 
 
 def duration(ns: int) -> str:

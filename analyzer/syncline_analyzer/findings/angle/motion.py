@@ -68,6 +68,35 @@ def _spikes(facts: Facts) -> Iterator[Finding]:
             )
 
 
+def _fast(facts: Facts) -> Iterator[Finding]:
+    """Shafts that turn faster than the encoder may."""
+    for trace in _judged(facts):
+        for group in together(events_of(facts.analysis, trace, "too fast")):
+            first = group[0]
+            tops = [event.after for event in group if event.after is not None]
+            more = (
+                f" ({len(group)} times, up to {max(tops):.4g} rpm)"
+                if len(group) > 1 and tops
+                else ""
+            )
+            yield Finding(
+                "angle.overspeed",
+                "warning",
+                trace.bus,
+                trace.node,
+                first.t_ns,
+                group[-1].t_ns + 1,
+                f"{facts.who(trace.bus, trace.node)} turned too fast{facts.at(first.t_ns)}:"
+                f" {first.text}{more}.{rests_on(trace)}",
+                "The machine ran faster than the encoder is made for; or the counts per turn or the"
+                " speed limit are not those of this encoder.",
+                "Compare with the speed of the machine; state the encoder's limit (override"
+                " max_rpm) and its scale.",
+                evidence_of(group),
+                assumed=scale_of(trace),
+            )
+
+
 def _seldom(facts: Facts) -> Iterator[Finding]:
     """Encoders whose samples come too seldom for their speed and direction."""
     for trace in facts.analysis.traces:
@@ -202,6 +231,17 @@ RULES: tuple[Rule, ...] = (
             "A frame that is too short holds no value.",
         ),
         _spikes,
+    ),
+    Rule(
+        "angle.overspeed",
+        "A shaft turned faster than its encoder may.",
+        "The first sample of each such stretch.",
+        (
+            "Several samples in a row must tell the same speed; a single one is a jump.",
+            "Not told where the samples come too seldom to tell the speed.",
+            "Not told where no speed limit is known.",
+        ),
+        _fast,
     ),
     Rule(
         "angle.sampled_too_seldom",

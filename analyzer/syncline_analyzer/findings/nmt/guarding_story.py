@@ -154,7 +154,7 @@ def _story(facts: Facts, bus: str, node: int, told: list[EmcyRow]) -> _Story:
     first, last = told[0], told[-1]
     key = (facts.number(bus), node)
     silent, suspects = _silent_before(facts, key, first)
-    fall = _fall_after(facts, key, told)
+    falls = _falls_after(facts, key, told)
     evidence = [*([silent.last_seq] if silent else []), *(row.seq for row in told)]
     pieces = [f"EMCY 8130h at {facts.moment(first.t_ns)}"]
     if silent is None:
@@ -166,21 +166,22 @@ def _story(facts: Facts, bus: str, node: int, told: list[EmcyRow]) -> _Story:
         watches = ", which watches its heartbeat (1016h)," if silent.slave else ""
         pieces.insert(0, f"{facts.inside(bus, node)}{watches} misses it after {passed}{limit}")
         pieces.insert(0, f"{silent.name} silent from {facts.moment(silent.last_ns)} on")
-    if fall is not None:
-        pieces.append(f"node {node} goes {fall[1]} and its PDOs stop")
-        evidence.append(fall[0])
+    if falls:
+        again = f", {len(falls)} times" if len(falls) > 1 else ""
+        pieces.append(f"node {node} goes {falls[0][1]} and its PDOs stop{again}")
+        evidence.extend(fall[0] for fall in falls)
     cleared = _cleared(facts, bus, node, first, last)
     if cleared is not None and cleared.cleared_ns is not None:
         pieces.append(f"cleared by the node {seconds(cleared.cleared_ns - first.t_ns)} later")
         evidence.append(cleared.evidence[-1])
-    harmless = cleared is not None and silent is None and fall is None
+    harmless = cleared is not None and silent is None and not falls
     finding = Finding(
         "nmt.guarding_lost",
         "warning" if harmless else "error",
         bus,
         node,
         silent.last_ns if silent else first.t_ns,
-        max(last.t_ns, fall[2] if fall else last.t_ns),
+        max([last.t_ns, *(fall[2] for fall in falls)]),
         f"{' -> '.join(pieces)}.",
         f"{silent.blame}: the root is there, not at node {node}."
         if silent
@@ -375,14 +376,15 @@ def _watched(facts: Facts, key: NodeKey, seq: int) -> Iterator[_Watch]:
             yield _Watch(node, told if default else "")
 
 
-def _fall_after(facts: Facts, key: NodeKey, told: Sequence[EmcyRow]) -> tuple[int, str, int] | None:
-    """(seq, state, time) of the change out of OPERATIONAL that followed one of these EMCYs.
+def _falls_after(facts: Facts, key: NodeKey, told: Sequence[EmcyRow]) -> list[tuple[int, str, int]]:
+    """(seq, state, time) of the changes out of OPERATIONAL that followed these EMCYs.
 
     A guarded node tells it once it is asked again.
     """
     timeline = facts.control.nmt.timelines.get(key)
     if timeline is None:
-        return None
+        return []
+    found: dict[int, tuple[int, str, int]] = {}
     changes = timeline.changes
     for emcy in told:
         pause = _pause_at(facts, key, emcy.t_ns)
@@ -393,5 +395,6 @@ def _fall_after(facts: Facts, key: NodeKey, told: Sequence[EmcyRow]) -> tuple[in
             if change_ns > until_ns:
                 break
             if before == "OPERATIONAL" and change_ns >= emcy.t_ns:
-                return seq, after, change_ns
-    return None
+                found[seq] = (seq, after, change_ns)
+                break
+    return list(found.values())

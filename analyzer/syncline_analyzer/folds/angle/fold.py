@@ -13,8 +13,10 @@ from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.folds.angle.frozen import with_frozen
 from syncline_analyzer.folds.angle.notes import (
     cut_where_lost,
+    follow_fast,
     note_alarms,
     note_ambiguous,
+    note_fast,
     note_frozen,
     note_gray,
 )
@@ -136,6 +138,7 @@ class AngleFold:
         )
         for key, state in sorted(self._states.items()):
             bus, node, _ = key
+            note_fast(state)
             note_ambiguous(state)
             note_gray(state)
             trace = state.trace()
@@ -284,6 +287,9 @@ class AngleFold:
                 f"{jump.span_ns / 1e6:.4g} ms apart, which would take {jump.speed_rpm:.0f} rpm;"
                 f" the device turns at most {limit:.0f} rpm{text}",
             )
+
+        if len(derived.fast) and isinstance(converter, Encoder) and converter.scale.max_rpm:
+            follow_fast(state, piece, derived, converter.scale.max_rpm)
 
     def _note_leaps(self, state: TraceState, key: Key, piece: Samples, converter: Encoder) -> None:
         """Steps and spikes that the speed limit lets pass; each source shows them, one is told."""

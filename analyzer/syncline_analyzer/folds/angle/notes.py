@@ -1,16 +1,20 @@
 """Moments of a trace that a reader must know of, besides jumps and cuts."""
 
+from dataclasses import replace
+from itertools import pairwise
 from math import ceil
 
 import numpy as np
 
 from syncline_analyzer.folds.angle.samples import Samples
-from syncline_analyzer.folds.angle.state import TraceState
-from syncline_analyzer.folds.angle.trace import AMBIGUOUS, Encoder, Tilt
+from syncline_analyzer.folds.angle.state import Fast, TraceState
+from syncline_analyzer.folds.angle.trace import AMBIGUOUS, Derived, Encoder, Tilt
 from syncline_analyzer.results import Trace
 from syncline_schemas.devices import Device
 from syncline_schemas.measurement import ambiguous_rpm
 
+APART_NS = 1_000_000_000
+"""Stretches no further apart are one."""
 _AMBIGUOUS_BIT = AMBIGUOUS.bit_length() - 1
 
 
@@ -28,6 +32,36 @@ def note_frozen(state: TraceState, piece: Samples) -> None:
         value = float(piece.raw[row])
         text = f"{int(later.sum())} equal values in {piece.source[row]:03X}h over {lasted:.4g} s"
         state.note("frozen", int(piece.seq[row]), int(piece.t_ns[row]), value, value, text)
+
+
+def follow_fast(state: TraceState, piece: Samples, derived: Derived, limit_rpm: float) -> None:
+    """Follow the stretches in which it turns faster than it may."""
+    t_ns = piece.t_ns[derived.fast]
+    before_ns = -APART_NS - 1 if state.fast is None else state.fast.end_ns
+    starts = np.flatnonzero(np.diff(t_ns, prepend=before_ns) > APART_NS).tolist()
+    speed = np.abs(derived.columns["speed_rpm"])[derived.fast]
+    for begin, stop in pairwise([*sorted({0, *starts}), len(t_ns)]):
+        if begin in starts:
+            note_fast(state)
+            row = int(derived.fast[begin])
+            state.fast = Fast(int(piece.seq[row]), int(t_ns[begin]), 0, 0.0, limit_rpm)
+        assert state.fast is not None
+        known = speed[begin:stop][np.isfinite(speed[begin:stop])]
+        top_rpm = max(state.fast.top_rpm, float(known.max()) if len(known) else 0.0)
+        state.fast = replace(state.fast, end_ns=int(t_ns[stop - 1]), top_rpm=top_rpm)
+
+
+def note_fast(state: TraceState) -> None:
+    """A stretch in which it turned faster than it may, once it is over."""
+    fast = state.fast
+    if fast is None:
+        return
+    state.fast = None
+    text = (
+        f"up to {fast.top_rpm:.4g} rpm within {(fast.end_ns - fast.start_ns) / 1e9:.4g} s; it may"
+        f" turn {fast.limit_rpm:g} rpm"
+    )
+    state.note("too fast", fast.seq, fast.start_ns, None, fast.top_rpm, text)
 
 
 def note_alarms(state: TraceState, piece: Samples, device: Device | None) -> None:

@@ -30,6 +30,17 @@ MAX_SAMPLES = 250_000
 """Samples of a trace that are kept; beyond, the extremes of runs of samples."""
 
 
+@dataclass(frozen=True, slots=True)
+class Fast:
+    """A stretch in which it turns faster than it may, so far."""
+
+    seq: int
+    start_ns: int
+    end_ns: int
+    top_rpm: float
+    limit_rpm: float
+
+
 @dataclass(slots=True)
 class TraceState:
     """A trace and what its row is made of."""
@@ -66,6 +77,8 @@ class TraceState:
     pauses: Pauses = field(default_factory=Pauses)
     leaps: Leaps = field(default_factory=Leaps)
     last_raw: int | None = None
+    fast: Fast | None = None
+    top_rpm: float | None = None
     silent: list[int] = field(default_factory=list)
     """`seq` of the samples of this block that come after a silence."""
     wide: int = 0
@@ -155,6 +168,9 @@ class TraceState:
         for number in np.flatnonzero(counts).tolist():
             self.sources[number - 1] = self.sources.get(number - 1, 0) + int(counts[number])
         self.last_raw = int(piece.raw[-1])
+        speed = np.abs(derived.columns.get("speed_rpm", np.zeros(0)))
+        if np.isfinite(speed).any():
+            self.top_rpm = max(self.top_rpm or 0.0, float(np.nanmax(speed)))
         angle = derived.columns.get("angle_deg")
         if angle is None or (isinstance(converter, Tilt) and converter.vague):
             return
@@ -208,6 +224,7 @@ class TraceState:
             _rounded(self.statistics.rest.noise_deg),
             _rounded(self.statistics.rest.widest) if self.statistics.rest.samples else None,
             {_source_name(source): count for source, count in sorted(self.sources.items())},
+            self.top_rpm,
         )
 
     def trace(self) -> Trace:

@@ -56,6 +56,8 @@ class Derived:
     columns: dict[str, Floats]
     flags: Flags
     jumps: list[Jump] = field(default_factory=list)
+    fast: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, np.intp))
+    """Rows, ascending, at which it turns on and on faster than it may."""
 
 
 class Converter(Protocol):
@@ -105,11 +107,14 @@ class Link:
     """(t_ns, value) of the last sample by source."""
     spacing_ns: dict[int, float] = field(default_factory=dict)
     jump_ns: int | None = None
+    steps: dict[int, int] = field(default_factory=dict)
+    """The last step [counts] by source."""
 
     def cut(self) -> None:
         """Forget everything but the usual spacing."""
         self.last = None
         self.sources.clear()
+        self.steps.clear()
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,7 +172,7 @@ class Encoder:
         unwrapped = state.unwrapped + np.cumsum(step)
         flags = np.where(plain != step, WRAP, 0)
         flags |= np.where(angles.in_range, 0, OUT_OF_RANGE)
-        speed, jumps, unsure = _speeds(state, self.scale, piece, angles.position, timed=timed)
+        speed, jumps, unsure, fast = _speeds(state, self.scale, piece, angles.position, timed=timed)
         flags |= unsure
         for jump in jumps:
             flags[jump.row] |= JUMP
@@ -179,7 +184,7 @@ class Encoder:
             "unwrapped_deg": unwrapped * self.step_deg,
             "speed_rpm": speed,
         }
-        return Derived(position, columns, flags.astype(np.uint16), jumps)
+        return Derived(position, columns, flags.astype(np.uint16), jumps, fast)
 
     def _step(self, line: Floats) -> Floats:
         if self.scale.range_counts is None:
@@ -314,8 +319,9 @@ def _of_source(
 
 def _speeds(
     state: Link, scale: EncoderScale, piece: Samples, position: NDArray[np.int64], *, timed: bool
-) -> tuple[Floats, list[Jump], NDArray[np.int64]]:
-    """Speed, jumps, and flags of the samples that come too seldom to tell which way it turned.
+) -> tuple[Floats, list[Jump], NDArray[np.int64], NDArray[np.intp]]:
+    """Speed, jumps, flags of the samples that come too seldom to tell which way it turned, and
+    the rows at which it turns on and on faster than it may.
 
     Samples of one source are compared with one another: two PDOs carry values of different age.
     """
@@ -324,8 +330,9 @@ def _speeds(
     jumps: list[Jump] = []
     heard: list[tuple[float, NDArray[np.intp], NDArray[np.intp]]] = []
     per_turn, total = scale.counts_per_turn, scale.range_counts
+    fast: list[NDArray[np.intp]] = [np.zeros(0, np.intp)]
     if not timed or per_turn is None or total is None:
-        return speed, jumps, flags
+        return speed, jumps, flags, fast[0]
     for source, rows, values, t_ns in _of_source(state, piece, position.astype(np.float64)):
         span = np.diff(t_ns)
         if not len(span):
@@ -343,7 +350,11 @@ def _speeds(
         heard.append((usual_ns, target, target[unsure]))
         allowed_ns = np.maximum(span, usual_ns) + _SLACK_NS
         fastest = np.abs(_rpm(np.maximum(np.abs(step) - 2, 0), allowed_ns, per_turn))
-        too_fast = np.flatnonzero(fastest > scale.max_rpm)
+        beyond = fastest > scale.max_rpm
+        turning = beyond & _goes_on(step, state.steps.get(source, 0))
+        state.steps[source] = int(step[-1])
+        fast.append(target[turning])
+        too_fast = np.flatnonzero(beyond & ~turning)
         # A jump is no turning, and frames handed over in a bundle are too near for a speed.
         speed[target[too_fast]] = np.nan
         speed[target[np.abs(speed[target]) > _NO_SPEED * scale.max_rpm]] = np.nan
@@ -357,7 +368,19 @@ def _speeds(
         often_ns, often, _ = heard[0]
         if usual_ns > _SELDOM * often_ns:
             speed[guessed] = _last_before(speed, often, guessed)
-    return speed, _first_of_each(jumps, piece, state), flags
+    return speed, _first_of_each(jumps, piece, state), flags, np.sort(np.concatenate(fast))
+
+
+def _goes_on(step: NDArray[np.int64], before: int) -> NDArray[np.bool_]:
+    """Whether a step is one of several alike: turning; a jump stands alone."""
+    size = np.abs(step)
+    last = np.concatenate(([before], step[:-1]))
+    following = np.concatenate((step[1:], step[-1:]))
+    alike = np.ones(len(step), np.bool_)
+    for other in (last, following):
+        alike &= np.sign(other) == np.sign(step)
+        alike &= (2 * np.abs(other) >= size) & (np.abs(other) <= 2 * size)
+    return alike
 
 
 def _last_before(values: Floats, known: NDArray[np.intp], wanted: NDArray[np.intp]) -> Floats:

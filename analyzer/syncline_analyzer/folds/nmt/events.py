@@ -179,6 +179,8 @@ class NodeHistory:
     """Whether no other node is known on its bus."""
     others_anew: Sequence[int] = ()
     """Times, ascending, at which other nodes of its bus booted or told PRE-OPERATIONAL."""
+    others_beat: Sequence[tuple[int, int]] = ()
+    """When each other node of its bus that sends heartbeats told a state first and last."""
     witnesses: Witnesses = field(default_factory=Witnesses)
     """The heartbeats of its bus."""
     communication_errors: Sequence[int] = ()

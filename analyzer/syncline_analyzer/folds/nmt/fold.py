@@ -340,6 +340,12 @@ class NmtFold:
             stretches=control.paces.stretches,
             alone=alone,
             others_anew=self._others_anew(key),
+            others_beat=[
+                (other.beats[0].t_ns, other.last_beat_ns)
+                for (on, node), other in self._control.items()
+                if on == key[0] and node != key[1] and other.counts.heartbeats > ENOUGH
+                if other.beats and other.last_beat_ns is not None
+            ],
             witnesses=witnesses,
             communication_errors=self._errors.get(key, ()),
         )

@@ -82,7 +82,11 @@ class Silences:
         if not anew or self._history.alone:
             return self._of_the_bus(silence, timeout_ns)
         off_ns = self._quiet.off(silence.start_ns, silence.end_ns)
-        return off_ns is not None and off_ns - silence.start_ns <= max(timeout_ns, FADE_NS)
+        if off_ns is None or off_ns - silence.start_ns > max(timeout_ns, FADE_NS):
+            return False
+        # With the machine off the others would have started anew as well.
+        apart = off_ns - silence.start_ns > timeout_ns
+        return not (apart and self._others_beat_on(silence.start_ns, silence.end_ns))
 
     def _of_the_bus(self, silence: Silence, timeout_ns: int) -> bool:
         """Whether nobody was heard for most of a silence, or for what makes it too long."""
@@ -101,6 +105,16 @@ class Silences:
         anew = self._history.others_anew
         at = bisect_left(anew, start_ns)
         return not self._history.alone and (at == len(anew) or anew[at] > end_ns + RESTART_NS)
+
+    def _others_beat_on(self, start_ns: int, end_ns: int) -> bool:
+        """Whether the heartbeat of another node went on over a stretch, and none started anew."""
+        until_ns = end_ns + FADE_NS
+        anew = self._history.others_anew
+        at = bisect_left(anew, start_ns)
+        beat = any(
+            first <= start_ns and last > until_ns for first, last in self._history.others_beat
+        )
+        return beat and (at == len(anew) or anew[at] > until_ns)
 
     def is_restart(self, silence: Silence, whole: bool) -> bool:
         """Whether an unasked boot-up ends a silence no longer than a restart may take."""

@@ -151,6 +151,8 @@ def _off_pace(context: Context, history: NodeHistory, pace: Pace) -> OffPace | N
     if known is None or known.source == "eds-default":
         return None
     start = (pace.first_seq, pace.first_ns)
+    if _may_be_gone(history, known, pace.last_ns if changes else pace.first_ns):
+        return None
     if changes:
         if known.t_ns is None or pace.last_ns - known.t_ns < NO_EFFECT_NS:
             return None
@@ -160,6 +162,13 @@ def _off_pace(context: Context, history: NodeHistory, pace: Pace) -> OffPace | N
         return None
     ends = (start[0], pace.last_seq, start[1], pace.last_ns)
     return OffPace(value, pace.median_ns, known.source, *ends)
+
+
+def _may_be_gone(history: NodeHistory, known: Known, t_ns: int) -> bool:
+    """Whether the node may have started anew unheard, in a gap, since it was told a value."""
+    if known.t_ns is None:
+        return False
+    return any(known.t_ns <= gap.start_ns < t_ns for _, gap in history.gaps)
 
 
 def _number(known: Known) -> int:

@@ -1,14 +1,14 @@
 """Who delayed whom: the time that synchronous PDOs waited, by the frames ahead of them."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from syncline_analyzer.folds.timing.senders import Sender
 from syncline_analyzer.folds.timing.waiting import MASTER, UNKNOWN
-from syncline_analyzer.folds.timing.waiting_bus import Blame, BusBlock, Floats, Ints
+from syncline_analyzer.folds.timing.waiting_bus import Blame, BusBlock, Ints
 from syncline_analyzer.results import DelayRow
 
 _Key = TypeVar("_Key")
@@ -28,26 +28,27 @@ class _Sums(NamedTuple):
     worst_seq: int
 
 
-_NOTHING = _Sums(0, 0, 0.0, 0.0, 0, 0)
-
-
 @dataclass(slots=True)
 class _Delay:
     """What answers waited for one identifier, or for all of a sender (`cob_id` None)."""
 
     cob_id: int | None
     sender: Sender
-    sums: _Sums = _NOTHING
+    frames: int = 0
+    delayed: int = 0
+    ns: float = 0.0
+    worst_ns: float = 0.0
+    worst_cob_id: int = 0
+    worst_seq: int = 0
 
-    def add(self, more: _Sums) -> None:
+    def add(self, more: "_Sums | _Delay") -> None:
         """Take in more answers."""
-        worst = more if more.worst_ns > self.sums.worst_ns else self.sums
-        self.sums = _Sums(
-            self.sums.frames + more.frames,
-            self.sums.delayed + more.delayed,
-            self.sums.ns + more.ns,
-            *worst[3:],
-        )
+        self.frames += more.frames
+        self.delayed += more.delayed
+        self.ns += more.ns
+        if more.worst_ns > self.worst_ns:
+            self.worst_ns = more.worst_ns
+            self.worst_cob_id, self.worst_seq = more.worst_cob_id, more.worst_seq
 
 
 class Delays:
@@ -59,22 +60,52 @@ class Delays:
 
     def add(self, block: BusBlock, blame: Blame, can_id: int, sender: int) -> None:
         """Take in what answers of one PDO waited for; not its own sender's frames."""
-        others = np.flatnonzero((block.key_sender != sender) & blame.frames.any(axis=0))
+        others = np.flatnonzero((block.key_sender != sender)[blame.place])
         if not len(others):
             return
-        ns, frames = blame.ns[:, others], blame.frames[:, others]
-        senders, whose = np.unique(block.key_sender[others], return_inverse=True)
-        for at, sums in zip(others.tolist(), _sums(block, blame, ns, frames, can_id), strict=True):
-            key = int(block.keys[at]), int(block.key_sender[at])
-            if key in self._by_key or len(self._by_key) < MAX_IDS:
-                if key not in self._by_key:
-                    self._by_key[key] = _Delay(*block.identity(at))
-                self._by_key[key].add(sums)
-        member = whose[:, np.newaxis] == np.arange(len(senders))
-        summed = _sums(block, blame, ns @ member, frames @ member, can_id)
-        for node, sums in zip(senders.tolist(), summed, strict=True):
+        place, senders = blame.place[others], block.senders_by_key
+        for at, sums in _sums(block, blame, others, place, len(block.keys), can_id):
+            key = block.names[at]
+            delay = self._by_key.get(key)
+            if delay is None and len(self._by_key) < MAX_IDS:
+                delay = self._by_key[key] = _Delay(*block.identity(at))
+            if delay is not None:
+                delay.add(sums)
+        whose = senders[1][place]
+        for at, sums in _sums(block, blame, others, whose, len(senders[0]), can_id):
+            node = int(senders[0][at])
             if node != UNKNOWN:
-                self._by_sender.setdefault(node, _Delay(None, Sender(node, "all"))).add(sums)
+                if node not in self._by_sender:
+                    self._by_sender[node] = _Delay(None, Sender(node, "all"))
+                self._by_sender[node].add(sums)
+
+    def told(self, sender_of: Callable[[int], Sender], own: int) -> "Delays":
+        """The sums by what is known in the end; frames that prove to be the PDO's own left out.
+
+        Args:
+            sender_of: sender of a key, see `BusBlock.keys`.
+            own: sender of the PDO itself.
+        """
+        told = Delays()
+        moved: set[int] = set()
+        for (key, before), delay in self._by_key.items():
+            sender = sender_of(key)
+            if sender.node != before:
+                moved |= {before, sender.node}
+            if sender.node != own or own == UNKNOWN:
+                known = replace(delay, sender=sender)
+                _join(told._by_key, {(key, sender.node): known})
+        for node, delay in self._by_sender.items():
+            if node not in moved:
+                told._by_sender[node] = delay
+        for (_, node), delay in told._by_key.items():
+            if node in moved - {UNKNOWN}:
+                # How many answers waited for several of its identifiers is not known: the least.
+                whole = told._by_sender.setdefault(node, _Delay(None, Sender(node, "all")))
+                delayed = max(whole.delayed, delay.delayed)
+                whole.add(delay)
+                whole.delayed = delayed
+        return told
 
     def join(self, other: "Delays") -> None:
         """Take in the sums of another PDO."""
@@ -88,24 +119,42 @@ class Delays:
         return sorted(rows, key=lambda row: (row.cob_id is not None, -row.us))
 
 
-def _sums(block: BusBlock, blame: Blame, ns: Floats, frames: Ints, can_id: int) -> Iterator[_Sums]:
-    """Of each column: what the answers of one PDO waited for."""
-    worst = ns.argmax(axis=0)
+def _sums(
+    block: BusBlock, blame: Blame, chosen: Ints, group: Ints, groups: int, can_id: int
+) -> Iterator[tuple[int, _Sums]]:
+    """What the answers of one PDO waited for, by the (a,) `group` of the `chosen` frames ahead."""
+    small = group.astype(np.uint16) if groups <= 1 << 16 else group
+    order = np.argsort(small, kind="stable")
+    group, victim, ns = small[order], blame.victim[chosen[order]], blame.ns[chosen[order]]
+    # One answer may have waited for several frames of a group: these are one cell.
+    apart = np.ones(len(group), np.bool_)
+    apart[1:] = (group[1:] != group[:-1]) | (victim[1:] != victim[:-1])
+    cell = np.flatnonzero(apart)
+    cell_ns, cell_group = np.add.reduceat(ns, cell), group[cell]
+    edge = np.concatenate(([0], np.flatnonzero(cell_group[1:] != cell_group[:-1]) + 1, [len(cell)]))
+    first, delayed = edge[:-1], edge[1:] - edge[:-1]
+    frames = np.append(cell[first], len(group))
+    most = np.maximum.reduceat(cell_ns, first)
+    longest = np.flatnonzero(cell_ns == np.repeat(most, delayed))
+    worst = longest[np.searchsorted(longest, first)]
     columns = (
-        frames.sum(axis=0),
-        np.count_nonzero(frames, axis=0),
-        ns.sum(axis=0),
-        ns.max(axis=0),
-        block.seq[blame.rows[worst]],
+        cell_group[first],
+        frames[1:] - frames[:-1],
+        delayed,
+        np.add.reduceat(cell_ns, first),
+        most,
+        block.seq[blame.rows[victim[cell[worst]]]],
     )
-    for count, delayed, total, most, seq in zip(*(each.tolist() for each in columns), strict=True):
-        yield _Sums(count, delayed, total, most, can_id, seq)
+    for at, count, answers, total, most_ns, seq in zip(
+        *(each.tolist() for each in columns), strict=True
+    ):
+        yield at, _Sums(count, answers, total, most_ns, can_id, seq)
 
 
 def _join(mine: dict[_Key, _Delay], theirs: dict[_Key, _Delay]) -> None:
     for key, delay in theirs.items():
         found = mine.setdefault(key, _Delay(delay.cob_id, delay.sender))
-        found.add(delay.sums)
+        found.add(delay)
 
 
 def _row(bus: str, delay: _Delay) -> DelayRow:
@@ -114,10 +163,10 @@ def _row(bus: str, delay: _Delay) -> DelayRow:
         delay.cob_id,
         delay.sender.node if delay.sender.node > MASTER else None,
         delay.sender.service,
-        delay.sums.frames,
-        delay.sums.delayed,
-        delay.sums.ns / 1000,
-        delay.sums.worst_ns / 1000,
-        delay.sums.worst_cob_id,
-        delay.sums.worst_seq,
+        delay.frames,
+        delay.delayed,
+        delay.ns / 1000,
+        delay.worst_ns / 1000,
+        delay.worst_cob_id,
+        delay.worst_seq,
     )

@@ -181,14 +181,14 @@ class PdoFold:
             if state.last_ns is not None:
                 t_ns = np.concatenate(([state.last_ns], t_ns))
                 seq = np.concatenate(([state.last_seq], seq))
-            periods = np.diff(t_ns)
+            periods = t_ns[1:] - t_ns[:-1]
             true = periods >= 0
-            if sync is not None:
+            if sync is not None and sync.any_bundled:
                 bundled = np.concatenate(([False], sync.bundled[sync.before[rows]]))
                 true &= ~(bundled[1:] | bundled[:-1])[len(rows) - len(periods) :]
             state.periods.add(periods[true], seq[1:][true], t_ns[1:][true])
             self._find_pauses(state, periods, t_ns, seq)
-            self._find_too_soon(state, np.where(true, periods, PAUSE_NS), t_ns[1:], seq[1:])
+            self._find_too_soon(state, periods, true, t_ns[1:], seq[1:])
             self._find_overdue(block, state, rows[-len(periods) :], periods, t_ns[:-1], seq[:-1])
         state.repeats.add(block.frames.data[rows, :8])
         state.last_ns, state.last_seq = int(t_ns[-1]), int(seq[-1])
@@ -210,6 +210,7 @@ class PdoFold:
     def _find_too_soon(
         state: PdoState,
         periods: NDArray[np.int64],
+        true: NDArray[np.bool_],
         t_ns: NDArray[np.int64],
         seq: NDArray[np.int64],
     ) -> None:
@@ -217,7 +218,7 @@ class PdoFold:
         inhibit_ns = state.told_inhibit_ns()
         if inhibit_ns is None:
             return
-        soon = np.flatnonzero((periods < inhibit_ns / 2) & (seq > state.changed_seq))
+        soon = np.flatnonzero(true & (periods < inhibit_ns / 2) & (seq > state.changed_seq))
         if len(soon):
             state.broken_inhibit_ns = inhibit_ns
         state.too_soon += len(soon)
@@ -276,15 +277,10 @@ class PdoFold:
         first = state.rhythm.first_of_period(ordinal)
         # Where a SYNC may be lost, two frames in one period prove nothing.
         beside = state.requested.beside(ordinal, asked)
-        lossless = sync.lossless(rows, passing.block.frames.t_ns)
-        extra = np.flatnonzero(~first & ~beside & lossless)
-        state.extra += len(extra)
-        state.rhythm.crowded += len(np.unique(ordinal[extra]))
-        alone = extra[state.rhythm.beside_answers(ordinal[first], ordinal[extra], _kind(state))]
-        state.extra_alone += len(alone)
-        more = rows[alone[: MAX_EVIDENCE - len(state.extra_seq)]]
-        state.extra_seq.extend((passing.block.batch.seq0 + more).tolist())
-        _span(state.extra_ns, passing.block.frames.t_ns[rows[alone]])
+        extra = np.flatnonzero(~first & ~beside)
+        if len(extra):
+            extra = extra[sync.lossless(rows[extra], passing.block.frames.t_ns)]
+            self._count_extra(passing.block, state, rows, ordinal, first, extra)
         answers = rows[first & ~asked]
         rows, ordinal = rows[first], ordinal[first]
         if self._context.timed and len(answers):
@@ -295,6 +291,24 @@ class PdoFold:
         self._count_phase(state, rows, sync)
         unanswered = state.rhythm.evaluate(every, sync)
         self._waiting.unanswered(can_id, state.owner, unanswered, sync)
+
+    @staticmethod
+    def _count_extra(
+        block: Block,
+        state: PdoState,
+        rows: NDArray[np.intp],
+        ordinal: NDArray[np.int64],
+        first: NDArray[np.bool_],
+        extra: NDArray[np.intp],
+    ) -> None:
+        """Second frames in a SYNC period, those apart beside which nothing is missing."""
+        state.extra += len(extra)
+        state.rhythm.crowded += len(np.unique(ordinal[extra]))
+        alone = extra[state.rhythm.beside_answers(ordinal[first], ordinal[extra], _kind(state))]
+        state.extra_alone += len(alone)
+        more = rows[alone[: MAX_EVIDENCE - len(state.extra_seq)]]
+        state.extra_seq.extend((block.batch.seq0 + more).tolist())
+        _span(state.extra_ns, block.frames.t_ns[rows[alone]])
 
     @staticmethod
     def _count_phase(state: PdoState, rows: NDArray[np.intp], sync: SyncIndex) -> None:

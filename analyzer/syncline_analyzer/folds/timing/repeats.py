@@ -18,9 +18,8 @@ class Repeats:
 
     def add(self, data: NDArray[np.uint8]) -> None:
         """Take in the data of frames in order; (n, 8)."""
-        same = np.concatenate(
-            ([self._last == data[0].tobytes()], (data[1:] == data[:-1]).all(axis=1))
-        )
+        line = np.ascontiguousarray(data).view(np.uint64)[:, 0]
+        same = np.concatenate(([self._last == data[0].tobytes()], line[1:] == line[:-1]))
         self._last = data[-1].tobytes()
         self.count += int(np.count_nonzero(same))
         starts = np.flatnonzero(~same)

@@ -26,6 +26,8 @@ class Requested:
         if not len(rows):
             self._open |= bool(len(requests))
             return np.zeros(0, np.bool_)
+        if not len(requests) and not self._open:
+            return np.zeros(len(rows), np.bool_)
         until = np.searchsorted(requests, rows)
         asked: Mask = np.diff(until, prepend=-1 if self._open else 0) > 0
         asked |= np.isin(rows, requests)
@@ -36,6 +38,9 @@ class Requested:
         """(n,) which frames came after or as such a one, by the number of the SYNC before each."""
         if not len(ordinal):
             return np.zeros(0, np.bool_)
+        if not asked.any():
+            same: Mask = ordinal == self._ordinal
+            return same
         last = np.maximum.accumulate(np.where(asked, ordinal, self._ordinal))
         self._ordinal = int(last[-1])
         found: Mask = last == ordinal

@@ -48,15 +48,23 @@ class Sender(NamedTuple):
 
 
 _STRANGER = Sender(UNKNOWN, "other")
+_NODES = 128
+_SPOKEN = (Service.SDO_ANSWER, Service.ERROR_CONTROL)
+"""Services of which only the node itself sends the data frames."""
 
 
 class Senders:
-    """Answers for a whole block at once."""
+    """Answers for a whole block at once.
+
+    That an identifier is the predefined one of a node proves nothing where nobody else heard of
+    that node: any other node may send it.
+    """
 
     def __init__(self, context: Context, bindings: PdoBindings) -> None:
         self._context = context
         self._bindings = bindings
         self._moved_ids: dict[int, tuple[int, dict[int, Sender]]] = {}
+        self._heard: dict[int, set[int]] = {}
 
     def nodes(self, frames: FrameBatch, bus: int, seq: int) -> NDArray[np.int16]:
         """(n,) sender of each frame of a bus as of `seq`; `UNKNOWN` for 29-bit and FD frames."""
@@ -65,12 +73,15 @@ class Senders:
         place = (frames.can_id & 0x7FF) | np.where(remote, np.uint32(_REMOTE), np.uint32(0))
         plain = (frames.flags & _NO_SERVICE) == 0
         node = np.full(2 * _REMOTE, UNKNOWN, np.int16)
-        for key in np.flatnonzero(np.bincount(place[plain], minlength=len(node))).tolist():
+        keys = np.flatnonzero(np.bincount(place[plain], minlength=len(node))).tolist()
+        spoken = {key % _NODES for key in keys if key < _REMOTE and SERVICE_OF_ID[key] in _SPOKEN}
+        self._heard.setdefault(bus, set()).update(spoken)
+        for key in keys:
             node[key] = self.of(bus, key & 0x7FF, seq, remote=key >= _REMOTE).node
         return np.where(plain, node[place], np.int16(UNKNOWN))
 
-    def of(self, bus: int, can_id: int, seq: int, *, remote: bool = False) -> Sender:
-        """Sender of one 11-bit identifier."""
+    def of(self, bus: int, can_id: int, seq: int | None = None, *, remote: bool = False) -> Sender:
+        """Sender of one 11-bit identifier as of `seq`, by default in the end."""
         service = Service(int(SERVICE_OF_ID[can_id]))
         if remote:
             asked = "guard request" if service == Service.ERROR_CONTROL else "remote frame"
@@ -78,6 +89,8 @@ class Senders:
         moved = self._moved(bus).get(can_id)
         owner = self._bindings.owner(bus, can_id, seq)
         if owner is not None and (moved is None or not owner.guess):
+            if owner.guess and not self._exists(bus, owner.node):
+                return Sender(UNKNOWN, owner.name)
             return Sender(owner.node if owner.kind == "tpdo" else MASTER, owner.name)
         if moved is not None:
             return moved
@@ -86,6 +99,10 @@ class Senders:
         if service in _OF_MASTER or can_id == 0x7E5:
             return Sender(MASTER, _WORDS[service])
         return Sender(UNKNOWN, _WORDS[service]) if service in _WORDS else _STRANGER
+
+    def _exists(self, bus: int, node: int) -> bool:
+        """Whether anything but a PDO tells of a node."""
+        return node in self._heard.get(bus, ()) or node in self._context.shadow.nodes_of(bus)
 
     def _moved(self, bus: int) -> dict[int, Sender]:
         version, found = self._moved_ids.get(bus, (-1, {}))

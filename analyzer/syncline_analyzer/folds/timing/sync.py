@@ -1,6 +1,7 @@
 """SYNC: its periods, those that are missing, and its place between the other frames."""
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -61,7 +62,7 @@ class SyncTable:
     worst: list[WorstRow] = field(default_factory=list)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class SyncIndex:
     """SYNCs of a block; position 0 stands for the last one before it.
 
@@ -105,11 +106,20 @@ class SyncIndex:
         position = self.before[rows]
         found: NDArray[np.bool_] = self.usable[position]
         if self.cycle_ns > 0:
-            whole = np.append(np.diff(self.t_ns) <= _MISSING * self.cycle_ns, False)
             # After the last one, the next was due a cycle later and may be the one that was lost.
             soon = t_ns[rows] - self.t_ns[position] <= self.cycle_ns
-            found = found & (whole[position] | (soon & (position == len(self.rows))))
+            found = found & (self._whole[position] | (soon & (position == len(self.rows))))
         return found
+
+    @cached_property
+    def _whole(self) -> NDArray[np.bool_]:
+        """(m + 1,) which periods are no longer than one that none is missing from."""
+        return np.append(np.diff(self.t_ns) <= _MISSING * self.cycle_ns, False)
+
+    @cached_property
+    def any_bundled(self) -> bool:
+        """Whether there is anything of a backlog in the block."""
+        return bool(self.bundled.any())
 
     @property
     def periods(self) -> NDArray[np.int64]:

@@ -168,6 +168,12 @@ class Arbitration:
         return np.cumsum(back)
 
     @cached_property
+    def _proves(self) -> Bools:
+        """(n,) True where a node started a frame after another frame, as far as that is certain."""
+        known: Bools = self.exact & self._after_frame & (self.sender != UNKNOWN)
+        return known
+
+    @cached_property
     def _sender_before(self) -> NDArray[np.int16]:
         return np.concatenate((np.array([UNKNOWN], np.int16), self.sender[:-1]))
 
@@ -213,14 +219,13 @@ class Arbitration:
         if sender in (MASTER, UNKNOWN):
             return idle
         weaker = self.rank > can_rank
-        others = (self.sender != sender) & (self.sender != UNKNOWN)
-        proof = np.flatnonzero(
-            weaker & others & (self._sender_before != sender) & self.exact & self._after_frame
-        )
+        own = self.sender == sender
+        others = weaker & self._proves & ~own
+        proof = np.flatnonzero(others & (self._sender_before != sender))
         if not len(proof):
             return idle
         last = _last(proof, rows, "right" if itself else "left")
-        in_line = _last(np.flatnonzero(weaker & (self.sender == sender)), rows, "left")
+        in_line = _last(np.flatnonzero(weaker & own), rows, "left")
         found: Ints = np.maximum(np.where(last > in_line, last, -1), idle)
         return found
 

@@ -12,8 +12,8 @@ from syncline_analyzer.folds.timing.waiting import MASTER, UNKNOWN, Arbitration,
 from syncline_analyzer.results import Ahead
 from syncline_schemas.batch import FrameFlag
 
-_CELLS = 1 << 19
-"""Size of the tables in which the waiting of many frames is laid out by identifier."""
+_AT_ONCE = 1 << 13
+"""Frames whose waiting is laid out at a time."""
 _SHORT_KEYS = 1 << 12
 _REMOTE_KEY = 1 << 29
 _EXTENDED_KEY = 1 << 30
@@ -63,14 +63,18 @@ class Blame:
     """Time that frames waited for those ahead of them.
 
     Attributes:
-        rows: (v,) the frames that waited.
-        ns: (v, b) for each identifier in the order of `BusBlock.keys`.
-        frames: (v, b) how many frames of it these were.
+        waited: (v,) which of the frames waited.
+        rows: (v,) their rows.
+        victim: (a,) of each frame ahead, which of these it kept waiting; ascending.
+        place: (a,) its identifier in the order of `BusBlock.keys`.
+        ns: (a,) its time on the wire.
     """
 
+    waited: Ints
     rows: Ints
+    victim: Ints
+    place: NDArray[np.intp]
     ns: Floats
-    frames: Ints
 
 
 @dataclass(eq=False)
@@ -104,6 +108,21 @@ class BusBlock:
         found: Ints = np.where(seq >= self.seq[0], place, -1)
         return found
 
+    @cached_property
+    def _ahead_ns(self) -> Floats:
+        """(n,) how long each frame keeps others waiting; nothing where that is not known."""
+        return np.nan_to_num(self.wire_ns)
+
+    @cached_property
+    def _frame(self) -> Bools:
+        """(n,) False for errors."""
+        frame: Bools = (self.carried.flags & FrameFlag.ERROR) == 0
+        return frame
+
+    @cached_property
+    def _errors(self) -> bool:
+        return not bool(self._frame.all())
+
     def sends_between(self, sender: int, first: Ints, stop: Ints) -> Bools:
         """(r,) whether a sender has frames from row `first` to before `stop`."""
         own = np.flatnonzero(self.carried.sender == sender)
@@ -115,15 +134,20 @@ class BusBlock:
 
         Only by the predefined identifiers (CiA 301 7.3.5).
         """
-        can_id = self.carried.can_id
-        chosen = ((can_id == 0x580 + node) | (can_id == 0x600 + node)) & (
-            (self.carried.flags & _NO_SERVICE) == 0
-        )
-        sdo = np.flatnonzero(chosen)
+        every, whose = self._sdo
+        sdo = every[whose == node]
         if not len(sdo):
             return np.full(len(rows), np.iinfo(np.int64).min)
         place = np.searchsorted(sdo, rows) - 1
         return np.where(place >= 0, self.t_ns[sdo[place]], np.iinfo(np.int64).min)
+
+    @cached_property
+    def _sdo(self) -> tuple[NDArray[np.intp], NDArray[np.uint32]]:
+        """(s,) rows of the SDO frames, and (s,) the node of each."""
+        can_id = self.carried.can_id
+        chosen = (can_id > 0x580) & (can_id < 0x680) & ((self.carried.flags & _NO_SERVICE) == 0)
+        rows = np.flatnonzero(chosen)
+        return rows, can_id[rows] & 0x7F
 
     @cached_property
     def _identified(self) -> tuple[Ints, NDArray[np.intp]]:
@@ -156,6 +180,16 @@ class BusBlock:
         sender[self._identified[1]] = self.carried.sender
         return sender
 
+    @cached_property
+    def names(self) -> list[tuple[int, int]]:
+        """(key, sender) of each."""
+        return list(zip(self.keys.tolist(), self.key_sender.tolist(), strict=True))
+
+    @cached_property
+    def senders_by_key(self) -> tuple[NDArray[np.int16], NDArray[np.intp]]:
+        """(s,) every sender, ascending, and (b,) the place of that of each key among them."""
+        return np.unique(self.key_sender, return_inverse=True)
+
     def identity(self, at: int) -> tuple[int, Sender]:
         """Identifier and sender of the frames of `keys[at]`."""
         if at not in self._identities:
@@ -164,43 +198,38 @@ class BusBlock:
 
     def _identity(self, at: int) -> tuple[int, Sender]:
         key = int(self.keys[at])
-        can_id = key & (_REMOTE_KEY - 1)
-        if key & _EXTENDED_KEY:
-            return can_id, Sender(UNKNOWN, "29-bit")
-        remote = bool(key & _REMOTE_KEY)
-        return can_id, self.senders.of(self.bus, can_id, int(self.seq[-1]), remote=remote)
+        return key & (_REMOTE_KEY - 1), sender_of(self.senders, self.bus, key, int(self.seq[-1]))
 
     def ahead(self, first: int, row: int, most: int) -> list[Ahead]:
         """The frames from `first` to before `row` by identifier, the longest first; no errors."""
-        frame = np.flatnonzero((self.carried.flags[first:row] & FrameFlag.ERROR) == 0) + first
-        columns = (self._identified[1][frame], np.nan_to_num(self.wire_ns[frame]), self.seq[frame])
-        by_place: dict[int, list[tuple[float, int]]] = {}
+        columns = [each[first:row] for each in (self._identified[1], self._ahead_ns, self.seq)]
+        if self._errors:
+            columns = [each[self._frame[first:row]] for each in columns]
+        by_place: dict[int, tuple[list[float], list[int]]] = {}
         for place, ns, seq in zip(*(column.tolist() for column in columns), strict=True):
-            by_place.setdefault(place, []).append((ns, seq))
+            if place not in by_place:
+                by_place[place] = [], []
+            by_place[place][0].append(ns)
+            by_place[place][1].append(seq)
         found = []
-        for place, frames in by_place.items():
+        for place, (times, seqs) in by_place.items():
             can_id, sender = self.identity(place)
             node = sender.node if sender.node > MASTER else None
-            us = sum(ns for ns, _ in frames) / 1000
-            seqs = [seq for _, seq in frames[:most]]
-            found.append(Ahead(can_id, node, sender.service, len(frames), us, seqs))
+            us = sum(times) / 1000
+            found.append(Ahead(can_id, node, sender.service, len(times), us, seqs[:most]))
         return sorted(found, key=lambda each: -each.us)
 
     def blame(self, rows: Ints, ready: Ready) -> Iterator[Blame]:
         """What the frames waited for, a part of them at a time; nothing of those that did not."""
-        place, wire_ns = self._identified[1], np.nan_to_num(self.wire_ns)
-        width = len(self.keys)
-        at_once = max(1, _CELLS // width)
         waited = np.flatnonzero((ready.first < rows) & (ready.first >= 0) & ready.known)
-        frame = (self.carried.flags & FrameFlag.ERROR) == 0
-        for at in range(0, len(waited), at_once):
-            part = waited[at : at + at_once]
+        for at in range(0, len(waited), _AT_ONCE):
+            part = waited[at : at + _AT_ONCE]
             victim, ahead = _ahead(ready.first[part], rows[part])
-            victim, ahead = victim[frame[ahead]], ahead[frame[ahead]]
-            cell, size = victim * width + place[ahead], len(part) * width
-            ns = np.bincount(cell, wire_ns[ahead], minlength=size).astype(np.float64)
-            frames = np.bincount(cell, minlength=size).reshape(-1, width)
-            yield Blame(rows[part], ns.reshape(-1, width), frames)
+            if self._errors:
+                sent = self._frame[ahead]
+                victim, ahead = victim[sent], ahead[sent]
+            place = self._identified[1][ahead]
+            yield Blame(part, rows[part], victim, place, self._ahead_ns[ahead])
 
 
 def _ahead(first: Ints, stop: Ints) -> tuple[Ints, Ints]:
@@ -214,3 +243,10 @@ def _ahead(first: Ints, stop: Ints) -> tuple[Ints, Ints]:
     before = np.cumsum(count) - count
     row = np.arange(int(count.sum())) - np.repeat(before - first, count)
     return victim, row
+
+
+def sender_of(senders: Senders, bus: int, key: int, seq: int | None = None) -> Sender:
+    """Sender of a key of `BusBlock.keys` as of `seq`, by default in the end."""
+    if key & _EXTENDED_KEY:
+        return Sender(UNKNOWN, "29-bit")
+    return senders.of(bus, key & (_REMOTE_KEY - 1), seq, remote=bool(key & _REMOTE_KEY))

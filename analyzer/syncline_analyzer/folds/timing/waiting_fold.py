@@ -10,7 +10,7 @@ from syncline_analyzer.folds.timing.senders import Senders
 from syncline_analyzer.folds.timing.sync import SyncIndex
 from syncline_analyzer.folds.timing.tables import TimingTables
 from syncline_analyzer.folds.timing.waiting import MASTER, Arbitration, noise_of, rank
-from syncline_analyzer.folds.timing.waiting_bus import BusBlock, Carried
+from syncline_analyzer.folds.timing.waiting_bus import BusBlock, Carried, sender_of
 from syncline_analyzer.folds.timing.waiting_pdo import Answers, Waits, named
 from syncline_analyzer.pdo_binding import Pdo, PdoBindings
 from syncline_analyzer.results import DelayRow, PdoRow
@@ -144,7 +144,9 @@ class WaitingFold:
             return pdo
         tables.waits.extend(named(waits.worst(), pdo))
         tables.lateness.append(waits.row(pdo, missed_seq))
-        self._delays.setdefault(pdo.bus, Delays()).join(waits.delays)
+        own = self._senders.of(bus, cob_id).node
+        delays = waits.delays.told(lambda key: sender_of(self._senders, bus, key), own)
+        self._delays.setdefault(pdo.bus, Delays()).join(delays)
         return waits.measured(pdo)
 
     def delays(self) -> list[DelayRow]:

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +26,7 @@ Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Answers:
     """Answers of a PDO in one block of its bus.
 
@@ -48,7 +49,15 @@ class Answers:
     beside_sdo: Bools
     window_ns: int | None
 
-    @property
+    @cached_property
+    def late(self) -> Bools:
+        """(r,) which answers of a known time are later than the window."""
+        if self.window_ns is None:
+            return np.zeros(len(self.rows), np.bool_)
+        late: Bools = (self.response_ns > self.window_ns) & self.ready.known
+        return late
+
+    @cached_property
     def device_late(self) -> Bools:
         """(r,) whether an answer would have been late on an idle bus."""
         if self.window_ns is None:
@@ -100,8 +109,9 @@ class Waits:
     def add(self, block: BusBlock, answers: Answers) -> None:
         """Take in the answers of a block."""
         ready, known = answers.ready, answers.ready.known
-        self._add_beside_sdo(ready.least_ns[known], answers.beside_sdo[known])
-        self.least.add(ready.least_ns[known])
+        least_ns = ready.least_ns[known]
+        self._add_beside_sdo(least_ns, answers.beside_sdo[known])
+        self.least.add(least_ns)
         self.waiting.add(ready.waiting_ns[known])
         self.free.add(ready.least_ns[known & ready.free])
         self.waited += int(np.count_nonzero(known & (ready.first < answers.rows)))
@@ -112,41 +122,35 @@ class Waits:
 
     def add_blame(self, block: BusBlock, blame: Blame, answers: Answers, sender: int) -> None:
         """Sum up what late answers waited for."""
-        rows = self.late_rows(answers)
-        rows = rows[np.isin(answers.rows[rows], blame.rows)]
-        if not len(rows) or answers.window_ns is None:
+        late = answers.late[blame.waited]
+        if answers.window_ns is None or not late.any():
             return
-        place = np.searchsorted(blame.rows, answers.rows[rows])
-        ns, frames = blame.ns[place], blame.frames[place]
-        others_ns = ns[:, block.key_sender != sender].sum(axis=1)
+        others = (block.key_sender != sender)[blame.place]
+        others_ns = np.bincount(blame.victim, blame.ns * others, minlength=len(late))[late]
+        rows = blame.waited[late]
         in_time = answers.response_ns[rows] - others_ns <= answers.window_ns
         in_time &= ~answers.device_late[rows]
         self.late.by_bus += int(np.count_nonzero(in_time))
-        self._add_blockers(block, ns.sum(axis=0), frames.sum(axis=0))
+        chosen = late[blame.victim]
+        place = blame.place[chosen]
+        self._add_blockers(block, np.bincount(place, blame.ns[chosen]), np.bincount(place))
 
     def _add_blockers(self, block: BusBlock, ns: Floats, frames: Ints) -> None:
         for at in np.flatnonzero(frames).tolist():
             can_id, who = block.identity(at)
             key = (can_id, who.node, who.service)
             node = who.node if who.node > MASTER else None
-            new = Ahead(can_id, node, who.service, int(frames[at]), float(ns[at]) / 1000, [])
+            count, us = int(frames[at]), float(ns[at]) / 1000
             old = self.late.blockers.get(key)
             if old is not None:
-                new = replace(new, frames=old.frames + new.frames, us=old.us + new.us)
+                count, us = old.frames + count, old.us + us
             if old is not None or len(self.late.blockers) < MAX_IDS:
-                self.late.blockers[key] = new
+                self.late.blockers[key] = Ahead(can_id, node, who.service, count, us, [])
 
     def add_unanswered(self, sync_seq: Ints, free_ns: Floats) -> None:
         """Keep when the bus was last free for the PDO after SYNCs that it did not answer."""
         room = MAX_UNANSWERED - len(self.unanswered)
         self.unanswered.update(zip(sync_seq[:room].tolist(), free_ns[:room].tolist(), strict=True))
-
-    @staticmethod
-    def late_rows(answers: Answers) -> NDArray[np.intp]:
-        """Which answers of a known time are later than the window."""
-        if answers.window_ns is None:
-            return np.zeros(0, np.intp)
-        return np.flatnonzero((answers.response_ns > answers.window_ns) & answers.ready.known)
 
     def worst(self) -> list[WaitRow]:
         """The slowest answers and those that waited longest, in order of time."""
@@ -221,8 +225,8 @@ class Waits:
 
     def _add_late(self, block: BusBlock, answers: Answers) -> None:
         self.window_ns = answers.window_ns
-        rows = self.late_rows(answers)
-        if not len(rows) or answers.window_ns is None:
+        rows = np.flatnonzero(answers.late)
+        if not len(rows):
             return
         late = self.late
         late.count += len(rows)
@@ -241,9 +245,11 @@ class Waits:
             (answers.ready.waiting_ns[known], self.longest, "waiting_us"),
         ):
             least = getattr(kept[-1], key) * 1000 if len(kept) == WORST else 0.0
-            better = known[np.flatnonzero(column > least)]
-            chosen = better[np.argsort(-column[column > least], kind="stable")[:WORST]]
-            kept.extend(self._wait_row(block, answers, at) for at in chosen.tolist())
+            better = np.flatnonzero(column > least)
+            if not len(better):
+                continue
+            order = np.argsort(-column[better], kind="stable")[:WORST]
+            kept.extend(self._wait_row(block, answers, at) for at in known[better[order]].tolist())
             kept.sort(key=lambda row: -getattr(row, key))
             del kept[WORST:]
 

@@ -113,6 +113,24 @@ def test_a_hard_start_and_stop_is_no_step() -> None:
 
 
 @pytest.mark.near_miss("angle.step")
+@pytest.mark.parametrize("measured_ms", [10, 50, 100])
+def test_a_device_that_measures_less_often_than_it_sends_makes_no_steps(measured_ms: int) -> None:
+    def held(t_s: Any) -> Any:
+        return running_up(1500)(np.floor(t_s * 1000 / measured_ms) * measured_ms / 1000)
+
+    for period_ms in (2.0, 5.0, 10.0):
+        analysis = run(encoder(held, period_ms=period_ms, seconds=10.0))
+        assert found(analysis, "angle.step") == found(analysis, "angle.spike") == []
+
+
+@pytest.mark.parametrize("batch", [31, 500])
+def test_batches_do_not_change_the_steps(batch: int) -> None:
+    rows = moved(encoder(turning), 10_010, TURN // 2)
+    once = whole(rows, description=described(5), batch=batch)
+    assert once.trace_events == run(rows).trace_events
+
+
+@pytest.mark.near_miss("angle.step")
 def test_a_preset_by_sdo_is_no_step() -> None:
     rows = moved(encoder(resting), 10_010, TURN // 2)
     preset = write(10_000, 5, 0x6003, 0, round(100.75 * TURN))

@@ -95,6 +95,17 @@ def test_a_phase_that_moves_is_told() -> None:
     assert row.phase_share == pytest.approx(0.5)
 
 
+def test_a_gap_hides_how_many_syncs_so_the_phase_begins_anew() -> None:
+    before, later = regular(200, 10 * MS), regular(100, 10 * MS, 2013 * MS)
+    row = row_of(
+        told(context(), 4),
+        ordered(syncs(before), pdos(after(before, 4, 0))),
+        Gap(1995 * MS, 2012 * MS, "adapter lost", 3),
+        ordered(syncs(later), pdos(after(later, 4, 1))),
+    )
+    assert row.phase_share == 1.0
+
+
 def test_type_0_answers_when_the_value_changes_and_owes_nothing() -> None:
     times = regular(400, 10 * MS)
     answers = [times[k] + MS for k in (3, 50, 51, 200)]

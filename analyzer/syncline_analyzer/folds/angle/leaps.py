@@ -23,6 +23,13 @@ SOFT_REV_S2 = 100.0
 _WIDTH = 2 * STEADY + 2
 """Steps that are looked at together: those before, one or two that stand out, those after."""
 _S = 1e9
+ALONE_NS = 500_000_000
+"""So long before and after there is no other such step: some devices measure less often than they
+send, so that a turning shaft stands for a few samples and then steps."""
+ALONE_SAMPLES = 128
+"""At most so many samples."""
+ALONE_TIMES = 3
+"""A step of a third counts as another one."""
 
 Integers = NDArray[np.int64]
 
@@ -47,6 +54,8 @@ class Leaps:
 
     _tails: dict[int, tuple[Integers, Integers, Integers]] = field(default_factory=dict)
     """(seq, t_ns, position) of the last samples by source."""
+    _judged: dict[int, int] = field(default_factory=dict)
+    """`seq` of the last sample by source that is done with."""
 
     def cut(self) -> None:
         """What comes next does not go on from here."""
@@ -70,13 +79,34 @@ class Leaps:
                 np.concatenate((tail[2], samples[2])),
             )
         seq, t_ns, position = samples
-        self._tails[source] = (seq[-_WIDTH:], t_ns[-_WIDTH:], position[-_WIDTH:])
+        kept = 2 * ALONE_SAMPLES + _WIDTH
+        self._tails[source] = (seq[-kept:], t_ns[-kept:], position[-kept:])
         if len(seq) <= _WIDTH:
             return []
         steps = count_steps(position, scale.range_counts)
+        usual_ns = max(float(np.median(np.diff(t_ns))), 1.0)
+        around = int(np.clip(ALONE_NS / usual_ns, STEADY + 1, ALONE_SAMPLES))
         rows = _standing_out(steps, scale.counts_per_turn)
+        landed = rows + STEADY + 1
+        last = len(seq) - 1 - around
+        rows = rows[(landed <= last) & (seq[landed] > self._judged.get(source, -1))]
+        if last >= 0:
+            self._judged[source] = max(int(seq[last]), self._judged.get(source, -1))
+        rows = rows[_alone(steps, rows + STEADY, around)]
         found = (_leap(samples, steps, int(row), scale, preset) for row in rows)
         return [leap for leap in found if leap is not None]
+
+
+def _alone(steps: Integers, at: NDArray[np.intp], around: int) -> NDArray[np.bool_]:
+    """Whether no step near is nearly as big as the ones at `at`; spikes may come in numbers."""
+    offsets = np.concatenate((np.arange(-around, 0), np.arange(2, around)))
+    near = np.clip(at[:, None] + offsets, 0, len(steps) - 1)
+    inside = near == at[:, None] + offsets
+    size = np.where(inside, np.abs(steps)[near], 0).max(axis=1, initial=0)
+    way, back = steps[at], steps[at + 1]
+    spike = ALONE_TIMES * np.abs(way + back) < np.abs(way)
+    alone: NDArray[np.bool_] = spike | (ALONE_TIMES * size < np.abs(way))
+    return alone
 
 
 def _standing_out(steps: Integers, per_turn: int) -> NDArray[np.intp]:

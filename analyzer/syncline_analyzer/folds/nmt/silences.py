@@ -1,14 +1,13 @@
 """Silences of one node: which are its own, a restart's, or those of everybody."""
 
 from bisect import bisect_left
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.folds.bus.clock import ClockTable
 from syncline_analyzer.folds.nmt.events import RESETS, Lost, NodeHistory, Silence
 from syncline_analyzer.folds.nmt.quiet import Quiet
 from syncline_analyzer.folds.nmt.timeout import silence_limit
-from syncline_schemas.devices import quirks
 
 RESTART_NS = 10_000_000_000
 """A silence that a boot-up ends is a restart up to this length, longer ones are losses [ns]."""
@@ -35,7 +34,6 @@ class Silences:
         self._history = history
         self._clock = clock
         self._quiet = quiet
-        self._quirks = quirks(context.shadow.device(history.bus, history.node))
         self._seqs = [beat.seq for beat in history.beats]
 
     def events(self) -> Iterator[tuple[int, int, object]]:
@@ -134,15 +132,13 @@ class Silences:
             for command in self._history.commands
         )
 
-    def starts_anew(self, silence: Silence) -> bool:
-        """Whether the node's first message after a silence is a boot-up."""
+    def starts_anew(self, silence: Silence, bootup_bytes: Container[int]) -> bool:
+        """Whether the node's first message after a silence is a boot-up, or may be one."""
         if silence.end_seq is None:
             return False
         at = bisect_left(self._seqs, silence.end_seq)
         following = self._history.beats[at : at + 1]
-        return any(
-            beat.kind == "boot-up" or beat.state in self._quirks.bootup_bytes for beat in following
-        )
+        return any(beat.kind == "boot-up" or beat.state in bootup_bytes for beat in following)
 
 
 def loss_of(

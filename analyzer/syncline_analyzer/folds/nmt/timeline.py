@@ -291,7 +291,8 @@ class Timeline:
             return True
         if now.state in (NmtState.OPERATIONAL, NmtState.STOPPED):
             return self._fell_by_restart(beat)
-        return now.state is NmtState.LOST and beat.t_ns - beat.previous_ns >= 0
+        back = now.state is NmtState.LOST and beat.t_ns - beat.previous_ns >= 0
+        return back and not self._boots_with_00h()
 
     def _fell_by_restart(self, beat: Beat) -> bool:
         """A fall to PRE-OPERATIONAL that neither a command, an error nor a second device explains.
@@ -396,7 +397,8 @@ class Timeline:
             if passed - self.quiet.within(since, silence.end_ns) <= quiet:
                 return
             start = max(start, since + quiet)
-        anew = self._silences.starts_anew(silence)
+        bootup_bytes = () if self._boots_with_00h() else self._quirks.bootup_bytes
+        anew = self._silences.starts_anew(silence, bootup_bytes)
         whole = self._silences.whole_bus(silence, timeout_ns, anew)
         went_on = not anew or self._silences.went_on(silence.start_ns, silence.end_ns)
         before = now.state.value

@@ -10,7 +10,7 @@ from syncline_analyzer.folds.timing.block import Block
 from syncline_analyzer.folds.timing.lateness import others_as_late
 from syncline_analyzer.folds.timing.overdue import lacking_after
 from syncline_analyzer.folds.timing.pdo_state import Pause, PdoState
-from syncline_analyzer.folds.timing.phase import UNTOLD
+from syncline_analyzer.folds.timing.phase import UNTOLD, Phase
 from syncline_analyzer.folds.timing.sync import SyncFold, SyncIndex
 from syncline_analyzer.folds.timing.waiting_fold import WaitingFold
 from syncline_analyzer.pdo_binding import PdoBindings, Transmission
@@ -89,6 +89,8 @@ class PdoFold:
             if bus in (None, state_bus):
                 state.last_ns = None
                 state.rhythm.restart()
+                # How many SYNCs lie in it is not known: their numbers begin anew.
+                state.phase = Phase()
                 state.requested.restart()
                 state.request_answers.restart()
                 state.overdue.flush()

@@ -26,7 +26,8 @@ def _none() -> NDArray[np.int64]:
 class Phase:
     """Counts the answers by the number of their SYNC, modulo `every`; another one begins anew.
 
-    SYNCs have two numbers: that of their counter, and that from the first SYNC of the capture on.
+    SYNCs have two numbers: that of their counter, and that from the first SYNC of the capture on,
+    which says nothing over a gap.
     """
 
     every: int = 0

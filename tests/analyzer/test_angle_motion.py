@@ -112,6 +112,7 @@ def test_a_hard_start_and_stop_is_no_step() -> None:
         assert found(analysis, "angle.step") == found(analysis, "angle.spike") == []
 
 
+@pytest.mark.near_miss("angle.jump")
 @pytest.mark.near_miss("angle.step")
 @pytest.mark.parametrize("measured_ms", [10, 50, 100])
 def test_a_device_that_measures_less_often_than_it_sends_makes_no_steps(measured_ms: int) -> None:
@@ -119,8 +120,15 @@ def test_a_device_that_measures_less_often_than_it_sends_makes_no_steps(measured
         return running_up(1500)(np.floor(t_s * 1000 / measured_ms) * measured_ms / 1000)
 
     for period_ms in (2.0, 5.0, 10.0):
-        analysis = run(encoder(held, period_ms=period_ms, seconds=10.0))
-        assert found(analysis, "angle.step") == found(analysis, "angle.spike") == []
+        assert severe(run(encoder(held, period_ms=period_ms, seconds=10.0))) == []
+
+
+@pytest.mark.triggers("angle.jump")
+def test_an_encoder_that_jumps_again_and_again_at_rest_is_told() -> None:
+    rows = encoder(resting)
+    for second in range(2, 18, 2):
+        rows = moved(rows, second * 1000 + 5, 700 * TURN)
+    assert [f.id for f in run(rows).findings if f.severity != "info"] == ["angle.jump"] * 1
 
 
 @pytest.mark.parametrize("batch", [31, 500])

@@ -207,5 +207,6 @@ def test_the_offset_between_two_pdos_is_no_jump_and_no_freeze() -> None:
 def test_what_restored_defaults_took_back_is_not_called_unstorable() -> None:
     script = turning(encoder()).write(500, 0x1800, 5, 20).save(600).load(700)
     told = script.nmt(5000, 0x81).boot(9000).heartbeat(9200, 11_000).told()
-    found = told.finding("device.lost_at_reset")
-    assert "back from 20 to 515 (the defaults were restored)" in found.text
+    restored = told.finding("device.defaults_pending")
+    (lost,) = (link for link in restored.chain if link.id == "device.lost_at_reset")
+    assert "back from 20 to 515 (the defaults were restored)" in lost.text

@@ -225,14 +225,23 @@ BONDS: tuple[Bond, ...] = (
     *_bonds("nmt.node_lost", "pdo.not_answered"),
     *_bonds(
         "device.wrong_device",
-        "angle.out_of_range",
         "angle.jump",
         "angle.scale_assumed",
         "pdo.silent",
         lifelong=True,
         before_ns=_FOREVER,
     ),
+    *_bonds("angle.out_of_range", "device.wrong_device", shared=True),
     *_bonds("device.defaults_pending", "device.lost_at_reset", lifelong=True),
+    *_bonds("nmt.duplicate_node_id", "angle.step", "angle.spike", before_ns=10 * _S, lifelong=True),
+    *_bonds("emcy.active", "angle.step", "angle.spike"),
+    *(
+        bond
+        for cause in ("angle.step", "angle.jump", "angle.preset_by_wire")
+        for bond in _bonds(
+            cause, "angle.shafts_parted", after_ns=2 * _S, same_node=False, lasting=True
+        )
+    ),
     *_bonds(
         "bus.bitrate_contradicted",
         "bus.overload",

@@ -29,6 +29,10 @@ _NO_SPEED = 2.0
 """A speed of so many times what the device can do is one of the stamps, not of the shaft."""
 _TOLD_APART = 0.25
 """Of a range: beyond, the other way round is not even three times as far, so no speed is told."""
+_SEVERAL = 5
+"""So many steps that are too big may be those of a device that measures less often than it sends."""
+_MEASURED_NS = 500_000_000
+"""It measures more often than this."""
 _SELDOM = 1.5
 """A source that is heard so much less often than another one takes its speed where it is unsure."""
 WRAP, JUMP, AMBIGUOUS, FROZEN, OUT_OF_RANGE, SCALE_ASSUMED, SILENCE = (1 << k for k in range(7))
@@ -109,6 +113,8 @@ class Link:
     jump_ns: int | None = None
     steps: dict[int, int] = field(default_factory=dict)
     """The last step [counts] by source."""
+    measured_ns: dict[int, float] = field(default_factory=dict)
+    """By source: after what time the value is usually another one, where it stands in between."""
 
     def cut(self) -> None:
         """Forget everything but the usual spacing."""
@@ -351,6 +357,11 @@ def _speeds(
         allowed_ns = np.maximum(span, usual_ns) + _SLACK_NS
         fastest = np.abs(_rpm(np.maximum(np.abs(step) - 2, 0), allowed_ns, per_turn))
         beyond = fastest > scale.max_rpm
+        if np.count_nonzero(beyond) >= _SEVERAL:
+            _learn_measuring(state, source, step, t_ns)
+        measured_ns = state.measured_ns.get(source, 0.0)
+        if measured_ns > _SELDOM * usual_ns:
+            beyond &= fastest * allowed_ns > scale.max_rpm * (measured_ns + _SLACK_NS)
         turning = beyond & _goes_on(step, state.steps.get(source, 0))
         state.steps[source] = int(step[-1])
         fast.append(target[turning])
@@ -369,6 +380,16 @@ def _speeds(
         if usual_ns > _SELDOM * often_ns:
             speed[guessed] = _last_before(speed, often, guessed)
     return speed, _first_of_each(jumps, piece, state), flags, np.sort(np.concatenate(fast))
+
+
+def _learn_measuring(
+    state: Link, source: int, step: NDArray[np.int64], t_ns: NDArray[np.int64]
+) -> None:
+    """Learn after what time the value of a source usually changes."""
+    apart = np.diff(t_ns[1:][step != 0])
+    apart = apart[(apart > 0) & (apart < _MEASURED_NS)]
+    if len(apart) >= _SEVERAL:
+        state.measured_ns[source] = float(np.median(apart))
 
 
 def _goes_on(step: NDArray[np.int64], before: int) -> NDArray[np.bool_]:

@@ -25,11 +25,11 @@ from syncline_analyzer.folds.nmt.events import (
     Repeated,
 )
 from syncline_analyzer.folds.nmt.measures import Measures, quantiles_ms, shares
-from syncline_analyzer.folds.nmt.pace import ENOUGH
+from syncline_analyzer.folds.nmt.others import others_anew, others_beat, witnesses_of
 from syncline_analyzer.folds.nmt.table import BootUp, NmtTable, NodeKey, NodeNmt
 from syncline_analyzer.folds.nmt.timeline import Timeline
 from syncline_analyzer.folds.nmt.timeout import PRODUCER_TIME
-from syncline_analyzer.folds.nmt.witness import Heartbeat, Witnesses
+from syncline_analyzer.folds.nmt.witness import Witnesses
 from syncline_analyzer.folds.sdo.fold import Reset
 from syncline_analyzer.folds.timing.pdo_spans import PdoSpans, Quietness
 from syncline_analyzer.pdo_binding import Pdo, PdoBindings
@@ -137,7 +137,7 @@ class NmtFold:
         )
         spans = self._spans(shown)
         told = sorted(alive | set(spans))
-        heartbeats = {bus: self._witnesses(bus) for bus, _ in told}
+        heartbeats = {bus: witnesses_of(self._control, bus) for bus, _ in told}
         for key in told:
             alone = sum(bus == key[0] for bus, _ in told) == 1
             more = key[0] in self._commands.synced or any(
@@ -339,13 +339,8 @@ class NmtFold:
             paces=control.paces.paces,
             stretches=control.paces.stretches,
             alone=alone,
-            others_anew=self._others_anew(key),
-            others_beat=[
-                (other.beats[0].t_ns, other.last_beat_ns)
-                for (on, node), other in self._control.items()
-                if on == key[0] and node != key[1] and other.counts.heartbeats > ENOUGH
-                if other.beats and other.last_beat_ns is not None
-            ],
+            others_anew=others_anew(self._control, key),
+            others_beat=others_beat(self._control, key),
             witnesses=witnesses,
             communication_errors=self._errors.get(key, ()),
         )
@@ -447,29 +442,6 @@ class NmtFold:
                 if known and change.cause == "sdo-write" and known.value == writes[place]:
                     how = f"reset by SDO ({place[0]:04X}h)"
                     yield Command(change.seq, change.t_ns, RESETS[0], key[1], how)
-
-    def _witnesses(self, number: int) -> Witnesses:
-        """The heartbeats of a bus whose period is known."""
-        found = {}
-        for (bus, node), control in self._control.items():
-            period_ns, last_ns = control.median_ns(), control.last_beat_ns
-            if bus != number or period_ns is None or last_ns is None or not control.beats:
-                continue
-            if control.counts.heartbeats > ENOUGH and not control.counts.guard_answers:
-                silent = [(each.start_ns, each.end_ns) for each in control.silences]
-                first_ns, late = control.beats[0].t_ns, control.paces.late
-                found[node] = Heartbeat(period_ns, first_ns, last_ns, late, silent)
-        return Witnesses(found)
-
-    def _others_anew(self, key: NodeKey) -> list[int]:
-        """When other nodes of the bus may have started: a boot-up may look like a heartbeat."""
-        return sorted(
-            beat.t_ns
-            for other, control in self._control.items()
-            if other[0] == key[0] and other != key
-            for beat in control.beats
-            if beat.kind == "boot-up" or STATE_OF_BYTE.get(beat.state) is NmtState.PRE_OPERATIONAL
-        )
 
     def _command_row(self, bus: int, command: Command) -> NmtCommandRow:
         if command.node:

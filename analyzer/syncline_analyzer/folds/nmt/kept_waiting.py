@@ -29,6 +29,8 @@ BOOT_UP_NS = 1_000_000_000
 """A boot-up this soon after a silence belongs to it [ns]."""
 _WORTH = 0.05
 """Waiting that makes up less of a heartbeat's period is let be."""
+_LONGER = 1.05
+"""Nor is one looked at that is not so many times as long as the shortest of the last three."""
 _FULL = 0.9
 """So much of the time that frames took on the wire must be seen to call the bus full."""
 _ERROR_BITS = 160
@@ -92,6 +94,8 @@ class _Bus:
     noise_ns: float = 0.0
     beat_ns: dict[int, int] = field(default_factory=dict)
     """Time of each node's last heartbeat."""
+    recent_ns: dict[int, Ints] = field(default_factory=dict)
+    """Its last three periods."""
 
 
 class HeartbeatWaits:
@@ -153,7 +157,11 @@ class HeartbeatWaits:
         last_ns = state.beat_ns.get(key[1])
         state.beat_ns[key[1]] = int(t_ns[-1])
         before = np.concatenate((t_ns[:1] if last_ns is None else [last_ns], t_ns[:-1]))
-        for at in np.flatnonzero(traffic.worth(rows, before)).tolist():
+        recent = np.concatenate((state.recent_ns.get(key[1], np.zeros(3, np.int64)), t_ns - before))
+        state.recent_ns[key[1]] = recent[-3:]
+        usual = np.minimum(np.minimum(recent[:-3], recent[1:-2]), recent[2:-1])
+        late = t_ns - before > _LONGER * usual
+        for at in np.flatnonzero(late & traffic.worth(rows, before)).tolist():
             found = traffic.waited(key[1], int(rows[at]), int(before[at]))
             if found is not None:
                 self._keep(key, found)

@@ -397,7 +397,7 @@ class Timeline:
             if passed - self.quiet.within(since, silence.end_ns) <= quiet:
                 return
             start = max(start, since + quiet)
-        bootup_bytes = () if self._boots_with_00h() else self._quirks.bootup_bytes
+        bootup_bytes = (0,) if self._boots_with_00h() else self._quirks.bootup_bytes
         anew = self._silences.starts_anew(silence, bootup_bytes)
         whole = self._silences.whole_bus(silence, timeout_ns, anew)
         went_on = not anew or self._silences.went_on(silence.start_ns, silence.end_ns)

@@ -40,25 +40,25 @@ class Distribution:
         if not len(values):
             return
         new = values.astype(np.float64)
-        self._add_moments(new)
+        low, high = float(np.minimum.reduce(new)), float(np.maximum.reduce(new))
+        self._add_moments(new, low, high)
         if self._bins is not None:
-            self._bins.add(new)
+            self._bins.add(new, low, high)
             return
         self._kept.append(new)
         if self.count > EXACT_LIMIT:
             kept = np.concatenate(self._kept)
             self._kept, self._bins = [], _Bins(kept)
-            self._bins.add(kept)
+            self._bins.add(kept, self.minimum, self.maximum)
 
     def quantile(self, share: float) -> float:
         """Value below which a share (0..1) of all values lies; NaN without values."""
         if not self.count:
             return float("nan")
         if self._bins is None:
-            return _quantile(self._exact(), share)
-        value, weight = self._bins.weighted()
-        at = int(np.searchsorted(np.cumsum(weight), share * (self.count - 1), side="right"))
-        return float(np.clip(value[at], self.minimum, self.maximum))
+            return quantile_of(self._exact(), share)
+        value = self._bins.value(share * (self.count - 1))
+        return min(max(value, self.minimum), self.maximum)
 
     @property
     def mean(self) -> float:
@@ -114,7 +114,7 @@ class Distribution:
         if self._bins is None:
             value = self._exact()
             value = value[value < below_ns]
-            width = _quantile(value, 0.99) - _quantile(value, 0.01)
+            width = quantile_of(value, 0.99) - quantile_of(value, 0.01)
             return float(value.std()), width, float(value.max())
         value, weight = self._bins.weighted()
         value = np.clip(value, self.minimum, self.maximum)
@@ -159,9 +159,8 @@ class Distribution:
             self._kept = [np.concatenate(self._kept)]
         return self._kept[0]
 
-    def _add_moments(self, new: Floats) -> None:
+    def _add_moments(self, new: Floats, low: float, high: float) -> None:
         """Extremes, mean and squares; those of two parts are joined as Chan et al. do (1979)."""
-        low, high = float(np.minimum.reduce(new)), float(np.maximum.reduce(new))
         mean = float(np.add.reduce(new)) / len(new)
         if not self.count:
             self.minimum, self.maximum, self._mean = low, high, mean
@@ -169,7 +168,8 @@ class Distribution:
         before, self.count = self.count, self.count + len(new)
         apart = mean - self._mean
         self._mean += apart * len(new) / self.count
-        self._squares += float(np.add.reduce(np.square(new - mean)))
+        apart_ns = new - mean
+        self._squares += float(np.add.reduce(np.multiply(apart_ns, apart_ns, out=apart_ns)))
         self._squares += apart * apart * before * len(new) / self.count
 
 
@@ -178,7 +178,7 @@ def _told(value: float, resolution_ns: int, unit_ns: float) -> float | None:
     return value / unit_ns if value >= resolution_ns else None
 
 
-def _quantile(values: Floats, share: float) -> float:
+def quantile_of(values: NDArray[np.int64] | Floats, share: float) -> float:
     """What `np.quantile` tells by linear interpolation, without the checks that take it long."""
     at = (len(values) - 1) * share
     low = int(at)
@@ -219,15 +219,28 @@ class _Bins:
         self._width = (top - self._low) / FINE_BINS
         self._fine = np.zeros(FINE_BINS, np.int64)
         self._coarse = np.zeros(_COARSE_BINS, np.int64)
+        self._cumulated: tuple[Floats, NDArray[np.int64]] | None = None
+        """Middles of the bins, and how many values lie up to each, while nothing is added."""
 
-    def add(self, values: Floats) -> None:
-        place = np.floor((values - self._low) / self._width)
-        fine = (place >= 0) & (place < FINE_BINS)
-        if fine.all():
+    def add(self, values: Floats, low: float, high: float) -> None:
+        """Take in values, the least and the largest of which are `low` and `high`."""
+        self._cumulated = None
+        place = (values - self._low) / self._width
+        if low >= self._low and (high - self._low) / self._width < FINE_BINS:
             self._fine += np.bincount(place.astype(np.int64), minlength=FINE_BINS)
             return
+        place = np.floor(place)
+        fine = (place >= 0) & (place < FINE_BINS)
         self._fine += np.bincount(place[fine].astype(np.int64), minlength=FINE_BINS)
         self._coarse += np.bincount(_coarse_keys(values[~fine]), minlength=_COARSE_BINS)
+
+    def value(self, number: float) -> float:
+        """Middle of the bin in which the value of this number, counted from 0, lies."""
+        if self._cumulated is None:
+            value, weight = self.weighted()
+            self._cumulated = value, np.cumsum(weight)
+        value, counts = self._cumulated
+        return float(value[int(np.searchsorted(counts, number, side="right"))])
 
     def weighted(self) -> tuple[Floats, NDArray[np.int64]]:
         """Middles of the bins that are not empty, ascending, and their counts."""

@@ -175,3 +175,17 @@ def test_a_consumer_that_misses_such_a_node_is_told_of_the_bus() -> None:
     told = [f for f in analysis.findings if "nmt.guarding_lost" in (f.id, *(c.id for c in f.chain))]
     assert told
     assert not any("supply, cable" in f.check_next + f.cause for f in told)
+
+
+@pytest.mark.near_miss("nmt.node_lost")
+def test_heartbeats_that_stood_in_line_are_no_period() -> None:
+    """A controller with a queue sends what it kept at once: 50 ms is the period, not 0.5 ms."""
+    rows: list[Row] = []
+    for start_ms in range(0, 4000, 1000):
+        rows += [frame(start_ms + 0.5 * k, 0x700 + NODE, "05") for k in range(12)]
+        rows += beats(NODE, start_ms + 50, start_ms + 450, 50)
+    analysis = whole(rows, every(0x183, 3, 4000, 9.7, bytes(8)))
+    (node,) = [row for row in analysis.nodes if row.node == NODE]
+    assert node.heartbeat_period_ms == pytest.approx(50, abs=1)
+    losses = [row for row in analysis.nmt_states if (row.node, row.state) == (NODE, "LOST")]
+    assert all(row.end_ns - row.start_ns > 400 * MS for row in losses)

@@ -1,6 +1,5 @@
 """Logs of text lines: blocks of lines to batches, by layout where possible, else line by line."""
 
-import math
 from abc import ABC, abstractmethod
 from collections import defaultdict
 from collections.abc import Iterator
@@ -20,6 +19,7 @@ from syncline_analyzer.readers.layout import (
     empty_batch,
     lines_of,
 )
+from syncline_analyzer.readers.resolution import Resolution
 from syncline_analyzer.readers.source import (
     BLOCK_BYTES,
     MAX_LINE_BYTES,
@@ -38,11 +38,6 @@ MAX_PARSED_LINE = 1024
 """No format has longer lines with a frame."""
 MAX_T_NS = 1 << 62
 """Later times, which are none, would not fit into the columns."""
-_SAMPLE = 512
-_DISTANCES = 20
-_SHARED = 10
-"""So many frames with the time of the one before are no chance."""
-_COARSE = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -264,6 +259,7 @@ class TextReader:
         row = layout.row(text)
         if row is None or row[0] >= MAX_T_NS:
             return False
+        self._resolution.written(layout.times)
         batch.put_row(line, row, timed=bool(layout.times))
         return True
 
@@ -282,10 +278,10 @@ class TextReader:
             steps = np.where(batch.timed, batch.t_ns, 0)
             batch.t_ns[:] = np.cumsum(steps) + self._carry_ns
             self._carry_ns = int(batch.t_ns[-1]) if len(steps) else self._carry_ns
-            self._resolution.sample(steps[batch.timed])
         else:
-            self._resolution.sample(batch.t_ns[batch.timed])
             self._fill_times(batch)
+        own = batch.read & batch.timed
+        self._resolution.sample(batch.t_ns[own], batch.bus[own], batch.can_id[own])
         if self.facts.time_base != "none":
             batch.t_ns += self._form.origin_ns
 
@@ -329,43 +325,6 @@ class TextReader:
     def _gap(self, lost: LostFrames, end_ns: int) -> Gap:
         start_ns = self._last_ns if self._last_ns is not None else end_ns
         return Gap(start_ns, max(start_ns, end_ns), lost.reason, lost.lost_frames, lost.bus)
-
-
-class Resolution:
-    """The step of a log's times: the largest power of ten ns that divides those looked at.
-
-    A bus with a steady rhythm looks like a coarse clock: a step above a microsecond is believed
-    only when many different distances between frames are whole numbers of it, or when frames share
-    a time, which no wire lets them; then up to a millisecond.
-    """
-
-    def __init__(self) -> None:
-        self._divisor = 0
-        self._count = 0
-        self._distances: set[int] = set()
-        self._shared = 0
-
-    def sample(self, t_ns: NDArray[np.int64]) -> None:
-        """Look at up to 512 of the times."""
-        step = max(1, len(t_ns) // _SAMPLE)
-        some = t_ns[::step]
-        self._count += len(some)
-        self._divisor = math.gcd(self._divisor, int(np.gcd.reduce(some)) if len(some) else 0)
-        distances = np.diff(t_ns)
-        self._shared += int(np.count_nonzero(distances == 0))
-        if len(self._distances) < _DISTANCES:
-            self._distances.update(np.unique(distances)[:_DISTANCES].tolist())
-
-    @property
-    def step_ns(self) -> int:
-        """The step [ns]; 1 when there were too few times to tell."""
-        if self._count < 4 or self._divisor == 0:
-            return 1
-        coarsest = _COARSE if self._shared >= _SHARED else 1000
-        step, coarsest = 1, 10**9 if len(self._distances) >= _DISTANCES else coarsest
-        while step < coarsest and self._divisor % (10 * step) == 0:
-            step *= 10
-        return step
 
 
 def _split(block: bytes, markers: tuple[bytes, ...]) -> Iterator[bytes]:

@@ -62,6 +62,10 @@ class TraceRow:
     """Samples by what carried them: "18Ah" (the COB-ID of a PDO), "SDO"."""
     speed_max_rpm: float | None = None
     """Fastest speed that the samples tell, either way."""
+    told_below_rpm: float | None = None
+    """Speed below which the samples tell speed and direction, where the device may turn faster."""
+    untold_speeds: int = 0
+    """Samples so far from the one before that the shaft may as well have turned the other way."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -73,5 +73,8 @@ def standard_of(index: int, sub: int) -> int | None:
     >>> standard_of(0x6004, 0), standard_of(0x6120, 0), standard_of(0x6064, 0)
     (406, 410, None)
     """
-    numbers = (number for number, objects in _POSITIONS.items() if index in objects)
-    return next(numbers, None) if sub == 0 else None
+    if sub == 0:
+        for number, objects in _POSITIONS.items():
+            if index in objects:
+                return number
+    return None

@@ -17,6 +17,8 @@ NOISY_DEG = {"counts": 0.5, "deg": 1.0}
 """Standard deviation at rest from which a value is worth a note, by the unit of the trace."""
 RESTED = 640
 """Samples at rest from which noise is judged."""
+UNTOLD = 3
+"""Samples that leave the direction open from which a shaft is too fast for them."""
 ALL_THE_TIME = 5
 """Encoders that part so often do not slip: what was stated of their shaft is wrong."""
 
@@ -100,8 +102,7 @@ def _fast(facts: Facts) -> Iterator[Finding]:
 def _seldom(facts: Facts) -> Iterator[Finding]:
     """Encoders whose samples come too seldom for their speed and direction."""
     for trace in facts.analysis.traces:
-        moves = trace.min is not None and trace.min != trace.max
-        if trace.unit != "counts" or not moves:
+        if trace.unit != "counts" or trace.untold_speeds < UNTOLD:
             continue
         for event in events_of(facts.analysis, trace, "ambiguous"):
             yield Finding(
@@ -248,7 +249,7 @@ RULES: tuple[Rule, ...] = (
         "Samples of an encoder come too seldom to tell direction and speed of a fast shaft.",
         "The first sample of the trace.",
         (
-            "Not told of a shaft that stands still all the time.",
+            "Not told of a shaft whose samples stay nearer than a quarter of the range to one another.",
             "Not told where another PDO of the node comes often enough.",
             "Not told where no speed limit is known.",
         ),

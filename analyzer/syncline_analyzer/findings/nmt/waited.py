@@ -78,7 +78,7 @@ def _text(facts: Facts, bus: str, nodes: list[int], found: list[Waited]) -> str:
     if len(nodes) > 1:
         whose = "heartbeats of nodes " + ", ".join(map(str, nodes))
         which = f" (node {worst.key[1]})"
-    busy_ns = min(worst.kept.end_ns, worst.lost.end_ns) - worst.kept.free_ns
+    busy_ns = worst.lost.end_ns - max(worst.kept.free_ns, worst.lost.last_ns)
     often = several([facts.moment(each.lost.last_ns) for each in found])
     moment = "" if often else f"from {facts.moment(worst.lost.last_ns)} on "
     text = (

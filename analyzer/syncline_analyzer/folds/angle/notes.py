@@ -115,6 +115,7 @@ def _too_seldom(state: TraceState, converter: Encoder) -> str:
     if not scale.counts_per_turn or not scale.range_counts or not spacing_ns:
         return ""
     limit = ambiguous_rpm(scale.range_counts, scale.counts_per_turn, spacing_ns / 1e9)
+    state.told_below_rpm = limit
     return (
         f"samples every {spacing_ns / 1e6:.4g} ms tell direction and speed only below"
         f" {limit:.4g} rpm, the device may turn {scale.max_rpm:g} rpm"

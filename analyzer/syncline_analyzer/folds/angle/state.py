@@ -79,6 +79,8 @@ class TraceState:
     last_raw: int | None = None
     fast: Fast | None = None
     top_rpm: float | None = None
+    told_below_rpm: float | None = None
+    untold_speeds: int = 0
     silent: list[int] = field(default_factory=list)
     """`seq` of the samples of this block that come after a silence."""
     wide: int = 0
@@ -169,6 +171,8 @@ class TraceState:
             self.sources[number - 1] = self.sources.get(number - 1, 0) + int(counts[number])
         self.last_raw = int(piece.raw[-1])
         speed = np.abs(derived.columns.get("speed_rpm", np.zeros(0)))
+        unsure = (derived.flags[: len(speed)] & AMBIGUOUS) != 0
+        self.untold_speeds += int(np.count_nonzero(unsure & np.isnan(speed)))
         if np.isfinite(speed).any():
             self.top_rpm = max(self.top_rpm or 0.0, float(np.nanmax(speed)))
         angle = derived.columns.get("angle_deg")
@@ -225,6 +229,8 @@ class TraceState:
             _rounded(self.statistics.rest.widest) if self.statistics.rest.samples else None,
             {_source_name(source): count for source, count in sorted(self.sources.items())},
             self.top_rpm,
+            self.told_below_rpm,
+            self.untold_speeds,
         )
 
     def trace(self) -> Trace:

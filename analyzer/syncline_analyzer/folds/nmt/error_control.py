@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from syncline_analyzer.distribution import quantile_of
 from syncline_analyzer.folds.nmt.cadence import (
     CANDIDATE_RATIO,
     MIN_PERIODS,
@@ -38,6 +39,8 @@ from syncline_analyzer.folds.nmt.kinds import (
 from syncline_analyzer.folds.nmt.pace import HeartbeatPeriods
 from syncline_analyzer.folds.nmt.pairs import Pairs
 
+QUEUED_NS = 3_000_000
+"""Messages closer together stood in line behind other frames: no node sends them so often [ns]."""
 WINDOW = 15
 """Periods whose median a silence is held against."""
 MAX_EVENTS = 100_000
@@ -280,10 +283,11 @@ class ErrorControl:
         passed: Int64s = times[1:] - times[:-1]
         all_kinds = np.concatenate((kind0, kinds))
         regular = (all_kinds[1:] == all_kinds[:-1]) & (all_kinds[1:] != BOOT_UP) & (passed > 0)
+        steady = regular & (all_kinds[1:] == HEARTBEAT)
+        regular &= passed >= QUEUED_NS
         recent = np.concatenate((self._recent, passed[regular]))
         known = len(self._recent) + np.cumsum(regular) - regular
         ends = slice(n - len(passed), None)
-        steady = regular & (all_kinds[1:] == HEARTBEAT)
         self.doubles.note(beats.seq[ends], beats.t_ns[ends], passed, steady)
         self.twins.note(beats.seq[ends], beats.t_ns[ends], steady)
         self.pairs.note(beats.seq[ends], beats.t_ns[ends], passed, steady)
@@ -415,7 +419,7 @@ class ErrorControl:
 
     @staticmethod
     def _median(periods: Int64s) -> int | None:
-        return int(np.median(periods)) if len(periods) >= MIN_PERIODS else None
+        return int(quantile_of(periods, 0.5)) if len(periods) >= MIN_PERIODS else None
 
 
 def _within_usual(passed: Int64s, recent: Int64s, known: Int64s) -> Mask:

@@ -241,8 +241,8 @@ class Lost(NamedTuple):
 class KeptWaiting(NamedTuple):
     """A heartbeat that waited for other frames while the bus was full.
 
-    The one before it came at `before_ns`; the bus was free for it at `free_ns` for the last time,
-    before it came at `end_ns`, or before its bus was not heard any more (not `over`).
+    The one before it came at `before_ns`; the bus was not free for it from `free_ns` on, until it
+    came at `end_ns`, or until its bus was not heard any more (not `over`).
     `busy` is the part of that time (0..1) that frames took, most of it those of `ahead`.
     """
 

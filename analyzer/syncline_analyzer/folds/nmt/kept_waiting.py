@@ -228,7 +228,8 @@ class _Traffic:
         if busy < _FULL:
             return None
         ahead = _longest(frames.can_id[first:row], frames.least_ns[first:row])
-        return KeptWaiting(before_ns, end_ns, free_ns, busy, ahead, over=row == last)
+        since_ns = max(free_ns, before_ns)
+        return KeptWaiting(before_ns, end_ns, since_ns, busy, ahead, over=row == last)
 
     def _begin(self, row: int) -> int:
         return int(self.frames.t_ns[0]) + round(float(self._start_ns[row]))

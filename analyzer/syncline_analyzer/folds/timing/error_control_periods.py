@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.context import Context
-from syncline_analyzer.distribution import Distribution
+from syncline_analyzer.distribution import Distribution, quantile_of
 from syncline_analyzer.folds.nmt.table import NodeNmt
 from syncline_analyzer.folds.timing.block import Block
 from syncline_analyzer.folds.timing.overdue import LATE, Overdue
@@ -178,7 +178,9 @@ class ErrorControlPeriods:
         seq0 = block.batch.seq0
         asked = part.rows[part.asks]
         answering = part.rows[~part.asks]
-        state.requests.add(seq0 + asked, block.frames.t_ns[asked], np.ones(len(asked), np.bool_))
+        if len(asked):
+            follows = np.ones(len(asked), np.bool_)
+            state.requests.add(seq0 + asked, block.frames.t_ns[asked], follows)
         state.answers.add(answering, asked, block.frames.t_ns, seq0, timed=True)
         for piece, told_ns in self._pieces(block, bus, node, part):
             self._beat(seq0, state, piece, told_ns)
@@ -221,7 +223,8 @@ class ErrorControlPeriods:
         periods, before_ns, before_seq = state.beats.add(seq, t_ns, follows)
         timer_ns = _timer(periods, state.beats.periods.spread, told_ns)
         if timer_ns:
-            judged = ~_sustained(periods > LATE * timer_ns)
+            late = periods > LATE * timer_ns
+            judged = ~_sustained(late) if late.any() else ~late
             state.missing.add(timer_ns, periods, before_ns, before_seq, judged)
 
     def _heartbeat(
@@ -312,7 +315,7 @@ def _part(block: Block, state: _State, data: NDArray[np.intp], remote: NDArray[n
 def _timer(periods: Ints, spread: Distribution, told_ns: int | None) -> int | None:
     """The period that is due: as told where the node keeps it, else the usual one."""
     if len(periods) >= _LEARN:
-        usual = round(float(np.median(periods)))
+        usual = round(quantile_of(periods, 0.5))
     else:
         usual = round(spread.quantile(0.5)) if spread.count >= _LEARN else 0
     if told_ns and (not usual or abs(usual - told_ns) <= _AS_TOLD * told_ns):

@@ -17,8 +17,6 @@ _STEPS = 10
 """The peak burst is as long as so many steps of the stamps at least."""
 _BUNDLED = 0.02
 """With this share of frames sooner than the wire allows, the stamps are not those of the wire."""
-_FULLEST = 256
-"""Windows that are looked at first: one of them is most likely without impossible stamps."""
 _TOLD_BITS = 8
 """A frame must come so much too soon to count for that [bit]."""
 
@@ -133,41 +131,36 @@ class Busy:
         self._recent_ns, self._recent_wire_ns = end_ns[late:], wire_ns[late:]
         self._recent_soon = soon[late:]
         since = (end_ns - self._begun_ns).astype(np.float64)
+        ends = np.concatenate([since[known:], since - wire_ns + BURST_NS])
+        ends = ends[(ends >= BURST_NS) & (ends <= since[-1])]
+        if soon.any():
+            ends = ends[_possible(ends, since, soon)]
+        if not len(ends):
+            return
         busy = np.cumsum(wire_ns)
         # Knots of the busy time over time: it grows while a frame is on the wire.
         knots = np.maximum.accumulate(np.stack([since - wire_ns, since], axis=1).reshape(-1))
         levels = np.stack([busy - wire_ns, busy], axis=1).reshape(-1)
-        ends = np.concatenate([since[known:], since - wire_ns + BURST_NS])
-        ends = ends[(ends >= BURST_NS) & (ends <= since[-1])]
-        if not len(ends):
-            return
         carried = np.interp(ends, knots, levels) - np.interp(ends - BURST_NS, knots, levels)
-        if soon.any():
-            ends, carried = _possible(ends, carried, since, soon)
-        if not len(ends):
-            return
         fullest = int(np.argmax(carried))
         share = min(1.0, float(carried[fullest]) / BURST_NS)
         if self.burst is None or share > self.burst[0]:
             self.burst = share, self._begun_ns + round(float(ends[fullest])) - BURST_NS
 
 
-def _possible(
-    ends: Floats, carried: Floats, since: Floats, soon: NDArray[np.bool_]
-) -> tuple[Floats, Floats]:
-    """The fullest of the windows (w,) without impossible stamps, and what these carried.
+def _possible(ends: Floats, since: Floats, soon: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(w,) which windows hold no impossible stamp.
 
     Args:
-        ends, carried: (w,) end of each window, and its bits [ns].
+        ends: (w,) end of each window.
         since, soon: (n,) stamps of the frames, and whether each is impossible.
     """
-    soon_before = np.concatenate([[0], np.cumsum(soon)])
-    for most in (_FULLEST, len(ends)):
-        most = min(most, len(ends))
-        rows = np.flatnonzero(carried >= np.partition(carried, -most)[-most])
-        last = np.searchsorted(since, ends[rows]) + 1
-        first = np.searchsorted(since, ends[rows] - BURST_NS)
-        rows = rows[soon_before[last] == soon_before[first]]
-        if len(rows):
-            break
-    return ends[rows], carried[rows]
+    at = np.flatnonzero(soon)
+    after = np.where(at > 0, since[np.maximum(at - 1, 0)], -np.inf)
+    until = since[at] + BURST_NS
+    # Each spoils the ends from the frame before it on; most of these stretches overlap.
+    first = np.flatnonzero(np.concatenate(([True], after[1:] > until[:-1])))
+    last = np.append(first[1:], len(at)) - 1
+    place = np.searchsorted(after[first], ends) - 1
+    possible: NDArray[np.bool_] = (place < 0) | (ends > until[last][np.maximum(place, 0)])
+    return possible

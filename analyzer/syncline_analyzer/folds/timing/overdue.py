@@ -7,6 +7,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from syncline_analyzer.distribution import quantile_of
 from syncline_analyzer.folds.timing.rhythm import Missed
 
 LATE = 1.5
@@ -107,6 +108,8 @@ def lacking_after(periods: Ints, timer_ns: int) -> tuple[NDArray[np.intp], Ints]
     >>> lacking_after(np.array([10, 16, 4, 10, 21, 9]), 10)
     (array([4]), array([1]))
     """
+    if periods.max(initial=0) <= LATE * (1 - _NEAR) * timer_ns:
+        return np.zeros(0, np.intp), _NOTHING
     usual = _usual(periods, timer_ns)
     rows = np.flatnonzero(periods > LATE * usual)
     if not len(rows):
@@ -123,6 +126,6 @@ def _usual(periods: Ints, timer_ns: int) -> float:
     """The median where it is what the device's clock makes of the timer, else the timer."""
     if len(periods) < _LEARN:
         return float(timer_ns)
-    low, usual, high = np.quantile(periods, (0.25, 0.5, 0.75)).tolist()
+    low, usual, high = (quantile_of(periods, share) for share in (0.25, 0.5, 0.75))
     steady = high - low <= _STEADY * timer_ns and abs(usual - timer_ns) <= _NEAR * timer_ns
     return float(usual) if steady else float(timer_ns)

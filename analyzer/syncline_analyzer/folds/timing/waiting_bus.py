@@ -104,8 +104,10 @@ class BusBlock:
 
     def rows(self, seq: Ints) -> Ints:
         """Rows of frames by their `seq`, -1 for those before the first one that is here."""
-        place = np.searchsorted(self.seq, seq)
-        found: Ints = np.where(seq >= self.seq[0], place, -1)
+        first = int(self.seq[0])
+        whole = int(self.seq[-1]) - first == len(self.seq) - 1
+        place = seq - first if whole else np.searchsorted(self.seq, seq)
+        found: Ints = np.where(seq >= first, place, -1)
         return found
 
     @cached_property

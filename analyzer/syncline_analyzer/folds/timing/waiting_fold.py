@@ -38,6 +38,8 @@ class WaitingFold:
         self._senders = Senders(context, bindings)
         self._noise_ns: dict[int, float] = {}
         self._now: BusBlock | None = None
+        self._measured: dict[int, tuple[Block, Floats]] = {}
+        """The last block of each bus, and its frames' time on the wire."""
         self._before: dict[int, Carried] = {}
         self._waits: dict[tuple[int, int], Waits] = {}
         self._delays: dict[str, Delays] = {}
@@ -179,11 +181,17 @@ class WaitingFold:
         self, block: Block, bus: int, places: NDArray[np.intp] | slice, bit_ns: float
     ) -> Floats:
         """(n,) time on the wire; NaN for error frames, and FD frames of an unknown data bit rate."""
-        fast = block.data_phase_bits[places]
+        before, wire_ns = self._measured.get(bus, (None, None))
+        if before is block and wire_ns is not None:
+            return wire_ns
+        fast, error = block.data_phase_bits[places], block.error[places]
         wire_ns = (block.wire_bits[places] - fast) * bit_ns
-        rate = self._context.data_bitrates.get(self._context.bus_name(bus))
-        wire_ns = wire_ns + fast * (1e9 / rate) if rate else np.where(fast > 0, np.nan, wire_ns)
-        return np.where(block.error[places], np.nan, wire_ns)
+        if fast.any():
+            rate = self._context.data_bitrates.get(self._context.bus_name(bus))
+            wire_ns = np.where(fast > 0, wire_ns + fast * (1e9 / rate if rate else np.nan), wire_ns)
+        wire_ns[error] = np.nan
+        self._measured[bus] = block, wire_ns
+        return wire_ns
 
     def _found(
         self,

@@ -249,7 +249,10 @@ class Waits:
             if not len(better):
                 continue
             order = np.argsort(-column[better], kind="stable")[:WORST]
-            kept.extend(self._wait_row(block, answers, at) for at in known[better[order]].tolist())
+            made = {row.seq: row for row in (*self.slowest, *self.longest)}
+            for at in known[better[order]].tolist():
+                row = made.get(int(block.seq[answers.rows[at]]))
+                kept.append(row or self._wait_row(block, answers, at))
             kept.sort(key=lambda row: -getattr(row, key))
             del kept[WORST:]
 

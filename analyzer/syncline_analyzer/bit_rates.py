@@ -24,6 +24,7 @@ SPACINGS = 1 << 17
 _FIRST_TRY = 1 << 12
 """Spacings from which on an estimate is tried before the end of what is held back."""
 _NO_SPACING = -1
+_WHOSE = {"bus-description": "the bus description", "recorded": "the capture"}
 
 
 @dataclass(slots=True)
@@ -115,8 +116,21 @@ class BitRates:
 
     def notes(self) -> list[str]:
         """What is to be said of bit rates that nobody told."""
-        notes = (self._note(name, found) for name, found in sorted(self._context.estimates.items()))
+        notes = [self._overruled(name) for name in self._context.buses]
+        notes += [
+            self._note(name, found) for name, found in sorted(self._context.estimates.items())
+        ]
         return [note for note in notes if note]
+
+    def _overruled(self, name: str) -> str:
+        """What is to be said where the bit rate on the command line is another one than counts."""
+        used, source = self._context.bitrates.get(name), self._context.bitrate_sources.get(name)
+        if self._bitrate in (None, used) or used is None or source not in _WHOSE:
+            return ""
+        return (
+            f"the bit rate of bus {name} is taken as {used / 1000:g} kbit/s from {_WHOSE[source]},"
+            f" which goes before the {self._bitrate / 1000:g} kbit/s of the command line"
+        )
 
     def _note(self, name: str, found: Estimate) -> str:
         rate = f"{found.bitrate / 1000:g} kbit/s"

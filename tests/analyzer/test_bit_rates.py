@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from syncline_analyzer.bit_rates import HOLD_FRAMES, BitRates
@@ -16,7 +17,7 @@ from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
 from syncline_schemas.description import BusDescription
 from tests.analyzer.timing_builder import MS, SECOND, T0, US, frame, ordered, regular
 from tests.analyzer.whole_run import found, severe
-from tests.analyzer.wire_builder import arbitrated, machine, recorded
+from tests.analyzer.wire_builder import Ready, arbitrated, machine, recorded
 
 Part = FrameBatch | Gap
 BUSY = machine(250_000, 0.5, 3000)
@@ -214,6 +215,84 @@ def test_a_wrong_bit_rate_is_contradicted() -> None:
     assert "500 kbit/s" in finding.text
     assert "250 kbit/s" in finding.text
     assert analysis.bus_load[0].bitrate == 500_000
+
+
+def answered(bitrate: int, count: int = 400) -> FrameBatch:
+    """A SYNC every 10 ms, and four nodes that answer it one behind the other."""
+    ready = [
+        Ready(k * 10e6 + late, can_id, bytes([k & 0xFF, can_id & 0xFF] * size))
+        for k in range(count)
+        for can_id, late, size in (
+            (0x80, 0, 0), (0x181, 1e6, 4), (0x182, 1e6, 1), (0x183, 1e6, 3), (0x184, 1e6, 2),
+        )
+    ]  # fmt: skip
+    return recorded(arbitrated(ready, bitrate), 1000, start_ns=T0)
+
+
+@pytest.mark.parametrize(("bitrate", "known"), [(250_000, True), (500_000, False)])
+def test_no_device_time_rests_on_a_contradicted_bit_rate(bitrate: int, known: bool) -> None:
+    analysis = told(answered(250_000), bitrate=bitrate)
+    assert bool(found(analysis, "bus.bitrate_contradicted")) != known
+    assert len(analysis.pdos) == 4
+    for row in analysis.pdos:
+        assert row.response_us is not None
+        assert [row.device_us_low is not None, row.device_us_high is not None] == [known, known]
+    for answers in analysis.responses:
+        assert np.isfinite(answers.device_low_us).all() == known
+        assert np.isfinite(answers.device_high_us).all() == known
+    assert bool(analysis.delays) == known
+
+
+def test_it_is_told_who_goes_before_the_command_line() -> None:
+    analysis = told(traffic(), description="[bus.can0]\nbitrate = 500000\n", bitrate=250_000)
+    (finding,) = found(analysis, "bus.bitrate_contradicted")
+    assert "bus description to 250 kbit/s" in finding.check_next
+    assert (
+        "the bit rate of bus can0 is taken as 500 kbit/s from the bus description, which goes"
+        " before the 250 kbit/s of the command line"
+    ) in analysis.capture.notes
+    agreed = told(traffic(), description=DESCRIBED, bitrate=250_000)
+    assert not any("command line" in note for note in agreed.capture.notes)
+
+
+def coarse(load: float) -> FrameBatch:
+    """Two seconds of a bus with this load at 20 kbit/s, in stamps that tell no bit rate."""
+    bits = 47 + 8 * 8 + 12
+    count = int(2 * load * 20_000 / bits)
+    rows = [
+        frame(T0 + k * 2 * SECOND // count // MS * MS, 0x181, bytes(range(8))) for k in range(count)
+    ]
+    return FrameBatch.from_rows(rows)
+
+
+@pytest.mark.triggers("bus.bitrate_contradicted")
+def test_more_than_a_bus_can_carry_contradicts_the_bit_rate() -> None:
+    analysis = told(coarse(2.5), bitrate=20_000)
+    (finding,) = found(analysis, "bus.bitrate_contradicted")
+    assert "% of the time" in finding.text
+    (row,) = analysis.bus_load
+    assert row.bitrate == 20_000
+    assert (
+        row.mean_percent is row.peak_percent is row.peak_100ms_percent is row.burst_percent is None
+    )
+    assert all(share.load_percent is None for share in analysis.bus_shares)
+    assert {series.unit for series in analysis.series if "rate" in series.name} == {"1/s"}
+    assert not any(series.name.startswith("bus load") for series in analysis.series)
+
+
+@pytest.mark.near_miss("bus.bitrate_contradicted")
+def test_a_nearly_full_bus_contradicts_nothing() -> None:
+    analysis = told(coarse(0.85), bitrate=20_000)
+    assert not found(analysis, "bus.bitrate_contradicted")
+    assert analysis.bus_load[0].mean_percent == pytest.approx(85, rel=0.1)
+
+
+def test_frames_that_a_recorder_had_kept_contradict_nothing() -> None:
+    """Forty frames at once, 100 ms before the only other one."""
+    rows = [frame(T0 + k, 0x181, bytes(range(8))) for k in range(40)]
+    analysis = told(FrameBatch.from_rows([*rows, frame(T0 + 100 * MS, 0x181)]), bitrate=20_000)
+    assert not found(analysis, "bus.bitrate_contradicted")
+    assert analysis.bus_load[0].mean_percent is None
 
 
 @pytest.mark.near_miss("bus.bitrate_contradicted")

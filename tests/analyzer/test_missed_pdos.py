@@ -147,6 +147,78 @@ def test_a_pdo_in_step_with_sync_by_chance_owes_nothing(
     assert row.missed == expected
 
 
+@pytest.mark.parametrize("block_frames", [1 << 16, 64, 7])
+@pytest.mark.parametrize(
+    ("usual_ns", "other_ns"), [(MS, -MS), (-MS, MS)], ids=["after the SYNC", "before the SYNC"]
+)
+def test_a_timer_as_long_as_the_sync_period_owes_nothing(
+    usual_ns: int, other_ns: int, block_frames: int
+) -> None:
+    """Now and then it comes on the other side of the SYNC; what is left out once is missed."""
+    times = [
+        k * PERIOD + (other_ns if k % 100 == 50 else usual_ns) for k in range(1, 1000) if k != 205
+    ]
+    frames = ordered(syncs(regular(1000, PERIOD)), pdos(times))
+    tables = timing(context(), frames, block_frames=block_frames)
+    (row,) = tables.pdos
+    assert row.type_source == "inferred: synchronous, every SYNC"
+    assert (row.missed, row.extra) == (1, 10)
+    assert [hole.missing for hole in tables.holes] == [1]
+
+
+def all_set(*nodes: int) -> Context:
+    """TPDO1 of each node answers every SYNC within 3 ms."""
+    ctx = context()
+    for node in nodes:
+        learn(ctx, node, 0x1800, 1, 0x180 + node)
+        learn(ctx, node, 0x1800, 2, 1)
+        learn(ctx, node, 0x1007, 0, 3_000)
+    return ctx
+
+
+def answers_of(node: int, count: int) -> list[Row]:
+    return pdos([k * PERIOD + (2 + 3 * node) * MS // 8 for k in range(count)], 0x180 + node)
+
+
+@pytest.mark.parametrize("step_ms", [6, 40, 5 * 50])
+def test_no_node_is_late_where_the_clock_is_set_between_a_sync_and_its_answers(
+    step_ms: int,
+) -> None:
+    frames = ordered(syncs(regular(401, PERIOD)), *(answers_of(node, 400) for node in (1, 2, 3)))
+    frames = shifted(frames, 200 * PERIOD + MS // 4, step_ms * MS)
+    tables = timing(all_set(1, 2, 3), frames)
+    assert [(row.late, row.missed) for row in tables.pdos] == [(0, 0)] * 3
+    (sync,) = tables.sync
+    assert (sync.missing, sync.backlog) == (0, 0)
+    assert sync.period_us is not None
+    assert sync.period_us.max == PERIOD / 1000
+
+
+def test_nodes_are_late_where_sync_itself_keeps_its_phase() -> None:
+    frames = ordered(syncs(regular(401, PERIOD)), *(answers_of(node, 400) for node in (1, 2, 3)))
+    late = (frames.t_ns > T0 + 200 * PERIOD) & (frames.t_ns < T0 + 201 * PERIOD)
+    t_ns = frames.t_ns + np.where(late, 6 * MS, 0)
+    late_frames = FrameBatch(
+        t_ns, frames.bus, frames.can_id, frames.flags, frames.dlc, frames.data
+    )
+    assert [row.late for row in timing(all_set(1, 2, 3), late_frames).pdos] == [1, 1, 1]
+
+
+def test_a_node_that_is_late_with_its_own_sync_is_late() -> None:
+    """It sends SYNC, too, and hung for 6 ms; another node sends on as ever."""
+    frames = ordered(
+        syncs(regular(401, PERIOD)),
+        answers_of(1, 400),
+        pdos([t + 13 * MS for t in regular(4100, 5 * MS)], 0x1A2),
+    )
+    mine = (frames.can_id != 0x1A2) & (frames.t_ns > T0 + 200 * PERIOD)
+    t_ns = frames.t_ns + np.where(mine, 6 * MS, 0)
+    order = np.argsort(t_ns, kind="stable")
+    hung = FrameBatch(t_ns, frames.bus, frames.can_id, frames.flags, frames.dlc, frames.data)
+    (row, _) = timing(all_set(1), hung[order]).pdos
+    assert row.late == 1
+
+
 def test_a_type_that_a_reset_takes_back_holds_from_there_on() -> None:
     """1 by default, 4 from the write to the reset, 1 again."""
     ctx = context(devices={1: "haomiao-38"})

@@ -134,6 +134,27 @@ def test_the_counter_shows_where_it_ends_whatever_was_told(told: int | None) -> 
     assert (row.counter_jumps, row.missing) == (1, 1)
 
 
+@pytest.mark.parametrize("anew", [50, 99, 57], ids=["half-way", "one left", "57"])
+@pytest.mark.parametrize("out", [0, 3], ids=["at once", "3 SYNCs later"])
+def test_a_counter_that_begins_anew_loses_no_sync(anew: int, out: int) -> None:
+    """Only those are missing that the time has room for."""
+    ctx = context()
+    learn(ctx, 1, 0x1019, 0, 100)
+    times = [t for k, t in enumerate(regular(500, 10 * MS)) if not anew + 200 <= k < anew + 200 + out]
+    numbers = [*range(anew + 200), *range(300 - anew - out)]
+    rows = [frame(t, 0x80, bytes([n % 100 + 1])) for t, n in zip(times, numbers, strict=True)]
+    tables = timing(ctx, ordered(rows))
+    row = only(tables.sync)
+    assert (row.counter_jumps, row.missing) == (1, out)
+    assert [hole.missing for hole in tables.holes] == [out] * bool(out)
+
+
+def test_more_syncs_are_missing_than_the_counter_can_tell() -> None:
+    times = [t for k, t in enumerate(regular(500, 10 * MS)) if not 203 <= k < 228]
+    rows = [frame(t, 0x80, bytes([t // (10 * MS) % 10 + 1])) for t in times]
+    assert only(timing(context(), ordered(rows)).sync).missing == 25
+
+
 def test_the_same_counter_twice_is_no_lost_sync() -> None:
     rows = counted(regular(100, 10 * MS), 10)
     twice = frame(rows[40][0] - T0 + 200 * US, 0x80, rows[40][5])

@@ -129,7 +129,7 @@ def test_a_device_that_answers_sdo_first_is_late_beside_transfers() -> None:
     (finding,) = found(analysis, "sdo.delays_pdo")
     assert (finding.severity, finding.node) == ("warning", 5)
     assert [link.id for link in finding.chain] == ["pdo.late"]
-    assert "25 of 25 late answers" in finding.text
+    assert "25 of 25 answers that the device itself made late" in finding.text
 
 
 @pytest.mark.near_miss("sdo.delays_pdo")

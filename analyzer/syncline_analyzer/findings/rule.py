@@ -43,7 +43,7 @@ class Facts:
 
     def moment(self, t_ns: int) -> str:
         """A moment as seconds into the capture."""
-        return f"+{(t_ns - self.analysis.capture.first_ns) / 1e9:.3f} s"
+        return f"{(t_ns - self.analysis.capture.first_ns) / 1e9:+.3f} s"
 
     def at(self, t_ns: int) -> str:
         """ " at +12.345 s", to go on in a sentence with; nothing in a log without times."""

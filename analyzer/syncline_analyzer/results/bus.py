@@ -25,7 +25,7 @@ class DoubledRow:
 
 @dataclass(frozen=True, slots=True)
 class BusLoadRow:
-    """Load of one bus; percentages are None where the bit rate is not known.
+    """Load of one bus; percentages are None where the bit rate is not known, or cannot be right.
 
     Moments `*_ns` are where a window, stretch or burst begins. What the stamps are too coarse for,
     or too irregular (bundles of an adapter), is None.
@@ -36,7 +36,8 @@ class BusLoadRow:
     mean_percent: float | None
     peak_percent: float | None
     """Fullest whole second."""
-    frames_per_s: float
+    frames_per_s: float | None
+    """None where no time passed."""
     bitrate_source: Literal["bus-description", "recorded", "command-line", "estimated"] | None = (
         None
     )

@@ -71,7 +71,9 @@ class LatenessRow:
 
     Of `answers` that arbitration tells something of, `waited` found the bus taken, `free` found it
     idle. Late are those after the synchronous window (1007h): by the device where even on an idle
-    bus it would have been late; by the bus where the device is in time whenever the bus is idle.
+    bus it would have been late; by the bus where they are in time without the frames of others,
+    as long as none is late by the device and it answered in time on an idle bus so often that it is
+    no chance; both are at least so many.
     Missed by the device: the bus was free for it later than it was ever ready when it answered; by
     the bus: it was not free from the soonest that the device gets ready on to the next SYNC. What is
     neither stays open. `blockers` are the frames ahead of late answers; `late_seq` the first 20 of
@@ -105,3 +107,5 @@ class LatenessRow:
     late_last_ns: int | None = None
     missed_seq: list[int] = field(default_factory=list)
     """`seq` of the first 20 SYNCs that went unanswered because of the device or the bus."""
+    late_by_device_beside_sdo: int = 0
+    """Those of `late_by_device` that are `late_beside_sdo`."""

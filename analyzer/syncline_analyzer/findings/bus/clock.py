@@ -32,8 +32,8 @@ def _step_back(facts: Facts) -> Iterator[Finding]:
             None,
             step.t_ns,
             step.t_ns + step.back_ns,
-            f"The stamps step back by {seconds(step.back_ns)}{facts.at(step.t_ns)}; durations across it"
-            " are not told.",
+            f"The stamps step back by {seconds(step.back_ns)}{facts.at(step.t_ns + step.back_ns)};"
+            " durations across it are not told.",
             "The recorder's clock was set, or files were joined in the wrong order.",
             _RECORDER,
             [step.seq],

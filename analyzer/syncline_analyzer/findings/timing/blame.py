@@ -1,6 +1,6 @@
 """Whether bus or device made a synchronous PDO late, in words."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from syncline_analyzer.findings.rule import Facts
@@ -8,6 +8,8 @@ from syncline_analyzer.results import Ahead, LatenessRow, PdoRow, WaitRow
 from syncline_schemas.wording import counted
 
 _GUESS = " (guess)"
+_SHARE = 1 / 3
+"""So many of the answers that the bus made late make frames a cause of it."""
 _NAMED = 3
 """Blockers that a sentence names."""
 
@@ -32,6 +34,49 @@ def waits_of(facts: Facts, row: LatenessRow | PdoRow) -> list[WaitRow]:
     return [e for e in facts.analysis.waits if (e.bus, e.cob_id) == (row.bus, row.cob_id)]
 
 
+@dataclass(frozen=True, slots=True)
+class Behind:
+    """Late answers of a PDO that would have been in time without some frames of others.
+
+    Attributes:
+        found: how many of those that are known one by one.
+        count: at least so many of them are the bus's doing (`LatenessRow.late_by_bus`).
+        ahead: those frames ahead of them, by identifier.
+        late: all late answers of the PDO.
+        whole: whether all that frames of others explain are known one by one.
+    """
+
+    found: int
+    count: int
+    ahead: list[Ahead]
+    late: int
+    whole: bool
+
+    def __str__(self) -> str:
+        """How many of the late answers, in words."""
+        if self.count == self.late:
+            return counted(self.count, "time")
+        least = "" if self.whole else "at least "
+        return f"{least}{self.count} of {counted(self.late, 'time')}"
+
+
+def behind(
+    facts: Facts,
+    row: LatenessRow,
+    chosen: Callable[[Ahead], bool],
+    share: float = _SHARE,
+) -> Behind | None:
+    """What some frames made late, None where that is less than a share of what the bus did."""
+    known = facts.context.late_behind.get((row.bus, row.cob_id))
+    if known is None or not row.late_by_bus:
+        return None
+    found, ahead = known.without(chosen)
+    count = found - (known.total - row.late_by_bus)
+    if count < 1 or count < share * min(row.late_by_bus, known.kept):
+        return None
+    return Behind(found, count, ahead, row.late, known.kept == known.total)
+
+
 def why_late(facts: Facts, row: PdoRow) -> Why | None:
     """Why a PDO was late; None where it stays open for most of its late answers."""
     found = lateness_of(facts, row)
@@ -54,21 +99,29 @@ def _late_by_device(facts: Facts, row: PdoRow, found: LatenessRow) -> Why:
 
 
 def _late_by_bus(facts: Facts, row: PdoRow, found: LatenessRow) -> Why:
-    also = (
-        f" {counted(found.late_by_device, 'time')} it was the device itself."
-        if found.late_by_device
-        else ""
-    )
     ahead = named(facts, row.bus, row.node, found.blockers)
-    behind = f", most of it behind {ahead}" if ahead else ""
+    after = f", most of it behind {ahead}" if ahead else ""
     longest = f" up to {row.waiting_us.max / 1000:.4g} ms" if row.waiting_us else ""
     return Why(
-        f"Frames of others kept the bus busy{_of(found.late_by_bus, found.late)}: whenever the bus"
-        f" was idle the PDO was in time, but it waited{longest}{behind}.{also}",
-        f"Give {row.cob_id:03X}h a lower identifier than what it waits for, let fewer frames be sent"
-        " at the SYNC (transmission types, event timers, inhibit times), or raise the bit rate.",
+        f"Frames of others kept the bus busy{_of(found.late_by_bus, found.late)}: each of the"
+        f" {found.free:,} times that the bus was idle the PDO was in time, but it waited{longest}"
+        f"{after}.",
+        _give_way(row, found),
         facts.context.assumed_bitrate(row.bus),
     )
+
+
+def _give_way(row: PdoRow, found: LatenessRow) -> str:
+    """What helps a PDO that waits for others; an identifier only against lower ones."""
+    others = [each for each in found.blockers if not is_own(each, row.node)]
+    lower_us = sum(each.us for each in others if each.cob_id < row.cob_id)
+    fewer = (
+        "et fewer frames be sent at the SYNC (transmission types, event timers, inhibit times), or raise"
+        " the bit rate."
+    )
+    if 2 * lower_us < sum(each.us for each in others):
+        return f"L{fewer}"
+    return f"Give {row.cob_id:03X}h a lower identifier than what it waits for, l{fewer}"
 
 
 def why_missed(facts: Facts, row: PdoRow) -> Why | None:

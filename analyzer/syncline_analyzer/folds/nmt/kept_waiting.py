@@ -8,6 +8,7 @@ heartbeat comes late was late itself only if the bus was free for it before.
 from bisect import bisect_left
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +30,7 @@ BOOT_UP_NS = 1_000_000_000
 """A boot-up this soon after a silence belongs to it [ns]."""
 _WORTH = 0.05
 """Waiting that makes up less of a heartbeat's period is let be."""
-_LONGER = 1.05
+_LONGER = 1.3
 """Nor is one looked at that is not so many times as long as the shortest of the last three."""
 _FULL = 0.9
 """So much of the time that frames took on the wire must be seen to call the bus full."""
@@ -161,6 +162,8 @@ class HeartbeatWaits:
         state.recent_ns[key[1]] = recent[-3:]
         usual = np.minimum(np.minimum(recent[:-3], recent[1:-2]), recent[2:-1])
         late = t_ns - before > _LONGER * usual
+        if not late.any():
+            return
         for at in np.flatnonzero(late & traffic.worth(rows, before)).tolist():
             found = traffic.waited(key[1], int(rows[at]), int(before[at]))
             if found is not None:
@@ -193,15 +196,31 @@ class _Traffic:
     def __init__(self, frames: _Frames, bit_ns: float, slack_ns: float) -> None:
         self.frames = frames
         self._allowed_ns = slack_ns + _IDLE_BITS * bit_ns
-        since = (frames.t_ns - frames.t_ns[:1]).astype(np.float64)
-        self._start_ns = since - frames.most_ns + INTERMISSION_BITS * bit_ns
-        apart = np.diff(since, prepend=np.inf)
-        idle = (apart - frames.most_ns > self._allowed_ns) | (apart < -slack_ns)
+        self._slack_ns = slack_ns
+        self._bit_ns = bit_ns
+
+    @cached_property
+    def _since_ns(self) -> Floats:
+        """(n,) stamps after the first one."""
+        return (self.frames.t_ns - self.frames.t_ns[:1]).astype(np.float64)
+
+    @cached_property
+    def _last_idle(self) -> Ints:
+        """(n,) the last row up to each one before which the bus was idle, else the first."""
+        apart = np.diff(self._since_ns, prepend=np.inf)
+        idle = (apart - self.frames.most_ns > self._allowed_ns) | (apart < -self._slack_ns)
         idle[:1] = True
-        self._last_idle: Ints = np.maximum.accumulate(np.where(idle, np.arange(len(idle)), 0))
-        self._idle_ns = since - np.cumsum((1 + _CLOCKS) * frames.most_ns)
-        """Time without frames so far, less what the clocks may be apart."""
-        self._busy_ns = np.cumsum(frames.least_ns)
+        return np.maximum.accumulate(np.where(idle, np.arange(len(idle)), 0))
+
+    @cached_property
+    def _idle_ns(self) -> Floats:
+        """(n,) time without frames so far, less what the clocks may be apart."""
+        return self._since_ns - np.cumsum((1 + _CLOCKS) * self.frames.most_ns)
+
+    @cached_property
+    def _busy_ns(self) -> Floats:
+        """(n,) time of the frames so far."""
+        return np.cumsum(self.frames.least_ns)
 
     def worth(self, rows: Ints, before_ns: Ints) -> Bools:
         """(r,) whether the bus was not idle for a good part of the time since another moment."""
@@ -232,7 +251,9 @@ class _Traffic:
         return KeptWaiting(before_ns, end_ns, since_ns, busy, ahead, over=row == last)
 
     def _begin(self, row: int) -> int:
-        return int(self.frames.t_ns[0]) + round(float(self._start_ns[row]))
+        most_ns = self.frames.most_ns[row]
+        start_ns = self._since_ns[row] - most_ns + INTERMISSION_BITS * self._bit_ns
+        return int(self.frames.t_ns[0]) + round(float(start_ns))
 
     def _free(self, row: int) -> int:
         """The first frame after the bus was idle last, by the sum of what passed between frames."""

@@ -123,9 +123,9 @@ def _sums(
     block: BusBlock, blame: Blame, chosen: Ints, group: Ints, groups: int, can_id: int
 ) -> Iterator[tuple[int, _Sums]]:
     """What the answers of one PDO waited for, by the (a,) `group` of the `chosen` frames ahead."""
-    small = group.astype(np.uint16) if groups <= 1 << 16 else group
-    order = np.argsort(small, kind="stable")
-    group, victim, ns = small[order], blame.victim[chosen[order]], blame.ns[chosen[order]]
+    # Numbers of 16 bits are sorted in linear time.
+    order = np.argsort(group.astype(np.uint16) if groups <= 1 << 16 else group, kind="stable")
+    group, victim, ns = group[order], blame.victim[chosen[order]], blame.ns[chosen[order]]
     # One answer may have waited for several frames of a group: these are one cell.
     apart = np.ones(len(group), np.bool_)
     apart[1:] = (group[1:] != group[:-1]) | (victim[1:] != victim[:-1])

@@ -1,6 +1,7 @@
 """Frames that come late all at once: then the bus was not heard, or the clock was set."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from syncline_analyzer.folds.timing.block import Block
 from syncline_analyzer.pdo_binding import Pdo
@@ -12,6 +13,15 @@ _AS_LATE = 0.8
 """Share of the delay that a silence, or another delay, must have to explain it."""
 _STAMP_NS = 1_000_000
 """Stamps of a steady frame are off by less [ns]."""
+_MANY = 100
+"""So many periods of SYNC that may hold a step of the clock are looked at in a block."""
+_ANSWERS = 64
+"""So many frames behind the step are looked at."""
+_STAYS = 0.5
+"""Share of the delay by which the next SYNC may come early; more, and it was only late."""
+
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
 
 
 def others_as_late(block: Block, pdo: Pdo, begin: int, end: int, late_ns: int) -> bool:
@@ -43,3 +53,53 @@ def others_as_late(block: Block, pdo: Pdo, begin: int, end: int, late_ns: int) -
         if steady and delay_ns >= max(_AS_LATE * late_ns, 2 * (high - low), _STAMP_NS):
             return True
     return False
+
+
+def clock_set(block: Block, bus: int, syncs: NDArray[np.intp]) -> Bools:
+    """(m - 1,) between which SYNCs the recorder's clock was set forward.
+
+    After a silence in that period the answers of two nodes and the next SYNC come later by the same
+    time, and SYNC stays with it. A SYNC that only came late would be followed by a short period, and
+    no answer waits as long as the SYNC after it.
+
+    Args:
+        block: the frames.
+        bus: its number.
+        syncs: (m,) rows of the SYNCs.
+    """
+    periods = np.diff(block.frames.t_ns[syncs])
+    found = np.zeros(len(periods), np.bool_)
+    if len(periods) <= _LEARN:
+        return found
+    low, usual, high = np.quantile(periods, (0.05, 0.5, 0.95)).tolist()
+    late = periods - usual
+    after = np.append(periods[1:], usual)
+    may = (late > max(_STAMP_NS, 2 * (high - low))) & (np.abs(after - usual) <= _STAYS * late)
+    rows = np.arange(len(block.frames))[block.by_bus[bus]] if may.any() else syncs
+    for at in np.flatnonzero(may)[:_MANY].tolist():
+        first, stop = np.searchsorted(rows, (syncs[at], syncs[at + 1])).tolist()
+        found[at] = _all_later(block, bus, rows[first:stop], int(late[at]))
+    return found
+
+
+def _all_later(block: Block, bus: int, rows: NDArray[np.intp], late_ns: int) -> bool:
+    """Whether steady frames of two nodes, and of none else, are as late behind a silence."""
+    apart = np.diff(block.frames.t_ns[rows])
+    if not len(apart) or int(apart.max()) < _AS_LATE * late_ns:
+        return False
+    as_late: set[int] = set()
+    behind = rows[int(np.argmax(apart)) + 1 :][:_ANSWERS]
+    for can_id in np.unique(block.frames.can_id[behind]).tolist():
+        own = block.batch.rows(bus, can_id)
+        at = int(np.searchsorted(own, behind[0]))
+        if len(own) <= _LEARN or not 0 < at < len(own):
+            continue
+        periods = np.diff(block.frames.t_ns[own])
+        low, usual, high = np.quantile(periods, (0.25, 0.5, 0.75)).tolist()
+        if high - low > max(_STEADY * usual, _STAMP_NS):
+            continue
+        off_ns = abs(int(periods[at - 1]) - usual - late_ns)
+        if off_ns > max((1 - _AS_LATE) * late_ns, 2 * (high - low)):
+            return False
+        as_late.add(can_id & 0x7F)
+    return len(as_late) > 1

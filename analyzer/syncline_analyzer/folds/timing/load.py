@@ -31,6 +31,8 @@ OVERLOAD_WINDOWS = 3
 """So many such windows in a row are an overload."""
 _POSSIBLE = 1.01
 """A higher load is no load: the recorder stamped late what it had kept."""
+_KEPT_NS = 250_000_000
+"""A recorder may have kept frames of so long before the first stamp [ns]."""
 MAX_OVERLOADS = 1000
 _STEP_BACK_NS = 100_000_000
 """A larger step back of the clock starts a new stretch of windows."""
@@ -61,12 +63,16 @@ class _State:
     """Whether a frame switched to a bit rate that nobody tells."""
     last_ns: int | None = None
     """None at the start and after a gap."""
-    seconds: Windows = field(default_factory=lambda: Windows(WINDOW_NS))
+    seconds: Windows = field(default_factory=lambda: Windows(WINDOW_NS, _POSSIBLE))
     tenths: Windows = field(default_factory=lambda: Windows(SHORT_WINDOW_NS, _POSSIBLE))
     busy: Busy = field(default_factory=Busy)
     shares: Shares = field(default_factory=Shares)
     full: list[OverloadRow] = field(default_factory=list)
     """Windows that are nearly full, joined where they follow one another."""
+
+    def mean_percent(self, bitrate: int) -> float | None:
+        """Mean load at a bit rate; None where no time passed."""
+        return 1e11 * self.bits / bitrate / self.listened_ns if self.listened_ns else None
 
     def close(self) -> None:
         """End a stretch of time that is listened to."""
@@ -190,9 +196,17 @@ class LoadFold:
         return bitrate / data if bitrate and data else None
 
     def _percentages(self, bus: int, state: _State) -> int | None:
-        """The bit rate, where it makes percentages."""
-        known = self._context.bitrates.get(self._context.bus_name(bus))
-        return None if state.unknown_rate else known
+        """The bit rate, where it makes percentages: none above what a bus can carry."""
+        name = self._context.bus_name(bus)
+        known = self._context.bitrates.get(name)
+        if state.unknown_rate or known is None:
+            return None
+        mean = state.mean_percent(known)
+        if mean is None or mean <= 100 * _POSSIBLE:
+            return known
+        if state.bits * 1e9 / known > state.listened_ns + _KEPT_NS:
+            self._context.impossible_loads[name] = mean
+        return None
 
     def _row(self, bus: int, state: _State) -> BusLoadRow:
         name = self._context.bus_name(bus)
@@ -209,7 +223,7 @@ class LoadFold:
             self._context.bitrates.get(name),
             None,
             None,
-            state.frames / seconds if seconds else 0.0,
+            state.frames / seconds if seconds else None,
             bitrate_source=source,
             bitrate_confidence=confidence,
             bitrate_estimate=estimate.bitrate if estimate else None,
@@ -221,9 +235,9 @@ class LoadFold:
 
 def _with_percent(row: BusLoadRow, state: _State, bitrate: int, resolution_ns: int) -> BusLoadRow:
     """The row with what the bit rate makes of the bits."""
-    if not state.listened_ns:
+    mean = state.mean_percent(bitrate)
+    if mean is None:
         return row
-    mean = 100 * state.bits / bitrate / (state.listened_ns / 1e9)
     peak, tenth = state.seconds.peak, state.tenths.peak
     burst = state.busy.peak(resolution_ns)
     stretch = state.busy.stretch(resolution_ns, 1e9 / bitrate)

@@ -25,6 +25,8 @@ PAUSE_PERIODS = 20
 """A PDO that stays away for so long, and so many of its periods, has stopped."""
 UNKNOWN_BITS = 1 << 24
 """What an error frame counts as between a SYNC and its answer: nothing is known of the bus then."""
+_BY_EVENTS = (0xFE, 0xFF)
+"""Transmission types of a PDO that answers no SYNC, so that none can have kept it waiting."""
 DEADLINE = 1.1
 """An RPDO is overdue when it takes longer than so many times what its node allows (140xh:5)."""
 
@@ -89,6 +91,7 @@ class PdoFold:
             if bus in (None, state_bus):
                 state.last_ns = None
                 state.rhythm.restart()
+                state.slips.restart()
                 # How many SYNCs lie in it is not known: their numbers begin anew.
                 state.phase = Phase()
                 state.requested.restart()
@@ -273,6 +276,9 @@ class PdoFold:
         sync = passing.syncs.get(state.sync_cob_id)
         if sync is None:
             return
+        spared = None
+        if state.told_type() is None:
+            spared = state.slips.spared(rows, passing.block.frames.t_ns, sync)
         heard = sync.before[rows] >= sync.first
         rows, asked = rows[heard], asked[heard]
         ordinal = sync.first_ordinal + sync.before[rows]
@@ -291,7 +297,7 @@ class PdoFold:
         state.rhythm.answered(ordinal[fresh])
         every = self._due_every(passing.bus, state)
         self._count_phase(state, rows, sync)
-        unanswered = state.rhythm.evaluate(every, sync)
+        unanswered = state.rhythm.evaluate(every, sync, spared if every == 1 else None)
         self._waiting.unanswered(can_id, state.owner, unanswered, sync)
 
     @staticmethod
@@ -351,18 +357,23 @@ class PdoFold:
         if not len(rows):
             return
         state.response.add(response)
-        state.slowest.add(response, block.batch.seq0 + rows, block.frames.t_ns[rows])
+        seq, t_ns = block.batch.seq0 + rows, block.frames.t_ns[rows]
+        state.slowest.add(response, seq, t_ns)
         state.late += self._late(passing.bus, state, rows, response, block)
         low, high = self._device_bounds(passing, rows, position, response, sync)
-        seq = block.batch.seq0 + rows
-        least, waiting = self._waiting.answers(can_id, state.owner, seq, position, sync, low, high)
+        if state.told_type() in _BY_EVENTS:
+            least = waiting = np.full(len(rows), np.nan)
+        else:
+            least, waiting = self._waiting.answers(
+                can_id, state.owner, seq, position, sync, low, high
+            )
         if passing.bit_ns is not None:
             state.device_low.add(low)
             state.device_high.add(high)
         state.responses.add(
             {
-                "seq": block.batch.seq0 + rows,
-                "t_ns": block.frames.t_ns[rows],
+                "seq": seq,
+                "t_ns": t_ns,
                 "response_us": response / 1000,
                 "device_low_us": low / 1000,
                 "device_high_us": high / 1000,

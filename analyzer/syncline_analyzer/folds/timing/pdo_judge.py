@@ -1,7 +1,7 @@
 """What each PDO was due at the end of the capture: missed frames, pauses and its row."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -67,7 +67,9 @@ class PdoJudge:
         counter_end = self.sync.counter_end(bus, state.sync_cob_id) or 0
         told = with_phase(told, state, how, counter_end)
         row = with_statistics(told, state, how, overdue, unanswered, counter, resolution_ns)
-        if how.synchronous and state.response.count:
+        if self.context.contradicted(name):
+            row = replace(row, device_us_low=None, device_us_high=None)
+        elif how.synchronous and state.response.count:
             row = self.waiting.judge(tables, bus, can_id, row, missed.seq)
         if not state.frames:
             tables.unsent_pdos.append(row)
@@ -142,7 +144,8 @@ class PdoJudge:
         if how.synchronous:
             if by_chance(state, how, self.context):
                 return _NOTHING
-            return state.rhythm.missed.within(intervals, sync_ns, START_NS)
+            found = state.rhythm.missed.within(intervals, sync_ns, START_NS)
+            return found.without(state.slips.within(found.t_ns))
         timer_ns = state.told_timer_ns()
         state.overdue.flush()
         return state.overdue.missed.within(intervals, timer_ns, timer_ns) if timer_ns else _NOTHING

@@ -11,6 +11,7 @@ from syncline_analyzer.folds.timing.sending import Sending
 from syncline_analyzer.results import HoleRow, PdoRow, Responses
 
 MAX_HOLES = 1000
+_DEVICE_COLUMNS = ("device_low_us", "device_high_us", "device_least_us", "waiting_us")
 MAX_EVIDENCE = 100
 
 
@@ -59,7 +60,11 @@ def _us(ns: int | None) -> int | None:
 
 
 def responses(row: PdoRow, state: PdoState) -> Responses:
+    """The single answers; those of a PDO without device times have none either."""
     columns = state.responses.columns()
+    if row.device_us_low is None:
+        unknown = np.full(len(columns["seq"]), np.nan)
+        columns |= dict.fromkeys(_DEVICE_COLUMNS, unknown)
     counts, edges = state.response.histogram()
     return Responses(
         row.bus,

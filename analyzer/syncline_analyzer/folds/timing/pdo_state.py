@@ -11,6 +11,7 @@ from syncline_analyzer.folds.timing.repeats import Repeats
 from syncline_analyzer.folds.timing.request_answers import RequestAnswers
 from syncline_analyzer.folds.timing.requested import Requested
 from syncline_analyzer.folds.timing.rhythm import Missed, Rhythm
+from syncline_analyzer.folds.timing.slips import Slips
 from syncline_analyzer.pdo_binding import Pdo, Transmission
 from syncline_analyzer.series import Thinner
 
@@ -56,6 +57,7 @@ class PdoState:
     """Those beside which no SYNC went unanswered, so that none is a late or early answer."""
     late: int = 0
     rhythm: Rhythm = field(default_factory=Rhythm)
+    slips: Slips = field(default_factory=Slips)
     answered: int = 0
     """SYNCs that it answered."""
     phase: Phase = field(default_factory=Phase)

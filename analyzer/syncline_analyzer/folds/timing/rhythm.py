@@ -229,8 +229,13 @@ class Rhythm:
         known = self.steps[:_MAX_STEP]
         return int(known.sum() - known[::every].sum())
 
-    def evaluate(self, every: int | None, index: SyncIndex) -> NDArray[np.int64]:
-        """Positions of the SYNCs of the block that were due (every n-th) and not answered."""
+    def evaluate(
+        self, every: int | None, index: SyncIndex, spared: NDArray[np.bool_] | None = None
+    ) -> NDArray[np.int64]:
+        """Positions of the SYNCs of the block that were due (every n-th) and not answered.
+
+        Those of which `spared` (m + 1,) is True owe nothing.
+        """
         fresh, self._fresh = self._fresh, np.zeros(0, np.int64)
         if every is None:
             self._due = int(fresh[-1]) if len(fresh) else self._due
@@ -247,7 +252,8 @@ class Rhythm:
         missed = np.repeat(line[hit], counts[hit]) + every * _one_based(counts[hit])
         position = missed - index.first_ordinal
         known = position >= index.first
-        known[known] = index.usable[position[known]]
+        usable = index.usable if spared is None else index.usable & ~spared
+        known[known] = usable[position[known]]
         position = position[known]
         since_ns = _syncs_before(index, position, every) if every > 1 else None
         self.missed.add(index.t_ns[position], index.seq[position], since_ns)

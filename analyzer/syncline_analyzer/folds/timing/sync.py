@@ -15,8 +15,9 @@ from syncline_analyzer.folds.timing.bundles import bundled, lacking, paced
 from syncline_analyzer.folds.timing.catching_up import catching_up
 from syncline_analyzer.folds.timing.double_sync import DoubleSync
 from syncline_analyzer.folds.timing.doubled_sync import Doubled
+from syncline_analyzer.folds.timing.lateness import clock_set
 from syncline_analyzer.folds.timing.periods import Periods
-from syncline_analyzer.folds.timing.sync_counter import SyncCounter
+from syncline_analyzer.folds.timing.sync_counter import SyncCounter, lost_in_time
 from syncline_analyzer.folds.timing.sync_pace import SyncPace
 from syncline_analyzer.folds.timing.sync_settings import producers, told_overflow, told_period
 from syncline_analyzer.folds.timing.unsteady import OFF, Unsteady
@@ -75,7 +76,8 @@ class SyncIndex:
         usable: (m + 1,) False where nothing follows from silence: the next SYNC came at once (stamps
             of a backlog), or stayed away for long.
         cycle_ns: median of the periods, 0 when there is none.
-        bundled: (m + 1,) True from a SYNC to the next where the stamps are those of a backlog.
+        bundled: (m + 1,) True from a SYNC to the next where the stamps are those of a backlog, or the
+            clock was set.
         counter: (m + 1,) their counters, 0 for those without one.
     """
 
@@ -178,7 +180,6 @@ class SyncFold:
             return None
         state = self._states.setdefault(key, _State())
         index = self._index(block, bus, state, rows, sent_bits)
-        state.bundled += int(index.bundled.sum())
         in_bundles = bundled(block, bus)
         seq = block.batch.seq0 + len(block.batch) - 1
         told = told_period(self._context.shadow, bus, cob_id, seq)
@@ -189,7 +190,11 @@ class SyncFold:
         overflow = told_overflow(self._context.shadow, bus, cob_id)
         lost = _lost_by_counter(state, index, overflow[0] if overflow else None)
         unsent = self._missing_by_time(state, bus, index, in_bundles)
-        _add_holes(state, index, np.where(lost > 0, lost, unsent))
+        if lost.any():
+            unsent = self._missing_by_counter(
+                state, index, lost, unsent, overflow[0] if overflow else None, in_bundles
+            )
+        _add_holes(state, index, unsent)
         state.count += len(rows)
         if len(rows):
             state.last_ns = int(index.t_ns[-1])
@@ -241,6 +246,8 @@ class SyncFold:
         median = _median(state, apart[first:])
         bundled = np.zeros(len(t_ns), np.bool_)
         bundled[first:-1] = self._bundled(bus, apart[first:], np.diff(bits)[first:], median, first)
+        state.bundled += int(bundled.sum())
+        bundled[1:-1] |= clock_set(block, bus, rows)
         usable = ~bundled
         if median > 0:
             usable[:-1] &= (apart >= TOO_SHORT * median) & (apart <= PAUSE * median)
@@ -352,6 +359,26 @@ class SyncFold:
             return np.minimum(missing, lacking(cycles, blur))
         whole = (cycles >= TOO_SHORT) & (cycles <= _MISSING)
         return np.minimum(missing, lacking(np.where(whole, 1.0, cycles)))
+
+    def _missing_by_counter(
+        self,
+        state: _State,
+        index: SyncIndex,
+        lost: NDArray[np.int64],
+        unsent: NDArray[np.int64],
+        told: int | None,
+        in_bundles: bool,
+    ) -> NDArray[np.int64]:
+        """SYNCs that are missing in each period; the counter alone tells where the time does not."""
+        by_counter = np.where(lost > 0, lost, unsent)
+        median = _median(state, index.periods) if state.period.count >= _LEARN else 0.0
+        if in_bundles or not median > 0:
+            return by_counter
+        usual = _usual(index.periods, median)
+        cycles = index.periods / np.where(usual > 0, usual, median)
+        counter = index.counter[index.first + 1 :]
+        in_time = lost_in_time(lost, unsent, cycles, counter, state.counter.end(told))
+        return np.where(index.bundled[index.first : -1], by_counter, in_time)
 
     def _table(self, bus: int, cob_id: int, state: _State) -> SyncTable:
         name = self._context.bus_name(bus)

@@ -5,8 +5,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from syncline_analyzer.folds.timing.bundles import lacking
+
 SURE = 2
 """So often a counter must have begun again from the same number to show where it ends."""
+
+_OFF = 0.1
+"""Share by which the time of many SYNCs may differ from their number."""
 
 Ints = NDArray[np.int64]
 
@@ -45,7 +50,7 @@ class SyncCounter:
         self.highest = max(self.highest, int(counter.max()))
         # The same number once more is the same SYNC once more.
         known &= apart != 0
-        lost: Ints = np.where(known, (apart - 1) % max(self._overflow(told), 1), 0)
+        lost: Ints = np.where(known, (apart - 1) % max(self.end(told), 1), 0)
         self._last = int(counter[-1])
         self.jumps += int(np.count_nonzero(lost))
         return lost
@@ -64,5 +69,27 @@ class SyncCounter:
         """Where it ends, by the frames or by what was `told`; None where neither says so."""
         return int(self._ends.argmax()) if self.wraps >= SURE else told
 
-    def _overflow(self, told: int | None) -> int:
+    def end(self, told: int | None) -> int:
+        """The highest number that there is, as far as known; 0 without a counter."""
         return max(self.overflow(told) or 0, self.highest)
+
+
+def lost_in_time(
+    lost: Ints, unsent: Ints, cycles: NDArray[np.float64], counter: Ints, end: int
+) -> Ints:
+    """(n,) SYNCs missing in each period by the counter, as far as the time has room for them.
+
+    Where it has not, the counter began anew, and the time alone tells.
+
+    Args:
+        lost: (n,) how many the counter left out, or a multiple of `end` more.
+        unsent: (n,) how many are missing by the time alone.
+        cycles: (n,) the periods in usual ones.
+        counter: (n,) the counter at the end of each period.
+        end: where the counter begins again.
+    """
+    room = np.maximum(np.rint(cycles).astype(np.int64) - 1, lacking(cycles))
+    nearest = lost + end * np.rint((room - lost) / max(end, 1)).astype(np.int64)
+    fits = np.abs(nearest - room) <= np.maximum(1.0, _OFF * room)
+    anew = ~fits | ((counter == 1) & (nearest > room))
+    return np.where(anew | (lost == 0), unsent, nearest)

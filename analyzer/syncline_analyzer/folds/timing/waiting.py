@@ -157,6 +157,11 @@ class Arbitration:
         return found
 
     @cached_property
+    def _measured(self) -> bool:
+        """Whether the length of every frame is known."""
+        return bool(np.isfinite(self._wire_ns).all())
+
+    @cached_property
     def _last_idle(self) -> Ints:
         """(n,) last row up to each one before which the bus was idle, -1 without any."""
         return np.maximum.accumulate(np.where(self.idle, np.arange(len(self.idle)), -1))
@@ -192,19 +197,23 @@ class Arbitration:
         told = last > sync_rows
         synced = (sync_ns - self._base_ns).astype(np.float64)
         begun = self.start_ns[rows]
-        begun = np.where(np.isfinite(begun), begun, self.end_ns[rows])
+        if not self._measured:
+            begun = np.where(np.isfinite(begun), begun, self.end_ns[rows])
         earliest = np.where(
             told, self.start_ns[last] - self.slack_ns - _JOIN_BITS * self.bit_ns, synced
         )
         free = last == rows
         waiting = begun - earliest + np.where(told, 0.0, self.slack_ns)
-        steps = np.where(sync_rows >= 0, self._steps_back[sync_rows], 0)
+        known = np.ones(len(rows), np.bool_)
+        if self._steps_back[-1:].any():
+            steps = np.where(sync_rows >= 0, self._steps_back[sync_rows], 0)
+            known = self._steps_back[rows] == steps
         return Ready(
             np.maximum(earliest - synced, 0.0),
             np.where(free, 0.0, np.maximum(waiting, 0.0)),
             np.where(told, last, sync_rows + 1),
             free,
-            self._steps_back[rows] == steps,
+            known,
         )
 
     def last_without(self, rows: Ints, can_rank: int, sender: int, *, itself: bool = False) -> Ints:

@@ -1,7 +1,7 @@
 """A block of one bus for the analysis of waiting: arbitration, and what went ahead of frames."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -125,6 +125,15 @@ class BusBlock:
     def _errors(self) -> bool:
         return not bool(self._frame.all())
 
+    def idle_at(self, t_ns: Floats) -> Bools:
+        """(r,) whether no frame was on the bus at each moment, as far as these frames show."""
+        ends = self.t_ns - self.t_ns[0]
+        place = np.searchsorted(ends, t_ns - self.t_ns[0])
+        known = place < len(ends)
+        place = np.minimum(place, len(ends) - 1)
+        idle: Bools = known & (self.arbitration.start_ns[place] > t_ns - self.t_ns[0])
+        return idle
+
     def sends_between(self, sender: int, first: Ints, stop: Ints) -> Bools:
         """(r,) whether a sender has frames from row `first` to before `stop`."""
         own = np.flatnonzero(self.carried.sender == sender)
@@ -144,12 +153,12 @@ class BusBlock:
         return np.where(place >= 0, self.t_ns[sdo[place]], np.iinfo(np.int64).min)
 
     @cached_property
-    def _sdo(self) -> tuple[NDArray[np.intp], NDArray[np.uint32]]:
+    def _sdo(self) -> tuple[NDArray[np.intp], Ints]:
         """(s,) rows of the SDO frames, and (s,) the node of each."""
         can_id = self.carried.can_id
         chosen = (can_id > 0x580) & (can_id < 0x680) & ((self.carried.flags & _NO_SERVICE) == 0)
         rows = np.flatnonzero(chosen)
-        return rows, can_id[rows] & 0x7F
+        return rows, (can_id[rows] & 0x7F).astype(np.int64)
 
     @cached_property
     def _identified(self) -> tuple[Ints, NDArray[np.intp]]:
@@ -198,6 +207,13 @@ class BusBlock:
             self._identities[at] = self._identity(at)
         return self._identities[at]
 
+    def named(self, at: int) -> Ahead:
+        """The same without any frames yet."""
+        can_id, sender = self.identity(at)
+        return Ahead(
+            can_id, sender.node if sender.node > MASTER else None, sender.service, 0, 0, []
+        )
+
     def _identity(self, at: int) -> tuple[int, Sender]:
         key = int(self.keys[at])
         return key & (_REMOTE_KEY - 1), sender_of(self.senders, self.bus, key, int(self.seq[-1]))
@@ -215,10 +231,8 @@ class BusBlock:
             by_place[place][1].append(seq)
         found = []
         for place, (times, seqs) in by_place.items():
-            can_id, sender = self.identity(place)
-            node = sender.node if sender.node > MASTER else None
             us = sum(times) / 1000
-            found.append(Ahead(can_id, node, sender.service, len(times), us, seqs[:most]))
+            found.append(replace(self.named(place), frames=len(times), us=us, seq=seqs[:most]))
         return sorted(found, key=lambda each: -each.us)
 
     def blame(self, rows: Ints, ready: Ready) -> Iterator[Blame]:

@@ -146,6 +146,7 @@ class WaitingFold:
             return pdo
         tables.waits.extend(named(waits.worst(), pdo))
         tables.lateness.append(waits.row(pdo, missed_seq))
+        self._context.late_behind[pdo.bus, cob_id] = waits.late_behind
         own = self._senders.of(bus, cob_id).node
         delays = waits.delays.told(lambda key: sender_of(self._senders, bus, key), own)
         self._delays.setdefault(pdo.bus, Delays()).join(delays)
@@ -181,11 +182,11 @@ class WaitingFold:
         self, block: Block, bus: int, places: NDArray[np.intp] | slice, bit_ns: float
     ) -> Floats:
         """(n,) time on the wire; NaN for error frames, and FD frames of an unknown data bit rate."""
-        before, wire_ns = self._measured.get(bus, (None, None))
-        if before is block and wire_ns is not None:
-            return wire_ns
+        measured = self._measured.get(bus)
+        if measured is not None and measured[0] is block:
+            return measured[1]
         fast, error = block.data_phase_bits[places], block.error[places]
-        wire_ns = (block.wire_bits[places] - fast) * bit_ns
+        wire_ns = (block.wire_bits[places] - fast).astype(np.float64) * bit_ns
         if fast.any():
             rate = self._context.data_bitrates.get(self._context.bus_name(bus))
             wire_ns = np.where(fast > 0, wire_ns + fast * (1e9 / rate if rate else np.nan), wire_ns)
@@ -211,15 +212,21 @@ class WaitingFold:
         beside = np.zeros(len(seq), np.bool_)
         if owner is not None and owner.kind == "tpdo":
             beside = now.last_sdo_ns(owner.node, mine) >= sync_ns - BESIDE_NS
+        own_ns = now.wire_ns[mine] - INTERMISSION_BITS * now.arbitration.bit_ns
+        window_ns = self._window_ns(now, owner)
+        shown = np.zeros(len(seq), np.bool_)
+        if window_ns is not None:
+            shown = now.idle_at(sync_ns + window_ns - own_ns)
         return Answers(
             mine,
             sync.seq[position],
             now.t_ns[mine] - sync_ns,
-            now.wire_ns[mine] - INTERMISSION_BITS * now.arbitration.bit_ns,
+            own_ns,
             most_ns,
             ready,
             beside,
-            self._window_ns(now, owner),
+            window_ns,
+            shown,
         )
 
     def _window_ns(self, now: BusBlock, owner: Pdo | None) -> int | None:

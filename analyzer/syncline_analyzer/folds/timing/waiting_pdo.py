@@ -1,5 +1,6 @@
 """What one synchronous PDO waited for, and whether bus or device made it late."""
 
+import math
 from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
@@ -10,7 +11,8 @@ from numpy.typing import NDArray
 
 from syncline_analyzer.distribution import Distribution
 from syncline_analyzer.folds.timing.delays import MAX_IDS, Delays
-from syncline_analyzer.folds.timing.waiting import MASTER, Ready
+from syncline_analyzer.folds.timing.late_behind import LateBehind
+from syncline_analyzer.folds.timing.waiting import Ready
 from syncline_analyzer.folds.timing.waiting_bus import Blame, BusBlock
 from syncline_analyzer.results import Ahead, LatenessRow, PdoRow, WaitRow
 
@@ -20,6 +22,8 @@ MAX_UNANSWERED = 10_000
 """SYNCs without an answer of which it is kept when the bus was free."""
 _ENOUGH = 20
 """Answers on an idle bus from which it is known how long the device takes."""
+_CHANCE = 0.05
+"""Risk that more slow answers of the device than allowed for all met a busy bus."""
 
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -38,6 +42,8 @@ class Answers:
         ready: when they can have been ready.
         beside_sdo: (r,) whether there was SDO traffic with the node.
         window_ns: 1007h, None where it is not known.
+        shown: (r,) whether the bus was idle when the frame had to start to be in time: a device that
+            was slower would have been seen.
     """
 
     rows: Ints
@@ -48,6 +54,7 @@ class Answers:
     ready: Ready
     beside_sdo: Bools
     window_ns: int | None
+    shown: Bools
 
     @cached_property
     def late(self) -> Bools:
@@ -72,8 +79,9 @@ class _Late:
 
     count: int = 0
     by_device: int = 0
-    by_bus: int = 0
-    """In time without the frames of others ahead of them."""
+    by_device_beside_sdo: int = 0
+    behind: LateBehind = field(default_factory=LateBehind)
+    """In time without the frames of others ahead of them, as far as these show."""
     beside_sdo: int = 0
     seq: list[int] = field(default_factory=list)
     first_ns: int | None = None
@@ -94,6 +102,8 @@ class Waits:
     without_sdo: Distribution | None = None
     """None while there was no SDO traffic: then it is `least`."""
     waited: int = 0
+    shown: int = 0
+    """Answers at whose SYNCs a slow device would have been seen."""
     window_ns: int | None = None
     own_ns: float = 0.0
     """Longest frame."""
@@ -115,6 +125,7 @@ class Waits:
         self.waiting.add(ready.waiting_ns[known])
         self.free.add(ready.least_ns[known & ready.free])
         self.waited += int(np.count_nonzero(known & (ready.first < answers.rows)))
+        self.shown += int(np.count_nonzero(known & answers.shown))
         self.own_ns = max(self.own_ns, float(np.nanmax(answers.own_ns, initial=0.0)))
         self.most_ns = max(self.most_ns, float(np.max(answers.most_ns[known], initial=0.0)))
         self._add_late(block, answers)
@@ -125,27 +136,40 @@ class Waits:
         late = answers.late[blame.waited]
         if answers.window_ns is None or not late.any():
             return
-        others = (block.key_sender != sender)[blame.place]
-        others_ns = np.bincount(blame.victim, blame.ns * others, minlength=len(late))[late]
-        rows = blame.waited[late]
-        in_time = answers.response_ns[rows] - others_ns <= answers.window_ns
-        in_time &= ~answers.device_late[rows]
-        self.late.by_bus += int(np.count_nonzero(in_time))
+        self._add_behind(block, blame, answers, late, sender)
         chosen = late[blame.victim]
         place = blame.place[chosen]
-        self._add_blockers(block, np.bincount(place, blame.ns[chosen]), np.bincount(place))
+        ns = np.bincount(place, blame.ns[chosen]).astype(np.float64)
+        self._add_blockers(block, ns, np.bincount(place))
+
+    def _add_behind(
+        self, block: BusBlock, blame: Blame, answers: Answers, late: Bools, sender: int
+    ) -> None:
+        """Sum up those late answers that the frames of others explain."""
+        others = (block.key_sender != sender)[blame.place]
+        others_ns = np.bincount(blame.victim, blame.ns * others, minlength=len(late))
+        over_ns = answers.response_ns[blame.waited] - float(answers.window_ns or 0)
+        explained = late & (others_ns >= over_ns) & ~answers.device_late[blame.waited]
+        chosen = np.flatnonzero(others & explained[blame.victim])
+        number = np.cumsum(explained) - 1
+        self.late.behind.add(
+            over_ns[explained],
+            number[blame.victim[chosen]],
+            blame.place[chosen],
+            blame.ns[chosen],
+            block.named,
+        )
 
     def _add_blockers(self, block: BusBlock, ns: Floats, frames: Ints) -> None:
         for at in np.flatnonzero(frames).tolist():
-            can_id, who = block.identity(at)
-            key = (can_id, who.node, who.service)
-            node = who.node if who.node > MASTER else None
+            name = block.named(at)
+            key = (name.cob_id, name.node, name.service)
             count, us = int(frames[at]), float(ns[at]) / 1000
             old = self.late.blockers.get(key)
             if old is not None:
                 count, us = old.frames + count, old.us + us
             if old is not None or len(self.late.blockers) < MAX_IDS:
-                self.late.blockers[key] = Ahead(can_id, node, who.service, count, us, [])
+                self.late.blockers[key] = replace(name, frames=count, us=us)
 
     def add_unanswered(self, sync_seq: Ints, free_ns: Floats) -> None:
         """Keep when the bus was last free for the PDO after SYNCs that it did not answer."""
@@ -166,6 +190,11 @@ class Waits:
             waiting_us=self.waiting.quantiles(1000),
         )
 
+    @property
+    def late_behind(self) -> LateBehind:
+        """The late answers that the frames of others explain."""
+        return self.late.behind
+
     def row(self, pdo: PdoRow, missed_seq: Ints) -> LatenessRow:
         """The causes, given the SYNCs that were missed in the end."""
         missed = [seq for seq in missed_seq.tolist() if seq in self.unanswered]
@@ -184,12 +213,13 @@ class Waits:
             window_us=None if self.window_ns is None else self.window_ns // 1000,
             late=late.count,
             late_by_device=late.by_device,
-            late_by_bus=late.by_bus if self._in_time_when_free() else 0,
+            late_by_bus=self._late_by_bus(),
             missed=pdo.missed,
             missed_by_device=int(np.count_nonzero(by_device)),
             missed_by_bus=int(np.count_nonzero(by_bus)),
             beside_sdo=self.beside_sdo.count,
             late_beside_sdo=late.beside_sdo,
+            late_by_device_beside_sdo=late.by_device_beside_sdo,
             device_us_beside_sdo=self.beside_sdo.quantiles(1000),
             device_us_without_sdo=(self.without_sdo or self.least).quantiles(1000),
             blockers=sorted(late.blockers.values(), key=lambda each: -each.us),
@@ -206,11 +236,21 @@ class Waits:
             self.beside_sdo.add(least_ns[beside])
             self.without_sdo.add(least_ns[~beside])
 
-    def _in_time_when_free(self) -> bool:
-        """Whether the device has always been in time when it found the bus idle."""
-        if self.window_ns is None or self.free.count < _ENOUGH:
-            return False
-        return self.free.maximum + self.own_ns <= self.window_ns
+    def _late_by_bus(self) -> int:
+        """Late answers that were the bus's doing: none while the device may have been slow itself.
+
+        It must have been in time whenever it found the bus idle. That a device was slow only when a
+        busy bus would hide it is chance: as many answers as may be such ones are left out.
+        """
+        found = self.late.behind.total
+        if self.late.by_device or self.window_ns is None or self.free.count < _ENOUGH:
+            return 0
+        if self.free.maximum + self.own_ns > self.window_ns:
+            return 0
+        hidden = 1 - self.shown / self.least.count
+        if hidden in (0, 1):
+            return 0 if hidden else found
+        return max(found - int(math.log(_CHANCE) / math.log(hidden)), 0)
 
     def _missed_by(self, free_ns: Floats) -> tuple[Bools, Bools]:
         """(device, bus) which of the SYNCs that got no answer did so because of it.
@@ -230,7 +270,9 @@ class Waits:
             return
         late = self.late
         late.count += len(rows)
-        late.by_device += int(np.count_nonzero(answers.device_late[rows]))
+        by_device = answers.device_late[rows]
+        late.by_device += int(np.count_nonzero(by_device))
+        late.by_device_beside_sdo += int(np.count_nonzero(by_device & answers.beside_sdo[rows]))
         late.beside_sdo += int(np.count_nonzero(answers.beside_sdo[rows]))
         seq = block.seq[answers.rows[rows]]
         late.seq.extend(seq[: MAX_EVIDENCE - len(late.seq)].tolist())

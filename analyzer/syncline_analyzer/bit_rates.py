@@ -10,7 +10,7 @@ from syncline_analyzer.capture import CaptureFacts
 from syncline_analyzer.context import BitrateSource, Context
 from syncline_analyzer.deafness import Numbered
 from syncline_analyzer.echo import COPY
-from syncline_analyzer.folds.timing.bit_rate import Estimate, estimate
+from syncline_analyzer.folds.timing.bit_rate import Estimate, estimate, stamps_starts
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
 from syncline_schemas.wire_length import data_phase_bits, wire_bits
 from syncline_schemas.wording import counted
@@ -61,6 +61,11 @@ class _Spacings:
             return None
         self.tried = self.count
         return estimate(np.concatenate(self.apart_ns), np.concatenate(self.bits), resolution_ns)
+
+    def of_starts(self, bitrate: int, resolution_ns: int) -> bool:
+        """Whether the stamps are those of the start of the frames."""
+        apart_ns, bits = np.concatenate(self.apart_ns), np.concatenate(self.bits)
+        return stamps_starts(apart_ns, bits, bitrate, resolution_ns)
 
 
 class BitRates:
@@ -117,10 +122,32 @@ class BitRates:
     def notes(self) -> list[str]:
         """What is to be said of bit rates that nobody told."""
         notes = [self._overruled(name) for name in self._context.buses]
+        notes += [self._starts(self._context.bus_name(bus), each) for bus, each in self._measured()]
         notes += [
             self._note(name, found) for name, found in sorted(self._context.estimates.items())
         ]
         return [note for note in notes if note]
+
+    def _measured(self) -> list[tuple[int, _Spacings]]:
+        """Buses with spacings, and with a bit rate that they do not contradict."""
+        names = ((bus, self._context.bus_name(bus)) for bus in sorted(self._spacings))
+        return [
+            (bus, self._spacings[bus])
+            for bus, name in names
+            if self._spacings[bus].count
+            and name in self._context.bitrates
+            and not self._context.contradicted(name)
+        ]
+
+    def _starts(self, name: str, spacings: _Spacings) -> str:
+        """What is to be said of stamps that are taken at the start of frames."""
+        if not spacings.of_starts(self._context.bitrates[name], self._context.resolution_ns):
+            return ""
+        return (
+            f"the stamps of bus {name} seem to be those of the start of its frames: each comes as"
+            " long after the one before as that one lasted; response, device and waiting times are"
+            " made for stamps at the end, and may be off by the length of a frame"
+        )
 
     def _overruled(self, name: str) -> str:
         """What is to be said where the bit rate on the command line is another one than counts."""

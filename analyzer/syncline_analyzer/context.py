@@ -36,6 +36,8 @@ class Context:
             and identifier.
         kept_waiting: heartbeats that waited long for other frames, by bus number and node, in
             order; complete once the timing fold is.
+        unproven_stamps: names of buses where too few frames follow one another closely to tell
+            whether the stamps are as exact as their step.
         late_behind: late answers that frames of others explain, by bus name and identifier of the
             PDO; complete once the timing fold is.
     """
@@ -52,6 +54,7 @@ class Context:
     impossible_loads: dict[str, float] = field(default_factory=dict)
     pdo_lengths: dict[tuple[int, int], dict[int, int]] = field(default_factory=dict)
     kept_waiting: dict[tuple[int, int], list[KeptWaiting]] = field(default_factory=dict)
+    unproven_stamps: set[str] = field(default_factory=set)
     late_behind: dict[tuple[str, int], LateBehind] = field(default_factory=dict)
 
     def assumed_bitrate(self, bus_name: str) -> list[str]:
@@ -72,6 +75,12 @@ class Context:
             return None
         factor = max(told, seen.bitrate) / min(told, seen.bitrate)
         return seen if factor >= 1 + NEAR else None
+
+    def assumed_wire(self, bus_name: str) -> list[str]:
+        """What a finding rests on that tells from the stamps which frame waited for which."""
+        stamps = [f"the stamps of {bus_name} are exact (too few frames stand close to tell)"]
+        unproven = bus_name in self.unproven_stamps
+        return [*self.assumed_bitrate(bus_name), *(stamps if unproven else [])]
 
     def overrides(self, bus: int, node: int) -> Mapping[str, Any]:
         """Settings of a node's device that the user gave."""

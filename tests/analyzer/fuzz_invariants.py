@@ -5,7 +5,7 @@ a capture gap, or stamped by a clock that was set: each invariant analyzes them 
 """
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import fields, is_dataclass, replace
 from math import isclose
 from random import Random
@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from syncline_analyzer.results import Analysis, Finding
+from syncline_samples.faults import MoveEmcy
 from syncline_schemas.batch import FrameBatch, Gap
 from syncline_schemas.description import BusDescription
 from tests.analyzer.fuzz_case import MS, Case, Item, S, analyzed
@@ -86,7 +87,11 @@ def _placed(value: Any, place: np.ndarray[Any, np.dtype[np.int64]]) -> Any:
 
 
 def blinded(case: Case, random: Random) -> Iterator[str]:
-    """A gap in the capture accuses no node of anything."""
+    """A gap in the capture accuses no node of anything.
+
+    Where it hides the write that gave a node's EMCYs another identifier, they are those of the node
+    that this identifier belongs to by default.
+    """
     frames = case.frames
     if len(case.items) != 1 or not len(frames):
         return
@@ -98,7 +103,14 @@ def blinded(case: Case, random: Random) -> Iterator[str]:
     lost = int((~before & ~after).sum())
     gap = Gap(begin_ns, end_ns, "adapter lost", lost, 0)
     other = analyzed(case.scenario, [frames[before], gap, frames[after]], case.description)
-    yield from _accused("capture gap", case, other)
+    moved = {
+        fault.can_id & 0x7F
+        for fault in case.scenario.faults
+        if isinstance(fault, MoveEmcy)
+        and begin_ns <= case.at(fault.at_s) + S
+        and not (end_ns <= case.at(fault.at_s))
+    }
+    yield from _accused("capture gap", case, other, moved)
 
 
 def clock_set(case: Case, random: Random) -> Iterator[str]:
@@ -119,12 +131,17 @@ def clock_set(case: Case, random: Random) -> Iterator[str]:
     yield from _accused(f"clock step of {step_ns // MS} ms", case, other)
 
 
-def _accused(what: str, case: Case, other: Analysis) -> Iterator[str]:
+def _accused(what: str, case: Case, other: Analysis, moved: Collection[int] = ()) -> Iterator[str]:
+    """What nobody is accused of otherwise, but for the EMCYs under the numbers in `moved`."""
     known = {key for finding in case.analysis.findings for key in _keys(finding)}
     known |= {(each.id, each.node) for each in case.truth.findings}
     for finding in other.findings:
         if finding.severity in _ACCUSING and finding.node is not None:
-            new = [key for key in _keys(finding) if key not in known]
+            new = [
+                key
+                for key in _keys(finding)
+                if key not in known and not (key[1] in moved and key[0].startswith("emcy."))
+            ]
             if new:
                 yield f"{what}: {new} accused: {finding.text}"
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from syncline_analyzer.folds.timing.bit_rate import CANDIDATES, Estimate, estimate
 from syncline_samples.wire import wire_bits
-from tests.analyzer.wire_builder import Sent, arbitrated, machine
+from tests.analyzer.wire_builder import Ready, Sent, arbitrated, machine
 
 
 def stamped(sent: Iterable[Sent], step_ns: int = 1) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -57,6 +57,37 @@ def test_every_bit_rate_is_found_on_a_busy_bus(bitrate: int, step_ns: int) -> No
 @pytest.mark.parametrize("bitrate", [33_333, 83_333, 200_000, 400_000, 666_667])
 def test_an_unusual_bit_rate_is_not_taken_for_another(bitrate: int) -> None:
     assert confident(judged(arbitrated(machine(bitrate, 0.6), bitrate), 1000)) is None
+
+
+@pytest.mark.parametrize(
+    ("bitrate", "answers"),
+    [
+        (333_333, ((394, 1), (401, 4), (428, 8), (434, 6), (435, 8), (441, 8), (442, 4), (447, 6))),
+        (333_333, ((401, 6), (403, 8), (413, 8), (415, 1), (443, 4), (444, 8))),
+        (400_000, ((389, 8), (397, 8), (401, 8), (402, 8), (403, 7), (415, 2), (429, 4), (442, 6))),
+        (95_238, ((389, 8), (412, 6), (414, 4), (420, 0), (421, 2))),
+    ],
+)
+def test_stamps_of_the_start_of_frames_are_not_taken_for_another_bit_rate(
+    bitrate: int, answers: Sequence[tuple[int, int]]
+) -> None:
+    """Nodes that answer every SYNC with zeros: each spacing is as long as the frame before."""
+
+    def sent(rate: int) -> list[Sent]:
+        ready = [
+            Ready(k * 10e6 + late, can_id, bytes(size))
+            for k in range(100)
+            for can_id, size, late in ((0x80, 0, 0), *((*each, 1e6) for each in answers))
+        ]
+        return arbitrated(ready, rate)
+
+    begun = [
+        each._replace(end_ns=each.end_ns - (each.bits - 3) * 1e9 / bitrate)
+        for each in sent(bitrate)
+    ]
+    assert confident(judged(begun, 1000)) is None
+    assert confident(judged(sent(bitrate), 1000)) is None
+    assert confident(judged(sent(250_000), 1000)) == 250_000
 
 
 @pytest.mark.parametrize("bitrate", [50_000, 100_000, 125_000])

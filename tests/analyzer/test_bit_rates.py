@@ -94,6 +94,16 @@ def test_an_estimate_gives_the_same_figures_as_the_told_bit_rate() -> None:
     ]
 
 
+@pytest.mark.parametrize(("early_bits", "told_so"), [(0, False), (1, True)])
+def test_stamps_of_the_start_of_frames_are_told(early_bits: int, told_so: bool) -> None:
+    sent = [
+        each._replace(end_ns=each.end_ns - early_bits * (each.bits - 3) * 4000)
+        for each in arbitrated(BUSY, 250_000)
+    ]
+    notes = told(recorded(sent, 1000, start_ns=T0), bitrate=250_000).capture.notes
+    assert any("the start of its frames" in note for note in notes) == told_so
+
+
 def test_a_guess_is_told_but_not_used() -> None:
     """A dozen frames back to back are too few."""
     few = recorded(arbitrated(BUSY, 250_000)[:15], 1000, start_ns=T0)

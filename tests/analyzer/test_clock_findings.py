@@ -77,6 +77,7 @@ def test_nodes_that_start_anew_after_a_silence_are_told_by_themselves() -> None:
 def test_a_clock_set_back_makes_no_negative_duration(by_ms: float) -> None:
     told = whole(stepped(by_ms), in_order=False)
     assert ids(told) == {"clock.step_back"}
+    assert " at +14.983 s" in told.findings[0].text
     assert all(row.end_ns - row.start_ns >= by_ms * MS for row in told.nmt_states)
     assert all(each.period_us is None or each.period_us.min >= 0 for each in told.pdos)
 

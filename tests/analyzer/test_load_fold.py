@@ -81,6 +81,50 @@ def test_a_step_back_of_the_clock_makes_no_peak() -> None:
     assert row.peak_percent == pytest.approx(100 * 100 * BITS / 100_000)
 
 
+@pytest.mark.parametrize("back_ns", [5 * MS, 50 * MS])
+def test_a_small_step_back_of_the_clock_makes_no_peak(back_ns: int) -> None:
+    """Stamps that were held back until the clock has caught up would come all at once."""
+    times = regular(1001, 2 * MS)
+    stepped = [t - back_ns * (k >= 500) for k, t in enumerate(times)]
+    plain, row = (
+        load(FrameBatch.from_rows([frame(t, 0x321, DATA) for t in each]))
+        for each in (times, stepped)
+    )
+    assert plain.burst_percent is not None
+    assert row.peak_100ms_percent == pytest.approx(plain.peak_100ms_percent)
+    assert row.burst_percent == pytest.approx(plain.burst_percent)
+    assert row.longest_busy_us == pytest.approx(plain.longest_busy_us)
+
+
+def unheard(by_ns: int) -> FrameBatch:
+    """Heartbeats of four nodes for 100 s, and again after a jump of the stamps."""
+    return ordered(
+        frame(t + 25 * MS * node + by_ns * (t > 50 * SECOND), 0x700 + node, b"\5")
+        for node in (1, 2, 3, 4)
+        for t in regular(1000, 100 * MS)
+    )
+
+
+def test_the_mean_is_told_with_and_without_a_silence() -> None:
+    """A bus that nobody heard for 40 s, a whole number of all periods."""
+    tables = timing(context(bitrate=100_000), unheard(40 * SECOND))
+    (row,), (plain,) = (tables.bus_load, timing(context(bitrate=100_000), unheard(0)).bus_load)
+    assert len(tables.bus_silences) == 1
+    assert row.silent_ns == pytest.approx(40 * SECOND, rel=0.01)
+    assert plain.mean_percent is not None
+    assert row.mean_percent == pytest.approx(plain.mean_percent / 1.4, rel=0.01)
+    assert row.heard_percent == pytest.approx(plain.mean_percent, rel=0.01)
+    assert (plain.silent_ns, plain.heard_percent) == (0, plain.mean_percent)
+
+
+def test_time_that_never_passed_is_not_listened_to() -> None:
+    """The clock was set forward by no whole number of the periods."""
+    tables = timing(context(bitrate=100_000), unheard(1000 * SECOND + 37 * MS))
+    (plain,) = timing(context(bitrate=100_000), unheard(0)).bus_load
+    assert len(tables.clock_steps) == 1
+    assert tables.bus_load[0].mean_percent == pytest.approx(plain.mean_percent, rel=0.01)
+
+
 def test_without_a_bit_rate_there_are_frames_per_second_only() -> None:
     row = load(traffic(regular(301, 10 * MS)), bitrate=None)
     assert (row.bitrate, row.mean_percent, row.peak_percent) == (None, None, None)
@@ -99,7 +143,7 @@ def test_a_switched_bit_rate_makes_no_percentage() -> None:
 
 def test_without_times_nothing_is_claimed() -> None:
     (row,) = timing(context(timed=False), traffic([0] * 20)).bus_load
-    assert (row.mean_percent, row.frames_per_s) == (None, 0.0)
+    assert (row.mean_percent, row.frames_per_s) == (None, None)
 
 
 def busy_ns(sent: list[Sent], bitrate: int, low_ns: float, high_ns: float) -> float:

@@ -192,15 +192,15 @@ def test_no_node_is_late_where_the_clock_is_set_between_a_sync_and_its_answers(
     assert (sync.missing, sync.backlog) == (0, 0)
     assert sync.period_us is not None
     assert sync.period_us.max == PERIOD / 1000
+    (step,) = tables.clock_steps
+    assert (step.step_ns, step.witnesses) == (step_ms * MS, 4)
 
 
 def test_nodes_are_late_where_sync_itself_keeps_its_phase() -> None:
     frames = ordered(syncs(regular(401, PERIOD)), *(answers_of(node, 400) for node in (1, 2, 3)))
     late = (frames.t_ns > T0 + 200 * PERIOD) & (frames.t_ns < T0 + 201 * PERIOD)
     t_ns = frames.t_ns + np.where(late, 6 * MS, 0)
-    late_frames = FrameBatch(
-        t_ns, frames.bus, frames.can_id, frames.flags, frames.dlc, frames.data
-    )
+    late_frames = FrameBatch(t_ns, frames.bus, frames.can_id, frames.flags, frames.dlc, frames.data)
     assert [row.late for row in timing(all_set(1, 2, 3), late_frames).pdos] == [1, 1, 1]
 
 

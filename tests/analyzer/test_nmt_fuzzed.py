@@ -123,9 +123,12 @@ def test_a_first_boot_up_is_none_though_the_clock_steps_back_before_it() -> None
 
 @pytest.mark.near_miss("nmt.unexpected_reset")
 def test_a_reset_less_than_10_s_before_explains_it_though_the_clock_steps_forward() -> None:
-    """The first of two boot-ups answers it; the second comes 7 s after it, by the stamps 14 s."""
+    """The first of two boot-ups answers it; the second comes 7 s after it, by the stamps 14 s.
+
+    No heartbeat is missed before it.
+    """
     reset = [frame(1000, 0x000, "8105"), boot(1500)]
-    rows = ordered(heartbeats(0, 1000), reset, heartbeats(1600, 7900), [boot(8000)], others(9000))
+    rows = ordered(heartbeats(0, 1000), reset, heartbeats(1600, 8000), [boot(8000)], others(9000))
     stepped = shifted(rows, 7000, after_ms=4000)
     assert "nmt.unexpected_reset" not in run(*rows).ids()
     assert "nmt.unexpected_reset" not in run(*stepped).ids()
@@ -413,3 +416,114 @@ def test_a_master_that_falls_silent_twice_is_one_story() -> None:
     result = run(*ordered(rows, others(8000)), devices=JN2100)
     assert "nmt.left_operational" not in result.ids()
     assert "its PDOs stop, 2 times" in one(result, "nmt.guarding_lost").text
+
+
+@pytest.mark.triggers("nmt.unexpected_reset")
+@pytest.mark.near_miss("nmt.node_lost")
+def test_a_restart_after_an_answered_reset_is_no_loss() -> None:
+    """The reset was answered 6 s before; the node was away for 3.5 periods and booted by itself."""
+    reset = [frame(1000, 0x000, "8105"), boot(1250)]
+    rows = ordered(reset, heartbeats(1450, 7000), [boot(7250)], heartbeats(7350, 9000))
+    result = run(*ordered(heartbeats(0, 1000), rows, others(9000)))
+    assert accusing(result) == ["nmt.unexpected_reset"]
+    text = one(result, "nmt.unexpected_reset").text
+    assert "although it had booted since the last reset that was commanded" in text
+
+
+@pytest.mark.near_miss("nmt.node_lost")
+def test_a_clock_set_between_few_heartbeats_accuses_nobody() -> None:
+    """Forward by 1075 ms at 1590 ms: both heartbeats are late by just so much."""
+    beats = ordered(
+        [boot(0), boot(600, 1), frame(700, 0x000, "8200"), boot(950)],
+        written(980, 0x1017, 300),
+        [frame(983, 0x000, "0105")],
+        heartbeats(1281, 8000, every_ms=300),
+        heartbeats(1100, 8000, every_ms=500, node=1),
+    )
+    assert accusing(run(*shifted(beats, 1075, after_ms=1590))) == []
+
+
+@pytest.mark.triggers("nmt.node_lost")
+def test_a_node_late_by_as_much_as_another_by_chance_is_lost_where_a_third_beats_on() -> None:
+    rows = ordered(
+        heartbeats(0, 2100, every_ms=300),
+        heartbeats(3300, 8000, every_ms=300),
+        heartbeats(10, 2110, every_ms=300, node=6),
+        heartbeats(3310, 8000, every_ms=300, node=6),
+        heartbeats(20, 8000, every_ms=500, node=1),
+    )
+    assert "nmt.node_lost" in run(*rows).ids()
+
+
+@pytest.mark.near_miss("nmt.bus_silent")
+def test_a_clock_set_while_the_machine_starts_does_not_accuse_a_node_of_being_off() -> None:
+    """The machine was off from 8.3 to 12 s; the clock jumps by 3.6 s before the master's reset."""
+    times = heartbeats(0, 8300, every_ms=200), heartbeats(30, 8300, every_ms=250, node=6)
+    off = ordered(*times, heartbeats(100, 8300, every_ms=500, node=1))
+    start = [boot(12_000), boot(12_007, 6), boot(12_600, 1), frame(12_700, 0x000, "8200")]
+    on = ordered(
+        start,
+        heartbeats(12_200, 12_800, every_ms=200, state="7F"),
+        heartbeats(12_257, 12_500, every_ms=250, state="7F", node=6),
+        heartbeats(13_100, 24_000, every_ms=500, node=1),
+        [boot(16_700), boot(16_701, 6)],
+        heartbeats(16_900, 24_000, every_ms=200),
+        heartbeats(16_950, 24_000, every_ms=250, node=6),
+    )
+    rows = shifted([*off, *on], 3639, after_ms=12_590)
+    result = run(*rows, devices={5: load_device("lir-da158"), 6: load_device("lir-ma158k")})
+    assert accusing(result) == []
+
+
+def test_errors_explain_a_fall_of_a_lir_only_at_once() -> None:
+    """It tells bus-off at 9 s and beats on for 3 s; then it falls three times: it restarts."""
+    error = [frame(9010, 0x085, "1075100000000000"), frame(9100, 0x085, "0000000000000000")]
+    falls = [
+        row
+        for at in (12_050, 13_000, 13_950)
+        for row in (
+            frame(at, 0x705, "7F"),
+            frame(at + 30, 0x000, "0105"),
+            *heartbeats(at + 100, at + 900),
+        )
+    ]
+    begin = [frame(0, 0x000, "8105"), frame(150, 0x705, "7F"), frame(180, 0x000, "0105")]
+    rows = ordered(begin, heartbeats(250, 12_000), error, falls, others(15_000))
+    result = run(*rows, devices=LIR)
+    assert accusing(result) == ["error.bus_off", "nmt.boot_loop"]
+    at_once = ordered(
+        begin,
+        heartbeats(250, 9000),
+        error,
+        heartbeats(9050, 15_000, state="7F"),
+        others(15_000),
+    )
+    assert "nmt.left_operational" in accusing(run(*at_once, devices=LIR))
+
+
+@pytest.mark.triggers("nmt.heartbeat_slow")
+def test_a_heartbeat_that_kept_1017h_after_a_gap_and_is_slow_later() -> None:
+    before = ordered(written(10, 0x1017, 250), heartbeats(100, 6000, every_ms=250), others(6000))
+    after = ordered(
+        heartbeats(7100, 9100, every_ms=250),
+        heartbeats(9200, 14_000, every_ms=425),
+        heartbeats(7000, 14_000, node=9),
+    )
+    gap = Gap(6_000 * MS, 7_000 * MS, "adapter lost", 20, 0)
+    assert "nmt.heartbeat_slow" in run(*before, gap, *after).ids()
+
+
+@pytest.mark.triggers("nmt.duplicate_node_id")
+def test_restarts_long_before_a_second_device_are_no_sign_of_it() -> None:
+    """The node restarts within 2 s of its start; the second device comes 12 s later."""
+    rows = ordered(
+        [boot(0), boot(1850)],
+        heartbeats(100, 1800, every_ms=250),
+        heartbeats(1950, 34_000, every_ms=250),
+        heartbeats(17_023, 34_000, every_ms=250),
+        [boot(16_900)],
+        others(34_000),
+    )
+    finding = one(run(*rows), "nmt.duplicate_node_id")
+    assert "it told at" not in finding.text
+    assert min(finding.evidence) > 100

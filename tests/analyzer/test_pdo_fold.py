@@ -432,14 +432,17 @@ def busy(count: int = 400) -> FrameBatch:
     parts = [syncs(regular(count, PERIOD))]
     for k, every in enumerate((1, 2, 4)):
         numbers = [n for n in range(0, count, every) if rng.random() > 0.02]
-        delays = rng.integers(200 * US, 900 * US, len(numbers)) + k * MS
+        delays = rng.integers(300 * US, 900 * US, len(numbers)) + k * MS
         parts.append(
             [
                 frame(n * PERIOD + int(d), 0x181 + k, rng.bytes(8))
                 for n, d in zip(numbers, delays, strict=True)
             ]
         )
-    parts.append([frame(int(t), 0x205, rng.bytes(8)) for t in rng.integers(0, count * PERIOD, 900)])
+    # Beside the SYNC and its answers, and never two at a time: no frames overlap.
+    slots = rng.choice(10 * count, 900, replace=False)
+    times = slots // 10 * PERIOD + 4 * MS + slots % 10 * 500 * US + rng.integers(0, 200 * US, 900)
+    parts.append([frame(int(t), 0x205, rng.bytes(8)) for t in times])
     return ordered(*parts)
 
 

@@ -140,7 +140,9 @@ def test_a_counter_that_begins_anew_loses_no_sync(anew: int, out: int) -> None:
     """Only those are missing that the time has room for."""
     ctx = context()
     learn(ctx, 1, 0x1019, 0, 100)
-    times = [t for k, t in enumerate(regular(500, 10 * MS)) if not anew + 200 <= k < anew + 200 + out]
+    times = [
+        t for k, t in enumerate(regular(500, 10 * MS)) if not anew + 200 <= k < anew + 200 + out
+    ]
     numbers = [*range(anew + 200), *range(300 - anew - out)]
     rows = [frame(t, 0x80, bytes([n % 100 + 1])) for t, n in zip(times, numbers, strict=True)]
     tables = timing(ctx, ordered(rows))

@@ -72,7 +72,7 @@ INTERFACE: dict[str, dict[str, Any]] = {
     },
     "bus_load": {
         "bus": TEXT, "bitrate": MAYBE_INT, "mean_percent": MAYBE_NUMBER,
-        "peak_percent": MAYBE_NUMBER, "frames_per_s": NUMBER,
+        "peak_percent": MAYBE_NUMBER, "frames_per_s": MAYBE_NUMBER,
     },
     "findings": {
         "id": TEXT, "severity": TEXT, "bus": MAYBE_TEXT, "node": MAYBE_INT, "start_ns": INT,
@@ -139,6 +139,15 @@ def test_nan_and_odd_names_make_strict_ascii_json() -> None:
     assert told["nodes"][0]["heartbeat_period_ms"] is None
     assert told["pdos"][0]["period_us"] == {"min": None, "median": 1.0, "p99": None, "max": 2.0}
     assert told["sdo"][0]["data"] == "00 FF"
+
+
+def test_stamps_that_are_none_have_no_step() -> None:
+    log = untimed()
+    log.pdos.append(pdo_row())
+    told = json.loads(to_json(log))
+    assert told["capture"]["resolution_ns"] is None
+    assert told["pdos"][0]["resolution_us"] is None
+    assert json.loads(to_json(bad_day()))["capture"]["resolution_ns"] == 1
 
 
 def test_findings_file_holds_capture_and_findings_only() -> None:

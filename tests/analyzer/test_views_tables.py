@@ -58,6 +58,28 @@ def test_twin_is_missing_where_there_is_no_date_or_no_stamp() -> None:
     assert table(bad_day(), "errors")["cleared"].isna().tolist() == [True, False, True]
 
 
+def test_yes_and_no_are_no_text() -> None:
+    """A text "False" counts as true in a filter."""
+    for name, kind in ROW_TYPES.items():
+        hints = typing.get_type_hints(kind)
+        frame = to_frame([row_of(kind)], name)
+        for column, hint in hints.items():
+            if hint is bool:
+                assert frame[column].dtype == np.bool_, (name, column)
+            elif hint == bool | None:
+                assert frame[column].dtype == pd.BooleanDtype(), (name, column)
+    told = to_frame([sdo_row(crc_ok=None), sdo_row(crc_ok=False)])
+    assert told["crc_ok"].isna().tolist() == [True, False]
+    assert not told["crc_ok"][1]
+
+
+@pytest.mark.parametrize(("name", "column"), [("clock_steps", "step"), ("time_stamps", "offset")])
+def test_a_duration_has_no_twin_with_a_date(name: str, column: str) -> None:
+    columns = to_frame([], name).columns
+    assert f"{column}_ns" in columns
+    assert column not in columns
+
+
 def test_value_of_an_sdo_is_text_with_its_number_beside_it() -> None:
     frame = to_frame([sdo_row(value=100), sdo_row(value="JN2100"), sdo_row(value=None)])
     assert frame["value"].tolist()[:2] == ["100", "JN2100"]

@@ -56,6 +56,15 @@ def test_tables_write_codes_in_hexadecimal() -> None:
     assert line_with(text, "blind 7:00.000 to 7:01.500", "adapter lost")
 
 
+def test_what_jitter_and_device_stand_for_is_said_where_they_are_shown() -> None:
+    said = (
+        "jitter: standard deviation of the answers, else of single periods; device: medians of both"
+    )
+    wide, narrow = summary(busy_bus(), width=140), summary(busy_bus(), width=80)
+    assert said in wide
+    assert "medians" not in narrow
+
+
 def test_lane_shows_a_loss_of_two_milliseconds_in_ten_minutes() -> None:
     lane = line_with(summary(bad_day(), width=100), "10 boom tilt", "OOO")
     assert lane.count("L") > 1

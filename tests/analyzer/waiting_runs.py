@@ -50,8 +50,13 @@ def burst(number: int, can_ids: Iterable[int], node: int, after_us: int = 150) -
     return [Wish(at_ns + place, can_id, node) for place, can_id in enumerate(can_ids)]
 
 
-def sent_rows(wishes: Sequence[Wish], step_ns: int = 1000) -> list[Row]:
-    """What a recorder with stamps of this step takes of them, in the order of the wire."""
+def sent_rows(wishes: Sequence[Wish], step_ns: int = 1000, noise_us: float = 0.0) -> list[Row]:
+    """What a recorder with stamps of this step takes of them, in the order of the wire.
+
+    Its stamps come late by `noise_us` on average, but never before those of the frames before.
+    """
+    late = np.random.default_rng(5).exponential(noise_us * US, len(wishes)).astype(np.int64)
+    last_ns = 0
     frames = [(0, 0, w.can_id, 0, len(w.data), w.data) for w in wishes]
     bits = wire_bits(FrameBatch.from_rows(frames)).tolist()
     requests = [
@@ -62,7 +67,7 @@ def sent_rows(wishes: Sequence[Wish], step_ns: int = 1000) -> list[Row]:
     found: list[Row] = []
     for each in Line(requests, bit_ns=BIT_NS).run():
         payload = data[each.request.ready_ns, each.request.can_id]
-        t_ns = each.end_ns // step_ns * step_ns
+        t_ns = last_ns = max((each.end_ns + int(late[len(found)])) // step_ns * step_ns, last_ns)
         found.append((t_ns, 0, each.request.can_id, 0, len(payload), payload))
     return found
 
@@ -75,13 +80,14 @@ def run(
     node: int = 5,
     step_ns: int = 1000,
     bitrate: int | None = BITRATE,
+    noise_us: float = 0.0,
 ) -> Analysis:
     """The analysis of a bus whose master set 1007h of a node and types of PDOs by identifier.
 
     `moved`: identifier and type of TPDO1 by node, where it is not the predefined one.
     """
     listed = [wish for part in wishes for wish in part]
-    sent = sent_rows(listed, step_ns)
+    sent = sent_rows(listed, step_ns, noise_us)
     nodes = {wish.can_id & 0x7F for wish in listed if 0x180 < wish.can_id < 0x580} | {node}
     setup = [row for n in sorted(nodes) for row in beats(n, 3.3 + n / 10, START / MS, 100)]
     settings = {

@@ -56,6 +56,10 @@ class BusLoadRow:
     """Longest stretch of frames back to back, from the start of the first to the end of the last."""
     longest_busy_frames: int | None = None
     longest_busy_ns: int | None = None
+    silent_ns: int = 0
+    """Time in which nothing was heard though heartbeats were due: `mean_percent` counts it as idle."""
+    heard_percent: float | None = None
+    """Mean without that time."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,7 +25,7 @@ class SyncRow:
     """Time of the last one, None where a gap came after it or there are no times."""
     last_seq: int | None = None
     jitter_us: Jitter | None = None
-    """Of the period."""
+    """Of the single periods: those in which SYNCs are missing, or of a slower SYNC, are none."""
     mean_us: float | None = None
     """Mean of the single periods (a period in which SYNCs are missing is none)."""
     expected_us: int | None = None
@@ -102,6 +102,7 @@ class PdoRow:
     jitter_us: Jitter | None = None
     """Of the response of a synchronous PDO."""
     period_jitter_us: Jitter | None = None
+    """Of the single periods."""
     every: int | None = None
     """A synchronous PDO answers every n-th SYNC."""
     phase: int | None = None

@@ -55,11 +55,18 @@ TABLES = (
 )
 """Lists of the object, in the order of the interface."""
 
+_STEPS = ("resolution_ns", "resolution_us")
+
 
 def to_object(analysis: Analysis) -> dict[str, Any]:
     """The analysis as one object of plain Python values, ready for any JSON writer."""
     rows = {table: [_plain(row) for row in getattr(analysis, table)] for table in TABLES}
-    return {"schema": SCHEMA, "capture": _plain(analysis.capture), **rows}
+    capture = _plain(analysis.capture)
+    if analysis.capture.time_base == "none":
+        # Stamps that are none have no step.
+        for row in (capture, *(row for table in rows.values() for row in table)):
+            row.update((key, None) for key in _STEPS if key in row)
+    return {"schema": SCHEMA, "capture": capture, **rows}
 
 
 def to_json(analysis: Analysis) -> str:

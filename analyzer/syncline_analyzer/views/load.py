@@ -40,13 +40,21 @@ def _line(row: BusLoadRow, clock: Clock) -> list[str]:
     return [
         row.bus,
         bit_rate(row),
-        number(row.mean_percent, "%", 3),
+        _mean(row),
         _at(number(row.peak_percent, "%", 3), row.peak_ns, clock),
         _at(number(row.peak_100ms_percent, "%", 3), row.peak_100ms_ns, clock),
         _at(number(row.burst_percent, "%", 3), row.burst_ns, clock),
         busy,
         number(row.frames_per_s),
     ]
+
+
+def _mean(row: BusLoadRow) -> str:
+    """Mean load, also of what was heard where the bus was silent for a part of the time."""
+    mean = number(row.mean_percent, "%", 3)
+    if not row.silent_ns or row.heard_percent is None:
+        return mean
+    return f"{mean} ({number(row.heard_percent, '%', 3)} without {duration(row.silent_ns)} unheard)"
 
 
 def _at(figure: str, t_ns: int | None, clock: Clock) -> str:

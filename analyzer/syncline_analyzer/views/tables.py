@@ -3,7 +3,7 @@
 One column per field of the row's dataclass in `results.py`, except:
 
 - a stamp `x_ns` (int64) has a twin `x` (datetime64[ns, UTC]; `t` for `t_ns`), NaT where the capture
-  has no date;
+  has no date; the durations `step_ns` and `offset_ns` have none;
 - quantiles become `period_us_min`, `_median`, `_p99`, `_max` and `_std` (Float64), jitter
   `jitter_us_std`, `_p99_p1` and `_max_min`;
 - `state_share` and `flags` become one column per state or flag, `details`, `chain`, `ahead` and
@@ -11,7 +11,8 @@ One column per field of the row's dataclass in `results.py`, except:
 - an SDO `value` is text, with its number in `value_number` (Float64) where it is one, and so are
   `old` and `new` of a change; `data` is hexadecimal text.
 
-Text is `string`, whole numbers that may be missing are `Int64`, lists stay lists.
+Text is `string`, whole numbers that may be missing are `Int64`, yes and no that may be missing
+`boolean`, lists stay lists.
 """
 
 import json
@@ -133,6 +134,8 @@ _RESPONSE_COLUMNS = (
     "device_least_us",
     "waiting_us",
 )
+_DURATIONS = ("step_ns", "offset_ns")
+"""Columns in ns that are no stamps."""
 _MIXED = ("value", "old", "new")
 """Columns that hold numbers and text."""
 _TRACE_COLUMNS = ("position", "turn", "angle_deg", "unwrapped_deg", "speed_rpm")
@@ -171,7 +174,7 @@ def to_frame(rows: Sequence[Any], name: str | None = None, *, dated: bool = True
         values = [getattr(row, f.name) for row in rows]
         for column, data in _columns(f.name, hints[f.name], values):
             columns[column] = data
-            if column.endswith("_ns"):
+            if column.endswith("_ns") and column not in _DURATIONS:
                 columns[column.removesuffix("_ns")] = datetimes(data, dated=dated)
     return pd.DataFrame(columns, index=pd.RangeIndex(len(rows)))
 
@@ -214,6 +217,8 @@ def _column(plain: Any, optional: bool, values: list[Any]) -> Any:
         return pd.array([_json(v) for v in values], dtype="string")
     if plain is bytes:
         return pd.array([v.hex(" ").upper() for v in values], dtype="string")
+    if plain is bool:
+        return pd.array(values, dtype="boolean") if optional else np.array(values, np.bool_)
     if plain is int:
         return pd.array(values, dtype="Int64") if optional else np.array(values, np.int64)
     if plain is float:

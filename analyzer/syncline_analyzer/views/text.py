@@ -48,6 +48,12 @@ _WIDE = 110
 _NARROW = 78
 """Columns below which figures have to be broken."""
 
+_MEANT = (
+    "jitter: standard deviation of the answers, else of single periods; device: medians of both"
+    " bounds"
+)
+"""What columns of the table of SYNC and PDOs hold."""
+
 _SEVERITY_WORDS = {"error": "ERROR", "warning": "WARNING", "info": "NOTE"}
 
 
@@ -270,7 +276,8 @@ def _timing(analysis: Analysis, clock: Clock, width: int) -> Iterator[tuple[str,
         title = "SYNC and PDOs (min/median/max; period in ms, all else in us; waited: at most)"
         left = len(analysis.pdos) - MAX_ROWS
         rest = [Text(f"and {left} more PDOs with less to tell", style="dim")] if left > 0 else []
-        yield title, Group(_pdos(analysis, one_bus, width), *rest, *notes)
+        meant = [Text(_MEANT, style="dim")] if width >= _WIDE else []
+        yield title, Group(_pdos(analysis, one_bus, width), *rest, *meant, *notes)
     narrow = ("response", "device", "frames", "worst of", "count")
     for listing in (*waiting_listings(analysis, clock), *error_control_listings(analysis)):
         yield listing.title, _narrowed(listing, narrow, width, one_bus)

@@ -97,7 +97,8 @@ def _silent_buses(facts: Facts) -> Iterator[Finding]:
     for _, equal in groupby(losses, key=lambda loss: loss.kind):
         found = list(equal)
         first = found[0]
-        node = first.nodes[0] if first.booted and len(first.nodes) == 1 else None
+        only = facts.control.nmt.timelines[first.bus, first.nodes[0]].history.alone
+        node = first.nodes[0] if first.booted and only else None
         cut_off = others_went_on(facts, first.bus, first.silent[0])
         severity: Severity = "warning" if first.booted or cut_off else "info"
         yield _finding("nmt.bus_silent", severity, facts, found, node, *_whole_bus(facts, found))

@@ -48,7 +48,7 @@ def _unasked(facts: Facts) -> Iterator[list[tuple[BootUp, Lost | None]]]:
             (boot, silences.get(boot.seq))
             for boot in group
             if not doubled.at(bus, node, boot.t_ns)
-            and not _explained(facts, key, boot)
+            and not _explained(facts, key, boot, silences.get(boot.seq))
             and not any(each.covers(*key, boot.t_ns) for each in power_breaks(facts))
             and not _told(facts, key, silences.get(boot.seq), told)
         ]
@@ -61,7 +61,7 @@ def _told(facts: Facts, key: NodeKey, silence: Lost | None, told: AbstractSet[in
     return silence is not None and (silence.last_seq in told or was_bus_off(facts, key, silence))
 
 
-def _explained(facts: Facts, key: NodeKey, boot: BootUp) -> bool:
+def _explained(facts: Facts, key: NodeKey, boot: BootUp, silence: Lost | None) -> bool:
     """Whether a boot-up is no restart of its own accord, or nobody can tell."""
     timeline = facts.control.nmt.timelines[key]
     return (
@@ -70,7 +70,7 @@ def _explained(facts: Facts, key: NodeKey, boot: BootUp) -> bool:
         or boot.blind
         or _first_sign(timeline, boot)
         or any(0 <= boot.t_ns - lost.end_ns <= BOOT_UP_NS for lost in timeline.lost)
-        or _recent_command(facts, timeline, boot)
+        or (silence is None and _recent_command(facts, timeline, boot))
         or _reset_by_sdo(facts, key, boot)
     )
 
@@ -187,8 +187,12 @@ def _unexpected_reset(facts: Facts, boot: BootUp, silence: Lost | None) -> Findi
     pair = [b for b in own if b.repeated and 0 < b.t_ns - boot.t_ns < BOOT_UP_NS][:1]
     again = any(not b.repeated and 0 < boot.t_ns - b.t_ns < BOOT_UP_NS for b in own)
     watchdog = _watchdog_emcy(facts, boot)
-    text = f"{facts.who(boot.bus, boot.node)} restarted at {facts.moment(boot.t_ns)} although no"
-    text += " reset was commanded in the 10 s before"
+    timeline = facts.control.nmt.timelines[(facts.number(boot.bus), boot.node)]
+    text = f"{facts.who(boot.bus, boot.node)} restarted at {facts.moment(boot.t_ns)} although "
+    if _recent_command(facts, timeline, boot):
+        text += "it had booted since the last reset that was commanded"
+    else:
+        text += "no reset was commanded in the 10 s before"
     if silence is not None:
         text += f", after a silence of {seconds(silence.end_ns - silence.last_ns)}"
     text += f" (two boot-up frames, {seconds(pair[0].t_ns - boot.t_ns)} apart)" if pair else ""
@@ -305,7 +309,10 @@ def _slow_boots(facts: Facts) -> Iterator[Finding]:
 
 
 _UNASKED = (
-    "No reset command, and no write that resets the device, in the 10 s before.",
+    (
+        "No reset command, and no write that resets the device, in the 10 s before, unless the node"
+        " had booted and told its state since, and fell silent before it booted again."
+    ),
     "The first boot-up of a node that was not heard before is its switching on.",
     "Not where a capture gap or a silence of the whole bus lies just before it.",
     "The second frame of a pair that one start sends is none.",

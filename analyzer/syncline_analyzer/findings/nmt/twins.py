@@ -29,6 +29,8 @@ BEATS_BEFORE, BEFORE_NS = 20, (2_000_000_000, 10_000_000_000)
 """Heartbeats, and the least and most time, that a second device may be there before it shows."""
 STARTED_TOGETHER_NS = 2_000_000_000
 """Two devices that are switched on with the machine tell it within this time [ns]."""
+STARTED_BEFORE_NS = 10_000_000_000
+"""The heartbeats of two devices, or their PDOs, begin so soon after the two have started [ns]."""
 BLURRED = 3
 """Pairs of intervals by which a pace may reach into the next one."""
 ALONE_PERIODS = 2
@@ -134,7 +136,7 @@ def _sign(facts: Facts, key: NodeKey, nmt: NodeNmt) -> _Sign | None:
     if nmt.doubles.count >= DOUBLED and _believed(facts, key, nmt):
         how = f"short and long heartbeat intervals alternate {nmt.doubles.count} times"
         seqs = nmt.doubles.at
-        if starts := _started_twice(timeline):
+        if starts := _started_twice(timeline, nmt.doubles.span[0]):
             told = " and ".join(facts.moment(start.t_ns) for start in starts)
             how += f", and it told at {told} that it started, with no reset and no silence between"
             seqs = [*(start.seq for start in starts), *seqs]
@@ -197,10 +199,10 @@ def _single_elsewhere(facts: Facts, key: NodeKey) -> bool:
 
 def _doubled_pdo(facts: Facts, timeline: Timeline, nmt: NodeNmt) -> _Sign | None:
     """Two boot-ups together, and from then on a PDO in two interleaved cadences."""
-    starts = _started_twice(timeline)
-    if not starts or starts[1].t_ns - starts[0].t_ns <= RECORDED_TWICE_NS:
-        return None
     for can_id, doubles in nmt.pdo_doubles.items():
+        starts = _started_twice(timeline, doubles.span[0])
+        if not starts or starts[1].t_ns - starts[0].t_ns <= RECORDED_TWICE_NS:
+            continue
         apart = doubles.count >= DOUBLED and doubles.short_ns > RECORDED_TWICE_NS
         if apart and not doubles.stepped and doubles.span[0] >= starts[0].t_ns:
             told = " and ".join(facts.moment(start.t_ns) for start in starts)
@@ -224,16 +226,24 @@ def _believed(facts: Facts, key: NodeKey, nmt: NodeNmt) -> bool:
     if _recorded_twice(facts, key[0]):
         return False
     timeline = facts.control.nmt.timelines[key]
-    return not nmt.doubles.stepped or bool(_started_twice(timeline)) or _one_before(facts, key, nmt)
+    twice = _started_twice(timeline, nmt.doubles.span[0])
+    return not nmt.doubles.stepped or bool(twice) or _one_before(facts, key, nmt)
 
 
-def _started_twice(timeline: Timeline) -> list[BootUpEvent]:
+def _started_twice(timeline: Timeline, since_ns: int) -> list[BootUpEvent]:
     """Two boot-ups in a row with neither a reset nor a restart's silence between, if there are.
+
+    They are no sign of what began at `since_ns`, long after them or after a later boot-up.
 
     One reset command may be behind both: each of two devices follows it. Devices that send a pair
     of boot-ups do so too: it takes another sign beside this one.
     """
-    for first, second in pairwise(timeline.boot_ups):
+    boots = timeline.boot_ups
+    for first, second, third in zip(boots, boots[1:], [*boots[2:], None], strict=False):
+        if since_ns - second.t_ns > STARTED_BEFORE_NS:
+            continue
+        if third is not None and second.t_ns + STARTED_TOGETHER_NS < third.t_ns <= since_ns:
+            continue
         passed = second.t_ns - first.t_ns
         reset = second.command_seq is not None and second.command_seq > first.seq
         silent = any(first.seq <= lost.last_seq < second.seq for lost in timeline.restarts)

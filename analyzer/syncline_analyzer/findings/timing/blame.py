@@ -94,7 +94,7 @@ def _late_by_device(facts: Facts, row: PdoRow, found: LatenessRow) -> Why:
         f" would have been late, too. It took at least {least:.4g} ms in the worst case.",
         "Look at the device: its cycle, what else it has to do at that time (SDO traffic, other"
         " PDOs), and whether 1007h asks for more than it can do.",
-        facts.context.assumed_bitrate(row.bus),
+        facts.context.assumed_wire(row.bus),
     )
 
 
@@ -107,7 +107,7 @@ def _late_by_bus(facts: Facts, row: PdoRow, found: LatenessRow) -> Why:
         f" {found.free:,} times that the bus was idle the PDO was in time, but it waited{longest}"
         f"{after}.",
         _give_way(row, found),
-        facts.context.assumed_bitrate(row.bus),
+        facts.context.assumed_wire(row.bus),
     )
 
 
@@ -129,7 +129,7 @@ def why_missed(facts: Facts, row: PdoRow) -> Why | None:
     found = lateness_of(facts, row)
     if found is None or not found.missed:
         return None
-    assumed = facts.context.assumed_bitrate(row.bus)
+    assumed = facts.context.assumed_wire(row.bus)
     if 2 * found.missed_by_device > found.missed:
         who = "Its sender" if (row.pdo or "").startswith("RPDO") else "The device"
         return Why(

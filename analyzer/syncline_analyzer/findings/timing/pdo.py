@@ -30,8 +30,7 @@ _WHY_MISSED = Why(
     [],
 )
 _WHY_LATE = Why(
-    "Frames with a higher priority kept the bus busy after the SYNC, or the device itself takes too"
-    " long.",
+    "Frames of others can have kept the bus busy after the SYNC, or the device itself takes too long.",
     "Compare the bounds of the device time with the response: if the lower bound is small, relieve the"
     " bus (identifiers, types, bit rate); else look at the device.",
     [],
@@ -295,7 +294,10 @@ RULES = (
                 "Not where a repeat counter, transmission type 0 or the node's state explains it, nor a"
                 " long stretch that begins when a setting is written to the node."
             ),
-            "Not over a capture gap or a step of the clock, nor where others are as late.",
+            (
+                "Not over a capture gap or a step of the clock, nor where others are as late, nor where a"
+                " PDO that only seems to answer SYNC comes as often as ever, before a SYNC or after."
+            ),
             (
                 "An RPDO, or a TPDO that only seems to answer every n-th SYNC, counts only where its"
                 " frames waver with the SYNC; a TPDO also where its value stands still."
@@ -307,7 +309,10 @@ RULES = (
         "pdo.late",
         "A PDO came after the synchronous window (1007h).",
         "The slowest answers.",
-        ("Only where 1007h is known.",),
+        (
+            "Only where 1007h is known.",
+            "Not where SYNC and other nodes' answers are as late: then the clock was set.",
+        ),
         _pdo_late,
     ),
     Rule(

@@ -199,7 +199,7 @@ RULES = (
         "SYNC messages stayed away.",
         "The SYNCs around each hole.",
         (
-            "Never over a capture gap or a step of the clock.",
+            "Never over a capture gap or a step of the clock, nor where only the counter begins anew.",
             "A backlog that the recorder delivers at once counts nowhere; what it bundles is counted.",
             "Not while the master holds all nodes (stop, pre-operational or reset of all).",
             "Not where as many lines of the log could not be read.",

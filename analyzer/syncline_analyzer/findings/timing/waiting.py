@@ -196,7 +196,7 @@ def _delaying_late(
         f"{facts.who(delay.bus, delay.node)} made {made}{more}: they would have been in time without"
         f" its frames ahead of them ({_listed(facts, delay.bus, ahead)}).",
         *_why_first(frames / answers, first),
-        sorted({*_evidence(waits), delay.worst_seq}),
+        sorted({*_evidence(waits), *(seq for row, _ in late for seq in row.late_seq)}),
         assumed=[
             *dict.fromkeys(
                 text
@@ -234,7 +234,7 @@ def _delaying(facts: Facts, delay: DelayRow) -> Finding:
         f" {delay.worst_us / 1000:.4g} ms.",
         *_why_first(delay.frames / delay.delayed, first),
         [delay.worst_seq],
-        assumed=[*facts.context.assumed_bitrate(delay.bus), *guessed],
+        assumed=[*facts.context.assumed_wire(delay.bus), *guessed],
     )
 
 
@@ -409,7 +409,7 @@ def _evidence(waits: Sequence[WaitRow]) -> list[int]:
 
 def _assumed(facts: Facts, row: LatenessRow) -> list[str]:
     """What the times of a PDO rest on."""
-    return [*facts.context.assumed_bitrate(row.bus), *assumed_window(facts, row)]
+    return [*facts.context.assumed_wire(row.bus), *assumed_window(facts, row)]
 
 
 def _assumed_ahead(facts: Facts, row: LatenessRow, ahead: Sequence[Ahead]) -> list[str]:
@@ -475,8 +475,13 @@ RULES = (
         (
             _EXACT_STAMPS,
             (
-                "A warning only where answers were late (1007h) that are in time whenever the bus is idle;"
-                " else at least three waits of a fifth of the SYNC period."
+                "A warning only where answers were late (1007h) that would have been in time without these"
+                " frames, and the device itself was never late; else at least three waits of a fifth of"
+                " the SYNC period."
+            ),
+            (
+                "A PDO whose transmission type nobody tells makes a note at most, and none where its"
+                " distances are whole SYNC periods: it may answer some SYNCs."
             ),
             "Frames of the node itself are its own queue and do not count.",
         ),
@@ -484,13 +489,14 @@ RULES = (
     ),
     Rule(
         "pdo.delaying_node",
-        "One node delays the synchronous PDOs of others more than all the others do.",
+        "The frames of one node make synchronous PDOs of others late, or delay them most.",
         "The late answers and the frames ahead of them, or the answer that waited longest.",
         (
             _EXACT_STAMPS,
             (
-                "A warning only where others were late (1007h) mostly because of it; else a wait of a"
-                " fifth of the SYNC period behind its frames alone."
+                "A warning only where others were late (1007h) and would have been in time without its"
+                " frames, several of them ahead of each: one PDO for each SYNC accuses nobody; else a"
+                " wait of a fifth of the SYNC period behind its frames alone."
             ),
         ),
         _delaying_node,
@@ -503,12 +509,10 @@ RULES = (
             _EXACT_STAMPS,
             (
                 "Only where SDO traffic stands beside at most half of the answers, but beside four fifths"
-                " of the late ones, or slows down the answers by a tenth of the SYNC period."
+                " of those that the device itself made late, more than by chance; or where the device"
+                " takes longer beside it for certain, by a tenth of the SYNC period."
             ),
-            (
-                "On the wire an SDO frame delays a PDO by one frame at most unless the PDO has the higher"
-                " identifier."
-            ),
+            ("Late behind SDO frames are only answers that would have been in time without them."),
         ),
         _sdo,
     ),

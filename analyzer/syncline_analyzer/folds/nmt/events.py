@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from syncline_analyzer.folds.nmt.pace import Pace
+from syncline_analyzer.folds.nmt.pace import Even, Pace
 from syncline_analyzer.folds.nmt.witness import Witnesses
 from syncline_schemas.batch import Gap
 from syncline_schemas.canopen.nmt import NmtState
@@ -175,6 +175,8 @@ class NodeHistory:
     guard_period_ns: int | None = None
     paces: Sequence[Pace] = ()
     stretches: Sequence[Pace] = ()
+    even: Sequence[Even] = ()
+    """Heartbeats in a row of about one period."""
     alone: bool = False
     """Whether no other node is known on its bus."""
     others_anew: Sequence[int] = ()

@@ -338,6 +338,7 @@ class NmtFold:
             guard_period_ns=control.guarding.periods.median_ns(),
             paces=control.paces.paces,
             stretches=control.paces.stretches,
+            even=control.paces.even,
             alone=alone,
             others_anew=others_anew(self._control, key),
             others_beat=others_beat(self._control, key),

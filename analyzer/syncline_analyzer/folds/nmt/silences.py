@@ -95,6 +95,8 @@ class Silences:
         bus = self._clock.silence_within(self._history.bus, silence.start_ns, silence.end_ns)
         if bus is not None and bus.end_ns - bus.start_ns >= BUS_SHARE * passed:
             return True
+        if history.witnesses.agree(history.node, silence.start_ns, silence.end_ns):
+            return True
         nobody = self._quiet.within(silence.start_ns, silence.end_ns)
         return nobody > 0 and passed - nobody <= timeout_ns
 
@@ -114,8 +116,11 @@ class Silences:
         )
         return beat and (at == len(anew) or anew[at] > until_ns)
 
-    def is_restart(self, silence: Silence, whole: bool) -> bool:
-        """Whether an unasked boot-up ends a silence no longer than a restart may take."""
+    def is_restart(self, silence: Silence, whole: bool, booted_seq: int) -> bool:
+        """Whether an unasked boot-up ends a silence no longer than a restart may take.
+
+        A reset before the last boot-up, which has `booted_seq`, explains no further one.
+        """
         end_seq = silence.end_seq
         longest = RESTART_NS
         if whole:
@@ -127,7 +132,7 @@ class Silences:
             return False
         return not any(
             command.specifier in RESETS
-            and command.seq < end_seq
+            and booted_seq < command.seq < end_seq
             and silence.end_ns - command.t_ns <= RESET_WINDOW_NS
             for command in self._history.commands
         )

@@ -308,10 +308,18 @@ class Timeline:
         if self._boots_with_00h():
             return False
         told = any(
-            -TOLD_LATE_NS <= beat.t_ns - t_ns <= REACTION_NS
+            -TOLD_LATE_NS <= beat.t_ns - t_ns <= REACTION_NS and not self._told_since(t_ns, beat)
             for t_ns in history.communication_errors
         )
         return not told and self._stays(beat)
+
+    def _told_since(self, t_ns: int, fall: Beat) -> bool:
+        """Whether heartbeats went on as before after an error: the reaction to it comes at once."""
+        period_ns = self.history.period_ns
+        return (
+            period_ns is not None
+            and fall.previous_ns - t_ns > TOLD_LATE_NS + TOLD_PERIODS * period_ns
+        )
 
     def _boots_with_00h(self) -> bool:
         """Whether the node booted with 00h before, and still does."""
@@ -403,7 +411,8 @@ class Timeline:
         went_on = not anew or self._silences.went_on(silence.start_ns, silence.end_ns)
         before = now.state.value
         now.command = None
-        if self._silences.is_restart(silence, whole):
+        booted_seq = self.boot_ups[-1].seq if self.boot_ups else -1
+        if self._silences.is_restart(silence, whole, booted_seq):
             cause = "it started anew without a command, some time after its last sign of life"
             self._begin(NmtState.INITIALISING, silence.start_ns, cause, "implied", silence.end_seq)
             self.restarts.append(

@@ -14,6 +14,8 @@ FAST_FACTOR = 0.7
 """A heartbeat whose period is a smaller part of 1017h is too fast."""
 NO_EFFECT_NS = 10_000_000_000
 """A heartbeat that goes on as before for so long after a write of 1017h does not heed it [ns]."""
+KEPT = 0.1
+"""Part by which the period of a heartbeat that keeps 1017h may be off."""
 MISSED_GUARDS = 2
 """Guard requests in a row without an answer that make a node lost; a single one may go astray."""
 PRODUCER_TIME = 0x1017
@@ -165,10 +167,22 @@ def _off_pace(context: Context, history: NodeHistory, pace: Pace) -> OffPace | N
 
 
 def _may_be_gone(history: NodeHistory, known: Known, t_ns: int) -> bool:
-    """Whether the node may have started anew unheard, in a gap, since it was told a value."""
+    """Whether the node may have started anew unheard, in a gap, since it was told a value.
+
+    It did not lose the value if it kept it for a while after the gap.
+    """
     if known.t_ns is None:
         return False
-    return any(known.t_ns <= gap.start_ns < t_ns for _, gap in history.gaps)
+    kept_ns = [
+        even.first_ns
+        for even in history.even
+        if abs(even.period_ns - _number(known) * 1e6) <= KEPT * even.period_ns
+    ]
+    return any(
+        known.t_ns <= gap.start_ns < t_ns
+        and not any(gap.start_ns < begin_ns < t_ns for begin_ns in kept_ns)
+        for _, gap in history.gaps
+    )
 
 
 def _number(known: Known) -> int:

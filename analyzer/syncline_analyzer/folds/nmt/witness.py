@@ -34,6 +34,21 @@ class Heartbeat:
             silent < len(self.silent) and self.silent[silent][0] < end_ns
         )
 
+    def late_by(self, excess_ns: int, start_ns: int, end_ns: int, period_ns: int) -> bool:
+        """Whether an interval that overlaps a stretch was too long by a time [ns].
+
+        It may be off by a small part of the shorter period, of its own or another one.
+        """
+        at = bisect_left(self.late, start_ns, key=lambda late: late.end_ns)
+        silent = bisect_left(self.silent, start_ns, key=itemgetter(1))
+        found = [(each.start_ns, each.end_ns) for each in self.late[at : at + 1]]
+        found += self.silent[silent : silent + 1]
+        slack = ON_GRID * min(self.period_ns, period_ns)
+        return any(
+            begin < end_ns and abs(stop - begin - self.period_ns - excess_ns) <= slack
+            for begin, stop in found
+        )
+
     def across(self, start_ns: int, end_ns: int) -> Late | None:
         """The longer interval that covers a stretch."""
         at = bisect_right(self.late, start_ns, key=lambda late: late.start_ns) - 1
@@ -46,6 +61,23 @@ class Witnesses:
     """The heartbeats of one bus by node; none where others send SYNC or PDOs, which tell more."""
 
     heartbeats: Mapping[int, Heartbeat] = field(default_factory=dict)
+
+    def agree(self, node: int, start_ns: int, end_ns: int) -> bool:
+        """Whether all other heartbeats are late by as much as that of a node in a silence.
+
+        So they are where the clock was set forward; of two nodes that fell silent by themselves
+        each would be late by whole periods of its own.
+        """
+        own = self.heartbeats.get(node)
+        others = [
+            each
+            for other, each in self.heartbeats.items()
+            if other != node and each.first_ns <= start_ns and each.last_ns >= end_ns
+        ]
+        if own is None or not others:
+            return False
+        excess = end_ns - start_ns - own.period_ns
+        return all(each.late_by(excess, start_ns, end_ns, own.period_ns) for each in others)
 
     def prove(self, node: int, start_ns: int, end_ns: int) -> bool:
         """Whether a silence is that of one node, though nobody else was heard for most of it.

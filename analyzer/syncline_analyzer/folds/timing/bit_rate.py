@@ -3,7 +3,8 @@
 Two frames that follow one another without a pause are stamped as far apart as the second one is
 long: its bits with intermission over the bit rate. On any bus with traffic some frames wait for
 others, so these spacings pile up at the wire's limit, for short and long frames alike, and nothing
-lies below it. A bit rate that is too low makes spacings impossible; one that is too high has
+lies below it. A recorder that stamps the start of frames spaces them by the length of the frame
+before: where that fits as well, there is no confidence. A bit rate that is too low makes spacings impossible; one that is too high has
 nothing at its limit, unless a node answers after a constant time: that pile does not grow with the
 length of the frame as the wire would have it.
 """
@@ -46,6 +47,10 @@ _LEANING = 0.5
 """The same for a guess, and for a slope that is to count."""
 _CORE = 0.05
 """Shortest and longest frames of the pile that are left out when its span is taken."""
+_STARTS = 50
+"""So many spacings as long as the frame before show that the starts of frames are stamped."""
+_RATHER = 3
+"""And so many times as many as are as long as the frame itself."""
 _ALONE = 0.05
 """With so few beside it, the slope of the pile itself tells the bit rate."""
 _ON_SLOPE = 0.2
@@ -154,7 +159,8 @@ def estimate(apart_ns: Ints, bits: Ints, resolution_ns: int) -> Estimate | None:
     resolution_ns = max(resolution_ns, _step_ns(apart_ns))
     off_ns = _off_ns(apart_ns, bits)
     impossible = _impossible(apart_ns, bits, resolution_ns + _JITTER_NS[-1])
-    for runs in _runs(apart_ns, bits):
+    before = np.concatenate((bits[:1], bits[:-1]))
+    for runs, shifted in zip(_runs(apart_ns, bits), _runs(apart_ns, before), strict=True):
         piles = [
             pile
             for pile in _piles(runs, resolution_ns, off_ns)
@@ -163,7 +169,8 @@ def estimate(apart_ns: Ints, bits: Ints, resolution_ns: int) -> Estimate | None:
         limits = {pile.bitrate: pile for pile in reversed(piles) if pile.is_limit}
         if len(limits) == 1:
             pile = next(iter(limits.values()))
-            return Estimate(pile.bitrate, True, pile.count, pile.within_ns)
+            confident = _most_alike(shifted, pile.within_ns) < pile.count
+            return Estimate(pile.bitrate, confident, pile.count, pile.within_ns)
         guess = max(
             (pile for pile in (guess, *piles) if pile is not None and pile.is_guess),
             key=lambda pile: pile.count / pile.frames,
@@ -182,6 +189,44 @@ def _step_ns(apart_ns: Ints) -> int:
         if len(counting) and on_step.mean() >= _ON_STEP:
             return step_ns
     return 1
+
+
+def stamps_starts(apart_ns: Ints, bits: Ints, bitrate: int, resolution_ns: int) -> bool:
+    """Whether the stamps of a bus are beyond doubt those of the start of its frames.
+
+    Then the spacings are as long as the frame before, and some are too short for the frame itself.
+    """
+    within_ns = resolution_ns + _JITTER_NS[0]
+    before = np.concatenate((bits[:1], bits[:-1]))
+    counting = apart_ns >= 0
+    if within_ns > _SHARP * 1e9 / bitrate * float(np.median(bits)):
+        return False
+    beyond, beyond_before = (
+        (apart_ns - length * (1e9 / bitrate))[counting] for length in (bits, before)
+    )
+    own = int(np.count_nonzero(np.abs(beyond) <= within_ns))
+    starts = int(np.count_nonzero(np.abs(beyond_before) <= within_ns))
+    too_soon = int(np.count_nonzero(beyond < -within_ns))
+    too_soon_before = int(np.count_nonzero(beyond_before < -within_ns))
+    return (
+        starts >= max(_STARTS, _RATHER * own)
+        and too_soon > _IMPOSSIBLE * starts
+        and too_soon_before <= _IMPOSSIBLE * too_soon
+    )
+
+
+def _most_alike(runs: _Runs, within_ns: int) -> int:
+    """How many spacings lie at the limit of whatever bit rate has the most there.
+
+    Few may lie below it; `within_ns` is how far the stamps may be off.
+    """
+    if not len(runs.bits):
+        return 0
+    bit_ns = np.sort(runs.apart_ns / runs.bits)
+    below = np.arange(len(bit_ns))
+    stop = np.searchsorted(bit_ns, bit_ns + 2 * within_ns / float(np.median(runs.bits)), "right")
+    count = stop - below
+    return int(count[below <= _IMPOSSIBLE * count].max(initial=0))
 
 
 def _off_ns(apart_ns: Ints, bits: Ints) -> float:

@@ -1,6 +1,7 @@
 """SYNC, PDO timing and bus load in one pass over the frames."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 
 from syncline_analyzer.capture import Unread
 from syncline_analyzer.context import Context
@@ -79,8 +80,20 @@ class TimingFold:
         self._flush()
         self._heartbeat_waits.finish()
         syncs = self._sync.finish()
-        load = self._load.finish(self._bindings, [(t.row.bus, t.row.cob_id) for t in syncs])
-        tables = TimingTables(
+        tables = TimingTables()
+        self._add_silences(tables)
+        known = {row.evidence[0] for row in tables.clock_steps}
+        tables.clock_steps.extend(
+            row for table in syncs for row in table.steps if row.evidence[0] not in known
+        )
+        load = self._load.finish(
+            self._bindings,
+            [(t.row.bus, t.row.cob_id) for t in syncs],
+            _summed((step.bus, step.step_ns) for step in tables.clock_steps),
+            _summed((row.bus, row.end_ns - row.start_ns) for row in tables.bus_silences),
+        )
+        tables = replace(
+            tables,
             bus_load=load.load,
             bus_shares=load.shares,
             node_shares=load.node_shares,
@@ -89,7 +102,6 @@ class TimingFold:
             overloads=load.overloads,
             sync_doubles=[row for table in syncs for row in table.doubles],
         )
-        self._add_silences(tables)
         for table in syncs:
             silences = self._silences(table.row.bus)
             told = judged(table, nmt_states or (), silences, commands, unread)
@@ -165,3 +177,11 @@ class TimingFold:
         first, last = block.batch.seq0, block.batch.seq0 + len(block.batch) - 1
         turns = {turn for bus in block.by_bus for turn in self._bindings.turns(bus, first, last)}
         return sorted(turns)[:MAX_TURNS]
+
+
+def _summed(parts: Iterable[tuple[str, int]]) -> dict[str, int]:
+    """Sums by name."""
+    sums: dict[str, int] = {}
+    for name, part in parts:
+        sums[name] = sums.get(name, 0) + part
+    return sums

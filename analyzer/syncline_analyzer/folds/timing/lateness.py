@@ -1,5 +1,7 @@
 """Frames that come late all at once: then the bus was not heard, or the clock was set."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,9 +21,6 @@ _ANSWERS = 64
 """So many frames behind the step are looked at."""
 _STAYS = 0.5
 """Share of the delay by which the next SYNC may come early; more, and it was only late."""
-
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 
 def others_as_late(block: Block, pdo: Pdo, begin: int, end: int, late_ns: int) -> bool:
@@ -55,8 +54,21 @@ def others_as_late(block: Block, pdo: Pdo, begin: int, end: int, late_ns: int) -
     return False
 
 
-def clock_set(block: Block, bus: int, syncs: NDArray[np.intp]) -> Bools:
-    """(m - 1,) between which SYNCs the recorder's clock was set forward.
+class ClockSet(NamedTuple):
+    """The recorder's clock was set forward between two frames, as so many identifiers show.
+
+    `sync` is the place of the SYNC before among those of the block; `start` and `end` are rows.
+    """
+
+    sync: int
+    by_ns: int
+    start: int
+    end: int
+    witnesses: int
+
+
+def clock_set(block: Block, bus: int, syncs: NDArray[np.intp]) -> list[ClockSet]:
+    """Where the recorder's clock was set forward between a SYNC and its answers.
 
     After a silence in that period the answers of two nodes and the next SYNC come later by the same
     time, and SYNC stays with it. A SYNC that only came late would be followed by a short period, and
@@ -68,27 +80,33 @@ def clock_set(block: Block, bus: int, syncs: NDArray[np.intp]) -> Bools:
         syncs: (m,) rows of the SYNCs.
     """
     periods = np.diff(block.frames.t_ns[syncs])
-    found = np.zeros(len(periods), np.bool_)
     if len(periods) <= _LEARN:
-        return found
+        return []
     low, usual, high = np.quantile(periods, (0.05, 0.5, 0.95)).tolist()
     late = periods - usual
     after = np.append(periods[1:], usual)
     may = (late > max(_STAMP_NS, 2 * (high - low))) & (np.abs(after - usual) <= _STAYS * late)
-    rows = np.arange(len(block.frames))[block.by_bus[bus]] if may.any() else syncs
+    if not may.any():
+        return []
+    rows = np.arange(len(block.frames))[block.by_bus[bus]]
+    found = []
     for at in np.flatnonzero(may)[:_MANY].tolist():
         first, stop = np.searchsorted(rows, (syncs[at], syncs[at + 1])).tolist()
-        found[at] = _all_later(block, bus, rows[first:stop], int(late[at]))
+        between = rows[first:stop]
+        apart = np.diff(block.frames.t_ns[between])
+        if not len(apart) or int(apart.max()) < _AS_LATE * late[at]:
+            continue
+        start = int(np.argmax(apart))
+        as_late = _as_late(block, bus, between[start + 1 :][:_ANSWERS], int(late[at]))
+        if len({can_id & 0x7F for can_id in as_late}) > 1:
+            rows_around = int(between[start]), int(between[start + 1])
+            found.append(ClockSet(at, int(late[at]), *rows_around, len(as_late) + 1))
     return found
 
 
-def _all_later(block: Block, bus: int, rows: NDArray[np.intp], late_ns: int) -> bool:
-    """Whether steady frames of two nodes, and of none else, are as late behind a silence."""
-    apart = np.diff(block.frames.t_ns[rows])
-    if not len(apart) or int(apart.max()) < _AS_LATE * late_ns:
-        return False
-    as_late: set[int] = set()
-    behind = rows[int(np.argmax(apart)) + 1 :][:_ANSWERS]
+def _as_late(block: Block, bus: int, behind: NDArray[np.intp], late_ns: int) -> list[int]:
+    """Identifiers of steady frames behind a silence; none unless all of them are as late."""
+    as_late = []
     for can_id in np.unique(block.frames.can_id[behind]).tolist():
         own = block.batch.rows(bus, can_id)
         at = int(np.searchsorted(own, behind[0]))
@@ -100,6 +118,6 @@ def _all_later(block: Block, bus: int, rows: NDArray[np.intp], late_ns: int) -> 
             continue
         off_ns = abs(int(periods[at - 1]) - usual - late_ns)
         if off_ns > max((1 - _AS_LATE) * late_ns, 2 * (high - low)):
-            return False
-        as_late.add(can_id & 0x7F)
-    return len(as_late) > 1
+            return []
+        as_late.append(can_id)
+    return as_late

@@ -1,6 +1,6 @@
 """Bus load over time: windows of 1 s and 100 ms, the fullest burst, the longest busy stretch."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Literal
@@ -34,8 +34,9 @@ _POSSIBLE = 1.01
 _KEPT_NS = 250_000_000
 """A recorder may have kept frames of so long before the first stamp [ns]."""
 MAX_OVERLOADS = 1000
-_STEP_BACK_NS = 100_000_000
-"""A larger step back of the clock starts a new stretch of windows."""
+_STEP_BACK_NS = 1_000_000
+"""Stamps that run back by more are a step of the clock, which starts a new stretch of windows."""
+_NONE: Mapping[str, int] = {}
 
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -59,6 +60,7 @@ class _State:
     frames: int = 0
     bits: float = 0.0
     listened_ns: int = 0
+    silent_ns: int = 0
     unknown_rate: bool = False
     """Whether a frame switched to a bit rate that nobody tells."""
     last_ns: int | None = None
@@ -123,18 +125,28 @@ class LoadFold:
             if bus in (None, state_bus):
                 state.close()
 
-    def finish(self, bindings: PdoBindings, syncs: Iterable[tuple[str, int]] = ()) -> LoadTables:
+    def finish(
+        self,
+        bindings: PdoBindings,
+        syncs: Iterable[tuple[str, int]] = (),
+        stepped_ns: Mapping[str, int] = _NONE,
+        silent_ns: Mapping[str, int] = _NONE,
+    ) -> LoadTables:
         """Rows of every bus, and its series: "bus load" [%], or "frame rate" without a bit rate.
 
         Args:
             bindings: whose PDO an identifier is.
             syncs: (bus, identifier) of every SYNC.
+            stepped_ns: by how much the clock was set forward on each bus: time that never passed.
+            silent_ns: how long nothing was heard on each bus though heartbeats were due.
         """
         tables = LoadTables()
         known = list(syncs)
         for bus, state in sorted(self._states.items()):
             state.close()
             name = self._context.bus_name(bus)
+            state.listened_ns = max(0, state.listened_ns - stepped_ns.get(name, 0))
+            state.silent_ns = min(silent_ns.get(name, 0), state.listened_ns)
             bitrate = self._percentages(bus, state)
             tables.load.append(self._row(bus, state))
             tables.series.extend(_series(name, state, bitrate))
@@ -228,6 +240,7 @@ class LoadFold:
             bitrate_confidence=confidence,
             bitrate_estimate=estimate.bitrate if estimate else None,
             data_bitrate=self._context.data_bitrates.get(name),
+            silent_ns=state.silent_ns,
         )
         bitrate = self._percentages(bus, state)
         return _with_percent(row, state, bitrate, self._context.resolution_ns) if bitrate else row
@@ -238,12 +251,14 @@ def _with_percent(row: BusLoadRow, state: _State, bitrate: int, resolution_ns: i
     mean = state.mean_percent(bitrate)
     if mean is None:
         return row
+    heard_ns = state.listened_ns - state.silent_ns
     peak, tenth = state.seconds.peak, state.tenths.peak
     burst = state.busy.peak(resolution_ns)
     stretch = state.busy.stretch(resolution_ns, 1e9 / bitrate)
     return replace(
         row,
         mean_percent=mean,
+        heard_percent=mean * state.listened_ns / heard_ns if heard_ns else None,
         peak_percent=100 * peak[0] / bitrate if peak else mean,
         peak_ns=peak and peak[1],
         peak_100ms_percent=tenth and 1000 * tenth[0] / bitrate,

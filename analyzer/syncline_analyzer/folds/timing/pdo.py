@@ -394,7 +394,8 @@ class PdoFold:
 
         At least: everything since the SYNC, intermissions included, kept the device waiting. At
         most: the bus was idle, and only the frame itself (which has no intermission before its
-        end) passed. Both are widened by the step of the stamps; NaN without a bit rate.
+        end) passed. Both are widened by the step of the stamps and by what these prove to be off
+        beyond it; NaN without a bit rate.
         """
         if passing.bit_ns is None:
             nothing = np.full(len(rows), np.nan)
@@ -402,7 +403,7 @@ class PdoFold:
         block = passing.block
         busy = passing.sent[rows] - sync.bits[position]
         own = block.wire_bits[rows] - INTERMISSION_BITS
-        step_ns = self._context.resolution_ns - 1
+        step_ns = self._context.resolution_ns - 1 + self._waiting.noise_ns(passing.bus)
         low = np.floor(response - busy * passing.bit_ns) - step_ns
         high = np.ceil(response - own * passing.bit_ns) + step_ns
         return np.maximum(low, 0.0), np.maximum(high, 0.0)

@@ -42,7 +42,7 @@ class Slips:
             sync: the m SYNCs of the block and the one before.
         """
         known = self._last_ns is not None
-        line = np.concatenate(([self._last_ns if known else 0], t_ns[rows])).astype(np.int64)
+        line = np.concatenate((np.array([self._last_ns or 0]), t_ns[rows]))
         most_ns = _SINGLE * sync.cycle_ns
         if self._open and len(rows) and line[1] - line[0] <= most_ns:
             self.spans.append((int(line[0]), int(line[1])))

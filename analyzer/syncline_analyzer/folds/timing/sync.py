@@ -4,7 +4,6 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from syncline_analyzer.context import Context
@@ -15,13 +14,21 @@ from syncline_analyzer.folds.timing.bundles import bundled, lacking, paced
 from syncline_analyzer.folds.timing.catching_up import catching_up
 from syncline_analyzer.folds.timing.double_sync import DoubleSync
 from syncline_analyzer.folds.timing.doubled_sync import Doubled
-from syncline_analyzer.folds.timing.lateness import clock_set
+from syncline_analyzer.folds.timing.lateness import ClockSet, clock_set
 from syncline_analyzer.folds.timing.periods import Periods
 from syncline_analyzer.folds.timing.sync_counter import SyncCounter, lost_in_time
 from syncline_analyzer.folds.timing.sync_pace import SyncPace
 from syncline_analyzer.folds.timing.sync_settings import producers, told_overflow, told_period
 from syncline_analyzer.folds.timing.unsteady import OFF, Unsteady
-from syncline_analyzer.results import Series, SyncDoubleRow, SyncJitterRow, SyncRow, WorstRow
+from syncline_analyzer.folds.timing.usual import MISSING, cycles_of, usual_of
+from syncline_analyzer.results import (
+    ClockStepRow,
+    Series,
+    SyncDoubleRow,
+    SyncJitterRow,
+    SyncRow,
+    WorstRow,
+)
 from syncline_analyzer.series import Thinner
 from syncline_schemas.wire_length import longest_bits
 
@@ -29,14 +36,8 @@ MAX_HOLES = 1000
 """Stretches without SYNC that are kept one by one."""
 MAX_POINTS = 20_000
 """Points of the SYNC period over time."""
-_MISSING = 1.5
 _LEARN = 16
 """Periods from which a block's own median is taken."""
-_AROUND = 33
-"""So many periods, or pairs of them, tell what is usual for the one in their middle."""
-_STEADY = 0.02
-_MOSTLY = 0.75
-"""Where more than this share of the periods are as close to the median as that, it is the cycle."""
 _REGIME = 8
 """This many long periods in a row are a slower SYNC, not missing ones."""
 
@@ -61,6 +62,7 @@ class SyncTable:
     jitter: list[SyncJitterRow]
     doubles: list[SyncDoubleRow] = field(default_factory=list)
     worst: list[WorstRow] = field(default_factory=list)
+    steps: list[ClockStepRow] = field(default_factory=list)
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +118,7 @@ class SyncIndex:
     @cached_property
     def _whole(self) -> NDArray[np.bool_]:
         """(m + 1,) which periods are no longer than one that none is missing from."""
-        return np.append(np.diff(self.t_ns) <= _MISSING * self.cycle_ns, False)
+        return np.append(np.diff(self.t_ns) <= MISSING * self.cycle_ns, False)
 
     @cached_property
     def any_bundled(self) -> bool:
@@ -153,6 +155,7 @@ class _State:
     unsteady: Unsteady = field(default_factory=Unsteady)
     double: DoubleSync = field(default_factory=DoubleSync)
     over_time: Thinner = field(default_factory=lambda: Thinner("value", MAX_POINTS))
+    steps: list[ClockStepRow] = field(default_factory=list)
 
     @property
     def period(self) -> Distribution:
@@ -247,7 +250,10 @@ class SyncFold:
         bundled = np.zeros(len(t_ns), np.bool_)
         bundled[first:-1] = self._bundled(bus, apart[first:], np.diff(bits)[first:], median, first)
         state.bundled += int(bundled.sum())
-        bundled[1:-1] |= clock_set(block, bus, rows)
+        for each in clock_set(block, bus, rows):
+            bundled[1 + each.sync] = True
+            if len(state.steps) < MAX_HOLES:
+                state.steps.append(_step(block, self._context.bus_name(bus), each))
         usable = ~bundled
         if median > 0:
             usable[:-1] &= (apart >= TOO_SHORT * median) & (apart <= PAUSE * median)
@@ -297,7 +303,7 @@ class SyncFold:
         if not forward.any():
             return
         median = _median(state, periods) if state.period.count else float(np.median(periods))
-        usual = _usual(periods, median)
+        usual = usual_of(periods, median)
         state.periods.add(periods[forward], seq[forward], t_ns[forward])
         state.pace.add(periods, usual)
         state.over_time.add(
@@ -320,11 +326,11 @@ class SyncFold:
         median = _median(state, periods)
         bitrate = self._context.bitrates.get(self._context.bus_name(bus))
         in_the_way = longest_bits(8, extended=True) * 1e9 / bitrate if bitrate else 0.0
-        whole = (periods >= 0) & (periods < _MISSING * median)
+        whole = (periods >= 0) & (periods < MISSING * median)
         if not whole.any():
             return
         cycles = np.full(len(periods), median)
-        cycles[whole] = _cycles(periods[whole])
+        cycles[whole] = cycles_of(periods[whole])
         limits = np.maximum(OFF * cycles, max(in_the_way, 3.0 * self._context.resolution_ns))
         off = whole & (np.abs(periods - cycles) > limits) & ~state.double.within(t_ns)
         state.unsteady.add(t_ns, seq, periods, off, cycles)
@@ -344,20 +350,20 @@ class SyncFold:
         bitrate = self._context.bitrates.get(self._context.bus_name(bus))
         bits = np.diff(index.bits[index.first :])
         waits = catching_up(periods, bits, median, 1e9 / bitrate if bitrate else 0.0)
-        usual = _usual(np.where(waits, round(median), periods), median)
+        usual = usual_of(np.where(waits, round(median), periods), median)
         usual[usual <= 0] = median
         if in_bundles:
             usual = np.full(len(periods), max(median, paced(periods)))
         cycles = periods / usual
         blur = float(np.quantile(cycles, 0.95)) if in_bundles else 1.0
-        long = (cycles > _MISSING) & ~index.bundled[index.first : -1]
+        long = (cycles > MISSING) & ~index.bundled[index.first : -1]
         missing = np.maximum(np.rint(cycles - blur), 0).astype(np.int64)
         missing = np.where(long & ~_sustained(long) & ~waits, missing, 0)
         if not missing.any():
             return missing
         if in_bundles:
             return np.minimum(missing, lacking(cycles, blur))
-        whole = (cycles >= TOO_SHORT) & (cycles <= _MISSING)
+        whole = (cycles >= TOO_SHORT) & (cycles <= MISSING)
         return np.minimum(missing, lacking(np.where(whole, 1.0, cycles)))
 
     def _missing_by_counter(
@@ -374,7 +380,7 @@ class SyncFold:
         median = _median(state, index.periods) if state.period.count >= _LEARN else 0.0
         if in_bundles or not median > 0:
             return by_counter
-        usual = _usual(index.periods, median)
+        usual = usual_of(index.periods, median)
         cycles = index.periods / np.where(usual > 0, usual, median)
         counter = index.counter[index.first + 1 :]
         in_time = lost_in_time(lost, unsent, cycles, counter, state.counter.end(told))
@@ -396,7 +402,7 @@ class SyncFold:
         ]
         row = self._row(bus, cob_id, state, doubles)
         worst = state.periods.extremes.rows(name, cob_id, None, "sync period")
-        return SyncTable(row, state.holes, series, jitter, doubles, worst)
+        return SyncTable(row, state.holes, series, jitter, doubles, worst, state.steps)
 
     def _row(self, bus: int, cob_id: int, state: _State, doubles: list[SyncDoubleRow]) -> SyncRow:
         shadow, step_ns = self._context.shadow, self._context.resolution_ns
@@ -433,6 +439,12 @@ class SyncFold:
         )
 
 
+def _step(block: Block, bus: str, found: ClockSet) -> ClockStepRow:
+    t_ns, seq = block.frames.t_ns, block.batch.seq0 + found.end
+    around = int(t_ns[found.start]), int(t_ns[found.end])
+    return ClockStepRow(bus, *around, found.by_ns, found.witnesses, [seq])
+
+
 def _counters(block: Block, state: _State, rows: NDArray[np.intp]) -> NDArray[np.int64]:
     """(m + 1,) counters of the SYNCs, 0 for those without one."""
     counter = np.where(block.frames.dlc[rows] > 0, block.frames.data[rows, 0], 0)
@@ -457,44 +469,6 @@ def _mostly_within(jitter: SyncJitterRow, double: SyncDoubleRow) -> bool:
 def _median(state: _State, periods: NDArray[np.int64]) -> float:
     """Median of a block's own periods where there are enough of them, so that it may change."""
     return float(np.median(periods)) if len(periods) >= _LEARN else state.period.quantile(0.5)
-
-
-def _cycles(periods: NDArray[np.int64]) -> NDArray[np.float64]:
-    """(n,) the producer's cycle around each of its periods; it may change within a block.
-
-    The mean of a late period and the early one beside it is the cycle; a median may be either.
-    """
-    usual = float(np.median(periods))
-    steady = float(np.mean(np.abs(periods - usual) <= _STEADY * usual))
-    mean = usual if steady > _MOSTLY else float(periods.mean())
-    if float(np.abs(periods - mean).max()) <= OFF * mean:
-        return np.full(len(periods), mean)
-    pairs = (periods[1:] + periods[:-1]) / 2
-    if len(pairs) < _AROUND:
-        return np.full(len(periods), mean)
-    cycles = _around(pairs, 1)
-    same = bool((np.abs(cycles - mean) <= OFF * mean).all())
-    return np.full(len(periods), mean) if same else cycles
-
-
-def _usual(periods: NDArray[np.int64], median: float) -> NDArray[np.float64]:
-    """(n,) the median of the periods around each one; `median` where there are too few of them."""
-    if len(periods) < _AROUND or float(periods.max()) <= _MISSING * _low(periods):
-        return np.full(len(periods), median)
-    return _around(periods.astype(np.float64), 0)
-
-
-def _low(periods: NDArray[np.int64]) -> float:
-    """A period that a tenth of them are shorter than."""
-    place = len(periods) // 10
-    return float(np.partition(periods, place)[place])
-
-
-def _around(values: NDArray[np.float64], more: int) -> NDArray[np.float64]:
-    """(n + more,) median of the values around each one."""
-    padded = np.pad(values, (_AROUND // 2, _AROUND // 2 + more), mode="symmetric")
-    medians: NDArray[np.float64] = np.median(sliding_window_view(padded, _AROUND), axis=1)
-    return medians
 
 
 def _add_holes(state: _State, index: SyncIndex, missing: NDArray[np.int64]) -> None:

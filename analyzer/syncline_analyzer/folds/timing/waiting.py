@@ -29,7 +29,8 @@ _CLOSE_BITS = 200
 """Frames closer than this, their own length aside, show how exact the stamps are."""
 _OUTLIERS = 0.02
 """So many of the spacings may be off more than the noise of the stamps: those prove nothing."""
-_ENOUGH = 50
+ENOUGH_CLOSE = 50
+"""Frames close behind others from which it is known how exact the stamps are."""
 _NOISE_NS = (0, 1000, 2000, 5000, 10_000, 20_000, 50_000, 100_000, 200_000, 500_000)
 """What stamps may be off, in steps."""
 
@@ -239,6 +240,15 @@ class Arbitration:
         return found
 
 
+def close_ns(t_ns: Ints, wire_ns: Floats, bit_ns: float) -> Floats:
+    """(c,) distances of frames close behind one another, less the time of the later one [ns]."""
+    apart_ns = np.diff(t_ns).astype(np.float64)
+    spare_ns = apart_ns - wire_ns[1:]
+    near = (spare_ns < _CLOSE_BITS * bit_ns) & (apart_ns >= 0) & np.isfinite(wire_ns[:-1])
+    close: Floats = spare_ns[near]
+    return close
+
+
 def noise_of(
     t_ns: Ints, wire_ns: Floats, *, bit_ns: float, resolution_ns: int, before_ns: float = 0.0
 ) -> float:
@@ -250,11 +260,8 @@ def noise_of(
         resolution_ns: step of the stamps.
         before_ns: what they were off before; at least that where these frames do not tell.
     """
-    apart_ns = np.diff(t_ns).astype(np.float64)
-    spare_ns = apart_ns - wire_ns[1:]
-    near = (spare_ns < _CLOSE_BITS * bit_ns) & (apart_ns >= 0) & np.isfinite(wire_ns[:-1])
-    close, allowed = spare_ns[near], resolution_ns - 1 + _IDLE_BITS * bit_ns
-    if len(close) < _ENOUGH:
+    close, allowed = close_ns(t_ns, wire_ns, bit_ns), resolution_ns - 1 + _IDLE_BITS * bit_ns
+    if len(close) < ENOUGH_CLOSE:
         return _stepped(max(float(np.max(-close, initial=0.0)) - allowed, before_ns))
     at = int(_OUTLIERS * len(close))
     return _stepped(-float(np.partition(close, at)[at]) - allowed)

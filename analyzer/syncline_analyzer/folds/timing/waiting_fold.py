@@ -9,7 +9,14 @@ from syncline_analyzer.folds.timing.delays import Delays
 from syncline_analyzer.folds.timing.senders import Senders
 from syncline_analyzer.folds.timing.sync import SyncIndex
 from syncline_analyzer.folds.timing.tables import TimingTables
-from syncline_analyzer.folds.timing.waiting import MASTER, Arbitration, noise_of, rank
+from syncline_analyzer.folds.timing.waiting import (
+    ENOUGH_CLOSE,
+    MASTER,
+    Arbitration,
+    close_ns,
+    noise_of,
+    rank,
+)
 from syncline_analyzer.folds.timing.waiting_bus import BusBlock, Carried, sender_of
 from syncline_analyzer.folds.timing.waiting_pdo import Answers, Waits, named
 from syncline_analyzer.pdo_binding import Pdo, PdoBindings
@@ -37,6 +44,7 @@ class WaitingFold:
         self._context = context
         self._senders = Senders(context, bindings)
         self._noise_ns: dict[int, float] = {}
+        self._close: dict[int, int] = {}
         self._now: BusBlock | None = None
         self._measured: dict[int, tuple[Block, Floats]] = {}
         """The last block of each bus, and its frames' time on the wire."""
@@ -49,14 +57,28 @@ class WaitingFold:
         for bus, places in block.by_bus.items():
             bitrate = self._context.bitrates.get(self._context.bus_name(bus))
             if bitrate and self._context.timed:
-                bit_ns = 1e9 / bitrate
+                bit_ns, t_ns = 1e9 / bitrate, block.frames.t_ns[places]
+                wire_ns = self._wire_ns(block, bus, places, bit_ns)
+                self._count_close(bus, t_ns, wire_ns, bit_ns)
                 self._noise_ns[bus] = noise_of(
-                    block.frames.t_ns[places],
-                    self._wire_ns(block, bus, places, bit_ns),
+                    t_ns,
+                    wire_ns,
                     bit_ns=bit_ns,
                     resolution_ns=self._context.resolution_ns,
                     before_ns=self._noise_ns.get(bus, 0.0),
                 )
+
+    def _count_close(self, bus: int, t_ns: Ints, wire_ns: Floats, bit_ns: float) -> None:
+        """Note on which buses too few frames follow one another to tell how exact the stamps are."""
+        close = self._close.get(bus, 0)
+        if close < ENOUGH_CLOSE:
+            close = self._close[bus] = close + len(close_ns(t_ns, wire_ns, bit_ns))
+        name, unproven = self._context.bus_name(bus), self._context.unproven_stamps
+        (unproven.add if close < ENOUGH_CLOSE else unproven.discard)(name)
+
+    def noise_ns(self, bus: int) -> float:
+        """What the stamps of a bus are off beyond their step."""
+        return self._noise_ns.get(bus, 0.0)
 
     def begin(self, block: Block, bus: int, bit_ns: float | None) -> None:
         """Take in the frames of one bus of a block, or of a part of it."""
@@ -74,7 +96,7 @@ class WaitingFold:
             carried.sender,
             bit_ns=bit_ns,
             resolution_ns=self._context.resolution_ns,
-            noise_ns=self._noise_ns.get(bus, 0.0),
+            noise_ns=self.noise_ns(bus),
         )
         if arbitration.usable:
             self._now = BusBlock(bus, carried, arbitration, self._senders)
@@ -208,7 +230,7 @@ class WaitingFold:
         mine, begun = now.rows(seq), now.rows(sync.seq[position])
         sync_ns = sync.t_ns[position]
         ready = now.arbitration.ready(mine, begun, sync_ns, cob_id << 21, _sender(owner))
-        ready = ready.within(low_ns - now.arbitration.noise_ns, most_ns)
+        ready = ready.within(low_ns, most_ns)
         beside = np.zeros(len(seq), np.bool_)
         if owner is not None and owner.kind == "tpdo":
             beside = now.last_sdo_ns(owner.node, mine) >= sync_ns - BESIDE_NS

@@ -148,7 +148,7 @@ class Waits:
         """Sum up those late answers that the frames of others explain."""
         others = (block.key_sender != sender)[blame.place]
         others_ns = np.bincount(blame.victim, blame.ns * others, minlength=len(late))
-        over_ns = answers.response_ns[blame.waited] - float(answers.window_ns or 0)
+        over_ns: Floats = answers.response_ns[blame.waited] - np.float64(answers.window_ns or 0)
         explained = late & (others_ns >= over_ns) & ~answers.device_late[blame.waited]
         chosen = np.flatnonzero(others & explained[blame.victim])
         number = np.cumsum(explained) - 1
@@ -239,18 +239,19 @@ class Waits:
     def _late_by_bus(self) -> int:
         """Late answers that were the bus's doing: none while the device may have been slow itself.
 
-        It must have been in time whenever it found the bus idle. That a device was slow only when a
-        busy bus would hide it is chance: as many answers as may be such ones are left out.
+        It must have been in time whenever it found the bus idle, and that has to be no rare case.
+        That a device was slow only when a busy bus would hide it is chance: as many answers as may
+        be such ones are left out.
         """
-        found = self.late.behind.total
         if self.late.by_device or self.window_ns is None or self.free.count < _ENOUGH:
             return 0
         if self.free.maximum + self.own_ns > self.window_ns:
             return 0
-        hidden = 1 - self.shown / self.least.count
+        idle = self.free.count if self.free.count >= self.late.count else 0
+        hidden = 1 - max(self.shown, idle) / self.least.count
         if hidden in (0, 1):
-            return 0 if hidden else found
-        return max(found - int(math.log(_CHANCE) / math.log(hidden)), 0)
+            return 0 if hidden else self.late.behind.total
+        return max(self.late.behind.total - int(math.log(_CHANCE) / math.log(hidden)), 0)
 
     def _missed_by(self, free_ns: Floats) -> tuple[Bools, Bools]:
         """(device, bus) which of the SYNCs that got no answer did so because of it.

@@ -490,7 +490,7 @@ def test_errors_explain_a_fall_of_a_lir_only_at_once() -> None:
     begin = [frame(0, 0x000, "8105"), frame(150, 0x705, "7F"), frame(180, 0x000, "0105")]
     rows = ordered(begin, heartbeats(250, 12_000), error, falls, others(15_000))
     result = run(*rows, devices=LIR)
-    assert accusing(result) == ["error.bus_off", "nmt.boot_loop"]
+    assert accusing(result) == ["nmt.boot_loop", "error.bus_off"]
     at_once = ordered(
         begin,
         heartbeats(250, 9000),

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from syncline_analyzer.folds.emcy.story import (
@@ -93,6 +93,7 @@ def told(messages: list[Message], device: Device | None) -> Story:
     ],
 )
 @given(data=st.data())
+@settings(deadline=None)
 def test_errors_that_come_and_go_in_any_order(
     table: dict[int, tuple[int, bytes]], device: str | None, data: st.DataObject
 ) -> None:
@@ -109,6 +110,7 @@ def test_errors_that_come_and_go_in_any_order(
 
 @pytest.mark.parametrize("device", ["jn2100", None])
 @given(st.lists(st.sampled_from(sorted(SHARED_ERRORS)), max_size=20))
+@settings(deadline=None)
 def test_an_error_that_is_there_is_never_said_to_be_gone(
     device: str | None, codes: list[int]
 ) -> None:
@@ -195,6 +197,7 @@ def test_evidence_of_an_error_that_repeats_for_days_stays_short() -> None:
 
 
 @given(st.lists(st.binary(max_size=9), max_size=30))
+@settings(deadline=None)
 def test_any_bytes_become_rows(payloads: list[bytes]) -> None:
     story = told([Message(n, n, data) for n, data in enumerate(payloads)], load_device("lir-918"))
     assert len(story.rows) == len(payloads)

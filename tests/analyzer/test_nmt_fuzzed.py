@@ -498,7 +498,7 @@ def test_errors_explain_a_fall_of_a_lir_only_at_once() -> None:
         heartbeats(9050, 15_000, state="7F"),
         others(15_000),
     )
-    assert "nmt.left_operational" in accusing(run(*at_once, devices=LIR))
+    assert accusing(run(*at_once, devices=LIR)) == ["error.bus_off"]
 
 
 @pytest.mark.triggers("nmt.heartbeat_slow")
@@ -527,3 +527,14 @@ def test_restarts_long_before_a_second_device_are_no_sign_of_it() -> None:
     finding = one(run(*rows), "nmt.duplicate_node_id")
     assert "it told at" not in finding.text
     assert min(finding.evidence) > 100
+
+
+@pytest.mark.triggers("nmt.duplicate_node_id")
+def test_two_cadences_on_a_slow_bus_where_one_waits_now_and_then() -> None:
+    """Every fifth heartbeat goes out at once, the others 8 ms late behind PDOs."""
+    waited = [frame(200 * n + (8 if n % 5 else 0), 0x705, "05") for n in range(120)]
+    second = [frame(9344 + 330 * n, 0x705, "05") for n in range(44)]
+    found = one(run(*ordered(waited, second, others(24_000))), "nmt.duplicate_node_id")
+    assert "one heartbeat comes every 200 ms, the other every 330 ms" in found.text
+    alone = run(*ordered(waited, others(24_000)))
+    assert "nmt.duplicate_node_id" not in alone.ids()

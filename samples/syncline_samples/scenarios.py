@@ -83,7 +83,7 @@ def io_module(node_id: int, name: str, ms: int) -> DeviceSpec:
 def six_devices() -> tuple[DeviceSpec, ...]:
     """The line of the samples: each device once, turning and tilting slowly, each on its clock."""
     entry = Shaft((0, 0), (10, 0), (14, 40), (24, 40), (28, 0))
-    guide = Shaft((0, 0), (9, 0), (13, 120), (25, 120), (29, -60), (35, -60), (38, 0))
+    guide = Shaft((0, 0), (9, 0), (13, 50), (25, 50), (29, -50), (35, -50), (38, 0))
     press = Shaft((0, 0), (8, 0), (12, 180), (40, 180), (44, 0), start_turns=17)
     winder = Shaft((0, 30), (60, 90), (120, 30), start_turns=2000)
     lift = Shaft(

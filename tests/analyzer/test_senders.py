@@ -37,7 +37,14 @@ def senders(*objects: tuple[int, int, int, int]) -> Senders:
     ],
 )
 def test_the_predefined_connection_set_tells_it(can_id: int, expected: Sender) -> None:
-    assert senders().of(0, can_id, 0) == expected
+    found = senders()
+    found.nodes(FrameBatch.from_rows([frame(0, 0x705, b"\x05")]), 0, 0)
+    assert found.of(0, can_id, 0) == expected
+
+
+@pytest.mark.parametrize("can_id", [0x185, 0x205])
+def test_a_predefined_pdo_of_a_node_that_nobody_heard_may_be_anybodys(can_id: int) -> None:
+    assert senders().of(0, can_id, 0).node == UNKNOWN
 
 
 def test_what_the_bus_told_comes_first() -> None:

@@ -231,7 +231,6 @@ BONDS: tuple[Bond, ...] = (
         lifelong=True,
         before_ns=_FOREVER,
     ),
-    *_bonds("angle.out_of_range", "device.wrong_device", shared=True),
     *_bonds("device.defaults_pending", "device.lost_at_reset", lifelong=True),
     *_bonds("nmt.duplicate_node_id", "angle.step", "angle.spike", before_ns=10 * _S, lifelong=True),
     *_bonds("emcy.active", "angle.step", "angle.spike"),

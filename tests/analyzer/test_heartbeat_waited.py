@@ -82,6 +82,32 @@ def test_a_node_that_had_the_bus_for_itself_was_lost(
     assert not any("had to wait" in row.cause for row in analysis.nmt_states)
 
 
+def _half_full(start_ms: float, stop_ms: float) -> Iterator[Row]:
+    """Pairs of frames back to back, the second one of any length, and 120 bits of pause."""
+    t_ms, number = start_ms, 0
+    while t_ms < stop_ms:
+        number += 1
+        first = bytes([number & 0xFF, number >> 8 & 0xFF, 2, 3, 4, 5, 6, 7])
+        for can_id, data in ((0x183, first), (0x184, bytes([number * 7 & 0xFF] * (number % 5)))):
+            t_ms += wire_bits(can_id, data) * BIT_MS
+            yield (round(t_ms * MS), 0, can_id, 0, len(data), data)
+        t_ms += 120 * BIT_MS
+
+
+@pytest.mark.near_miss("nmt.heartbeat_waited")
+@pytest.mark.parametrize("end_ms", [4_000, 25_000], ids=["in-one-block", "in-several"])
+def test_a_bit_rate_that_is_told_too_low_excuses_no_node(end_ms: int) -> None:
+    rows = [
+        *beats(NODE, 0, 1010),
+        *beats(NODE, 1600.1, end_ms),
+        *_half_full(20, end_ms - 100),
+    ]
+    analysis = whole(rows, bitrate=250_000)
+    assert {LOST, "bus.bitrate_contradicted"} <= set(ids(analysis))
+    assert WAITED not in ids(analysis)
+    assert not any("had to wait" in row.cause for row in analysis.nmt_states)
+
+
 @pytest.mark.near_miss("nmt.heartbeat_waited")
 def test_a_weaker_frame_that_gets_through_proves_the_node_silent() -> None:
     gap_ms = wire_bits(0x706, b"\x05") * BIT_MS

@@ -108,10 +108,8 @@ class HeartbeatWaits:
 
     def update(self, block: Block, bus: int) -> None:
         """Take in the frames of one bus of a block."""
-        name = self._context.bus_name(bus)
-        bitrate = self._context.bitrates.get(name)
-        told = self._context.estimates.get(name)
-        if not bitrate or (told is not None and told.confident and told.bitrate != bitrate):
+        bitrate = self._context.bitrates.get(self._context.bus_name(bus))
+        if not bitrate:
             return
         bit_ns = 1e9 / bitrate
         state = self._buses.setdefault(bus, _Bus())
@@ -281,11 +279,12 @@ def losses_by_waiting(context: Context, timeline: Timeline) -> Iterator[tuple[Lo
     """Silences in which a node's heartbeat only had to wait, and what for.
 
     The bus was never free for the heartbeat once the node was silent for too long. A node that
-    boots after its silence was lost, however full the bus was.
+    boots after its silence was lost, however full the bus was. How full it was is not known where
+    the frames contradict the bit rate, which may show only in the end.
     """
     key = (timeline.history.bus, timeline.history.node)
     every = context.kept_waiting.get(key)
-    if not every:
+    if not every or context.contradicted(context.bus_name(key[0])):
         return
     boots = [boot.t_ns for boot in timeline.boot_ups]
     for lost in timeline.lost:

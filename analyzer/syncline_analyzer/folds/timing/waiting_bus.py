@@ -181,7 +181,7 @@ class BusBlock:
 
     @property
     def keys(self) -> Ints:
-        """(b,) every identifier of the bus with its kind, see `can_id_of`."""
+        """(b,) every identifier of the bus with its kind, see `sender_of`."""
         return self._identified[0]
 
     @cached_property

@@ -85,8 +85,6 @@ class WaitingFold:
         self._now = None
         if bit_ns is None or not self._context.timed or bus not in block.by_bus:
             return
-        if self._contradicted(bus):
-            return
         carried = self._carried(block, bus, bit_ns).after(self._before.get(bus))
         self._before[bus] = carried.last(_BEFORE)
         arbitration = Arbitration(
@@ -177,14 +175,6 @@ class WaitingFold:
     def delays(self) -> list[DelayRow]:
         """Who delayed the PDOs that were judged, of all buses."""
         return [row for bus, delays in self._delays.items() for row in delays.rows(bus)]
-
-    def _contradicted(self, bus: int) -> bool:
-        """Whether the frames say that the bit rate of a bus is another one than is told."""
-        name = self._context.bus_name(bus)
-        seen = self._context.estimates.get(name)
-        return (
-            seen is not None and seen.confident and seen.bitrate != self._context.bitrates.get(name)
-        )
 
     def _carried(self, block: Block, bus: int, bit_ns: float) -> Carried:
         places = block.by_bus[bus]

@@ -223,10 +223,10 @@ def main() -> None:
     wall, cpu = time.perf_counter(), time.process_time()
     frames = work()
     wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
-    print(json.dumps({"frames": frames, "wall_s": wall, "cpu_s": cpu, "peak_mb": _peak_mb()}))
+    print(json.dumps({"frames": frames, "wall_s": wall, "cpu_s": cpu, "peak_mb": peak_mb()}))
 
 
-def _peak_mb() -> float | None:
+def peak_mb() -> float | None:
     """Peak memory of this process alone; `ru_maxrss` would inherit that of the parent."""
     try:
         status = Path("/proc/self/status").read_text(encoding="ascii")

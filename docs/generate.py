@@ -6,6 +6,7 @@ the devices' files and from the tables that their readers know.
 
 import sys
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
 
@@ -16,8 +17,10 @@ from syncline_analyzer.findings.bonds import BONDS
 from syncline_analyzer.findings.rule import Rule
 from syncline_logger.cli import cli
 from syncline_logger.device_sheet import HANDLED, Section, objects, sections
+from syncline_schemas.description import BUS_KEYS, NODE_KEYS
 from syncline_schemas.devices import Device, device_names, load_device
 from syncline_schemas.devices.profile import known_keys
+from syncline_schemas.devices.standard import standard_profiles
 
 FOLDER = Path(__file__).parent
 FINDINGS_HEADER = """# Findings
@@ -88,7 +91,7 @@ Made from the devices' files by `python -m docs.generate`; a test keeps it true.
 a device that is not listed here comes from its EDS or DCF and from the CiA profile that its 1000h names (406 encoders, 410 inclinometers).
 
 Which device a node is, is known from the bus description or `--device`, else from what it answered to 1000h, 1008h and 1018h while the
-recorder listened; Syncline never asks. The reason stands beside each node. Where nothing was asked, PDOs that look like the factory
+recorder listened ([bus description](../bus-description.md)); Syncline never asks. The reason stands beside each node. Where nothing was asked, PDOs that look like the factory
 settings of a device are a hint only. A device that was named and does what it cannot do is the finding `device.wrong_device`.
 """
 OWN_DEVICE = """## A device of one's own
@@ -106,6 +109,115 @@ syncline devices --check samples/own_devices/generic-406.toml
 
 Objects are written as `"6004"` or `"1018:2"`. The tables and keys of the TOML file, of which any may be missing:
 """
+
+
+DESCRIPTION_HEADER = """# Bus description
+
+Made by `python -m docs.generate`, its tables from the code; a test reads every example. A TOML file says once what is on the buses of a
+machine: `syncline record --description line3.toml` keeps it in the capture with all device files that it names, `syncline analyze
+--description line3.toml` uses it afterwards. What the bus itself says (an SDO answer, an acknowledged write) always counts more; what rests
+on a description or an EDS alone is told as such. All mistakes of a file are told at once, each with its place.
+
+```toml
+[bus.can0]                  # the name of the bus in the recording; "can0" where a log names none
+bitrate = 500000
+
+[bus.can0.node.5]
+name = "main shaft"
+device = "lir-da158a"       # of `syncline devices`, or a file: device = "parts/widget.eds"
+
+[bus.can0.node.5.objects]   # hold unless the bus says otherwise; hexadecimal digits, sub-index after a colon
+"6001" = 131072
+"1800:2" = 254
+"1800:1" = 0x185            # a TPDO under another identifier
+
+[bus.can0.node.5.overrides] # by the names in the tables below
+max_rpm = 1500
+direction = "ccw"
+
+[bus.can0.node.6]
+device = "haomiao-38"
+same_shaft_as = 5           # redundant encoders are compared
+ratio = -2.5                # it makes 2.5 turns for one of node 5, the other way round
+tolerance_deg = 3.0
+
+[bus.can0.node.6.overrides]
+scaling = "off"
+cpr = 8192
+
+[bus.can1]
+bitrate = 500000
+data_bitrate = 2000000      # CAN FD
+
+[node.10]                   # on any bus that has no node 10 of its own
+name = "boom"
+device = "jn2100"
+
+[node.10.overrides]
+res = 100                   # 6000h was not recorded: 0.1 deg
+perp_formula = "atan"       # the manual has two formulas
+```
+
+An encoder or inclinometer of which nothing is known but its EDS:
+
+```toml
+[node.7]
+name = "winch"
+
+[node.7.objects]
+"1000" = 0x00020196         # CiA 406, multi-turn
+"6001" = 4096
+"6002" = 0x1000000
+"1A00:0" = 1
+"1A00:1" = 0x60040020
+"1800:1" = 0x187
+```
+
+A description of one node without a file is `--device 10=jn2100` (or `10=widget.eds`) on the command line.
+"""
+
+
+def description_page() -> str:
+    """Keys of the bus description, and the settings of every device."""
+    parts = [
+        DESCRIPTION_HEADER,
+        "## Keys\n",
+        *_markdown(_keys("[bus.NAME]", BUS_KEYS)),
+        *_markdown(_keys("[bus.NAME.node.N], [node.N]", NODE_KEYS)),
+        "A node id is a number from 1 to 127, also `0x0A`.\n",
+        "## Overrides\n",
+        "Settings go into `overrides` of a node whose device is known. `auto` leaves the choice to what was seen on the bus.\n",
+    ]
+    devices = [load_device(name, ()) for name in device_names(())]
+    for device in devices:
+        settings = [part for part in sections(device) if part.title == "Settings per node"]
+        parts += [f"### {device.name}: {device.title}\n"]
+        parts += [line for part in settings for line in _markdown(replace(part, title=""))]
+    for number, profile in sorted(standard_profiles().items()):
+        parts += [f"### any other {profile.title}, by its EDS (1000h = ....{number:04X}h)\n"]
+        rows = tuple(
+            (each.name, str(each.default), each.meaning) for each in profile.overrides.values()
+        )
+        parts += _markdown(Section("", ("setting", "default", "meaning"), rows))
+    parts += ["## Where the manuals contradict themselves\n", CONTRADICTIONS]
+    open_places = tuple(
+        (device.name, each.manual, each.reading, f"`{each.override}`" if each.override else "-")
+        for device in devices
+        for each in device.contradictions
+    )
+    parts += _markdown(Section("", ("device", "the manual", "read as", "override"), open_places))
+    return "\n".join(parts)
+
+
+CONTRADICTIONS = """The devices' manuals contradict themselves in places, or leave open what a byte means. This is how Syncline reads them, and the override
+that reads them another way.
+"""
+
+
+def _keys(head: str, keys: Mapping[str, str]) -> Section:
+    return Section(
+        "", (f"key of `{head}`", "meaning"), tuple((f"`{k}`", v) for k, v in keys.items())
+    )
 
 
 def devices_page() -> str:
@@ -172,6 +284,7 @@ def pages() -> Mapping[str, str]:
     return {
         "commands.md": commands_page(),
         "findings.md": findings_page(),
+        "bus-description.md": description_page(),
         "devices/README.md": devices_page(),
         **own,
     }

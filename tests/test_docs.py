@@ -25,6 +25,44 @@ def test_made_pages_are_those_that_the_code_makes(tmp_path: Path) -> None:
     assert listed == {page.name for page in pages if page.parent.name == "devices"}
 
 
+def _toml_examples(page: Path) -> list[str]:
+    return re.findall(r"```toml\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+
+
+def test_examples_of_the_bus_description_are_descriptions(tmp_path: Path) -> None:
+    from syncline_schemas.description import BUS_KEYS, NODE_KEYS, BusDescription
+
+    examples = _toml_examples(ROOT / "docs" / "bus-description.md")
+    assert len(examples) >= 2
+    read = [BusDescription.loads(text) for text in examples]
+    whole = read[0]
+    assert (whole.bitrate("can0"), whole.data_bitrate("can1")) == (500_000, 2_000_000)
+    twin = whole.node("can0", 6)
+    assert twin is not None
+    assert (twin.same_shaft_as, twin.ratio, twin.tolerance_deg) == (5, -2.5, 3.0)
+    boom = whole.node("can9", 10)
+    assert boom is not None
+    assert boom.overrides == {"res": 100, "perp_formula": "atan"}
+    text = "\n".join(examples)
+    for key in {*BUS_KEYS, *NODE_KEYS} - {"node", "eds"}:
+        assert re.search(rf"\b{key}\b", text), f"no example of {key}"
+    for other in _toml_examples(ROOT / "README.md"):
+        BusDescription.loads(other)
+
+
+def test_every_override_and_contradiction_stands_in_the_page() -> None:
+    from syncline_schemas.devices import device_names, load_device
+
+    page = (ROOT / "docs" / "bus-description.md").read_text(encoding="utf-8")
+    for name in device_names(()):
+        device = load_device(name, ())
+        assert device.contradictions
+        assert {each.override for each in device.contradictions} - {""} <= set(device.overrides)
+        _, _, part = page.partition(f"### {name}: ")
+        part = part.partition("###")[0]
+        assert all(f"| {setting} |" in part for setting in device.overrides), name
+
+
 def test_every_help_ends_with_two_examples() -> None:
     pytest.importorskip("pandas")
     import click

@@ -7,15 +7,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
-from syncline_schemas.can_errors import Controller, ErrorClass, classes_of
+from syncline_schemas.can_errors import (
+    RECORDER_OFF,
+    RECORDER_OVERFLOW,
+    Controller,
+    ErrorClass,
+    classes_of,
+)
 
 Numbered = tuple[int, FrameBatch | Gap]
 """A batch or gap with the `seq` of its first row, or of the first row after it."""
 
-RECORDER_OFF = "recorder bus-off"
-"""`reason` of the gaps that a bus-off makes."""
-RECORDER_OVERFLOW = "receive buffer of the recorder's controller overflowed"
-"""`reason` of the gaps that an overrun makes."""
 OVERFLOW_APART_NS = 100_000_000
 """Overruns that follow one another sooner are one gap [ns]."""
 MAX_OVERFLOWS = 1000
@@ -28,14 +30,16 @@ def with_deafness(stream: Iterable[Numbered]) -> Iterator[Numbered]:
     That is from bus-off to the first frame heard, and from the frame before an overrun to the error
     frame that tells of it. Batches are cut where a gap belongs; rows and their `seq` stay as they
     are. A controller that is never heard again is deaf up to the latest stamp of the stream. The
-    classes are those of linux/can/error.h.
+    classes are those of linux/can/error.h. Gaps that the recorder made of the same error frames are
+    left out.
     """
     deafness = _Deafness()
     seq, last_ns = 0, 0
     for seq, item in stream:
         if isinstance(item, Gap):
             last_ns = max(last_ns, item.end_ns)
-            yield seq, item
+            if item.reason not in (RECORDER_OFF, RECORDER_OVERFLOW):
+                yield seq, item
             continue
         begin = 0
         for row, gap in deafness.gaps(item):

@@ -116,6 +116,8 @@ def analyze(
         tilts=angles.tilts,
         tilt_data=angles.tilt_data,
         shafts=angles.shafts,
+        followers=angles.followers,
+        shaft_data=angles.shaft_data,
         series=timings.series,
         objects=object_rows(context, nodes),
         object_history=history_rows(context),

@@ -16,6 +16,7 @@ from syncline_schemas.devices import (
     load_device,
     lookalikes,
     standard_device,
+    suspects,
     telling_objects,
 )
 from syncline_schemas.devices.catalog import user_folders
@@ -69,8 +70,25 @@ def identification(
         words = ", ".join(_seen(context, bus, node, evidence(either[0], known)))
         open_ = ", ".join(_place(key) for key in telling_objects(either))
         names = " and ".join(one.name for one in either)
-        return Identification("objects", f"{words} fits {names}: one of {open_} would tell which")
+        guesses, why = _by_type_0(either, pdos)
+        return Identification(
+            "objects", f"{words} fits {names}: one of {open_} would tell which{why}", guesses
+        )
     return Identification("objects", ", ".join(_seen(context, bus, node, evidence(device, known))))
+
+
+def _by_type_0(either: Sequence[Device], pdos: Sequence[PdoRow]) -> tuple[list[str], str]:
+    """Those of several devices that send PDOs of type 0, if one is sent, and the words for it."""
+    sent = [
+        pdo
+        for pdo in pdos
+        if (pdo.transmission_type, pdo.type_source) == (0, "sdo-read") and pdo.answered >= ENOUGH
+    ]
+    names = [device.name for device in either if device.quirks.type_0 != "off"]
+    if not sent or not 0 < len(names) < len(either):
+        return [], ""
+    words = f"{sent[0].cob_id:03X}h is sent though its transmission type is 0"
+    return names, f"; {words}, as {' or '.join(names)} does"
 
 
 def _seen(context: Context, bus: int, node: int, keys: Sequence[Key]) -> Iterator[str]:
@@ -105,6 +123,9 @@ def _unknown(
 ) -> tuple[str, list[str]]:
     """What is known of a node that is no device of the catalogue: its words, what it looks like."""
     known = context.shadow.identity(bus, node)
+    suspected = suspects(known)
+    if suspected:
+        return _suspicion(context, bus, node, suspected), [device.name for device in suspected]
     keys = [
         key for key in (_NAME, _TYPE, (0x1018, 1), _PRODUCT) if known.get(key, ABSENT) != ABSENT
     ]
@@ -117,6 +138,17 @@ def _unknown(
         return f"{told}: no device of the catalogue", []
     guesses, words = _looks_like(context, bus, node, pdos)
     return words, guesses
+
+
+def _suspicion(context: Context, bus: int, node: int, suspected: Sequence[Device]) -> str:
+    """What speaks for devices that nothing proves, and what would."""
+    known = context.shadow.identity(bus, node)
+    keys = dict.fromkeys(key for device in suspected for key in evidence(device, known))
+    names = " or ".join(device.name for device in suspected)
+    open_ = [_place(key) for key in (_NAME, *telling_objects(suspected)) if key not in known]
+    proof = f"; {' or '.join(open_)} would tell" if open_ else ""
+    words = ", ".join(_seen(context, bus, node, list(keys)))
+    return f"{words} fits {names}, but may be another device's too{proof}"
 
 
 def _looks_like(

@@ -6,7 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from syncline_analyzer.capture import CaptureReader
+from syncline_analyzer.segments import chained
 from syncline_schemas.batch import FrameBatch, Gap
+from syncline_schemas.capture.gap_message import DID_NOT_RUN
 from syncline_schemas.errors import UsageError
 
 BETWEEN_FILES = "between two files of the session"
@@ -20,12 +22,21 @@ class _Open:
     items: Iterator[FrameBatch | Gap]
     head: FrameBatch | Gap | None
     bus_map: dict[int, int]
+    pause: Gap | None = None
+    """The stretch before the file in which, as it says, its recorder did not run."""
 
     @property
     def next_ns(self) -> int:
         head = self.head
         assert head is not None
         return head.start_ns if isinstance(head, Gap) else int(head.t_ns[0])
+
+    def begin(self) -> None:
+        """Find the first item; what the file says of the time before it is no part of it."""
+        self.advance()
+        while isinstance(self.head, Gap) and self.head.reason == DID_NOT_RUN:
+            self.pause = self.head
+            self.advance()
 
     def advance(self) -> None:
         self.head = next((item for item in self.items if isinstance(item, Gap) or len(item)), None)
@@ -34,8 +45,8 @@ class _Open:
 class Merge:
     """The frames of several captures in one stream.
 
-    Files that follow each other join: the same bus name is the same bus, and what lies between
-    them is a Gap. Where files overlap in time, a bus name that is already in use gets the file's
+    Segments of one recording are one file. Files that follow each other join: the same bus name is
+    the same bus, and what lies between them is a Gap. Where files overlap in time, a bus name that is already in use gets the file's
     name behind it, because it must be another bus.
 
     Attributes:
@@ -45,9 +56,9 @@ class Merge:
 
     def __init__(self, readers: Sequence[CaptureReader]) -> None:
         self.buses: list[str] = []
-        self._open = [_Open(reader, reader.batches(), None, {}) for reader in readers]
+        self._open = [_Open(reader, reader.batches(), None, {}) for reader in chained(readers)]
         for source in self._open:
-            source.advance()
+            source.begin()
         undated = [s.reader for s in self._open if s.reader.facts.time_base != "utc"]
         if undated and len(readers) > 1:
             raise UsageError(
@@ -78,7 +89,8 @@ class Merge:
             mapped = self._map_bus(source, number, taken)
             last_ns = self._last_ns.get(mapped)
             if last_ns is not None and source.next_ns > last_ns:
-                yield Gap(last_ns, source.next_ns, BETWEEN_FILES, None, mapped)
+                reason = source.pause.reason if source.pause else BETWEEN_FILES
+                yield Gap(last_ns, source.next_ns, reason, None, mapped)
 
     def _map_bus(self, source: _Open, number: int, taken: set[int]) -> int:
         if number not in source.bus_map:

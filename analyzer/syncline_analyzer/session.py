@@ -16,6 +16,7 @@ from syncline_analyzer.merge import Merge
 from syncline_analyzer.moments import Moment, parse_moment
 from syncline_analyzer.readers import open_capture
 from syncline_analyzer.results import Analysis
+from syncline_analyzer.segments import in_segment_order
 from syncline_schemas.batch import FrameBatch, Gap
 from syncline_schemas.description import BusDescription
 from syncline_schemas.devices import Device, load_device
@@ -230,6 +231,10 @@ class Session:
         """One row per two encoders that the bus description places on one shaft."""
         return self._frame("shafts")
 
+    def followers(self) -> pd.DataFrame:
+        """One row per two encoders that follow one another without being placed on one shaft."""
+        return self._frame("followers")
+
     def bus_load(self) -> pd.DataFrame:
         """One row per bus."""
         return self._frame("bus_load")
@@ -311,7 +316,7 @@ class Session:
         return self.analysis.capture.start_utc_ns is not None
 
     def _readers(self) -> list[CaptureReader]:
-        return [open_capture(path) for path in self.paths]
+        return in_segment_order([open_capture(path) for path in self.paths])
 
     def _description_of(self, readers: Sequence[CaptureReader]) -> BusDescription:
         """The user's description, else the one that the recorder attached to the capture."""

@@ -4,6 +4,7 @@ import struct
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,13 +35,49 @@ _PACK_INTO = {
 }
 
 
-@dataclass(slots=True)
-class QueueLoss:
-    """Frames of one bus that found the buffer full, and when [ns, log time]."""
+LossPlace = Literal["kernel", "controller", "adapter", "queue"]
+"""Where frames were lost; "queue" is the buffer of this module."""
 
-    frames: int
+JOIN_NS = 100_000_000
+"""Losses of one bus and place that follow each other closer than this are told as one."""
+MAX_LOSSES = 1000
+"""Kept of one bus and place until they are taken."""
+
+
+@dataclass(frozen=True, slots=True)
+class Loss:
+    """Frames of one bus that were lost in one place.
+
+    Attributes:
+        frames: how many; None when unknown.
+        first_ns, last_ns: none was lost before or after these times [ns].
+        log_ns: when it became known [ns, log time].
+    """
+
+    bus: int
+    where: LossPlace
+    frames: int | None
     first_ns: int
     last_ns: int
+    log_ns: int
+
+
+def _joined(earlier: Loss, later: Loss) -> Loss:
+    frames = (
+        None if earlier.frames is None or later.frames is None else earlier.frames + later.frames
+    )
+    return Loss(
+        later.bus,
+        later.where,
+        frames,
+        min(earlier.first_ns, later.first_ns),
+        max(earlier.last_ns, later.last_ns),
+        later.log_ns,
+    )
+
+
+def _known_at(loss: Loss) -> int:
+    return loss.log_ns
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,12 +87,12 @@ class Collected:
     Attributes:
         frames: the columns; all arrays are the caller's own.
         log_ns: (n,) int64, when each frame was taken; never decreasing.
-        losses: by bus number.
+        losses: in the order in which they became known.
     """
 
     frames: FrameBatch
     log_ns: NDArray[np.int64]
-    losses: dict[int, QueueLoss] = field(default_factory=dict)
+    losses: list[Loss] = field(default_factory=list)
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -77,7 +114,7 @@ class FrameBuffer:
         self._lock = threading.Lock()
         self.filled = threading.Event()
         """Set when `notify_rows` frames wait to be taken."""
-        self._losses: dict[int, QueueLoss] = {}
+        self._losses: dict[tuple[int, LossPlace, bool], list[Loss]] = {}
         self._allocate(CLASSIC_BYTES)
 
     def _allocate(self, width: int) -> None:
@@ -95,7 +132,7 @@ class FrameBuffer:
             log_ns = self._clock_ns()
             count = self._count
             if count == self._capacity:
-                self._lose(bus, log_ns, 1)
+                self._keep(Loss(bus, "queue", 1, log_ns, log_ns, log_ns))
                 return
             if len(data) > self._width:
                 self._widen()
@@ -121,7 +158,7 @@ class FrameBuffer:
             room = self._capacity - self._count
             if len(batch) > room:
                 for bus, lost in zip(*np.unique(batch.bus[room:], return_counts=True), strict=True):
-                    self._lose(int(bus), log_ns, int(lost))
+                    self._keep(Loss(int(bus), "queue", int(lost), log_ns, log_ns, log_ns))
                 batch = batch[:room]
             if len(batch) == 0:
                 return
@@ -136,11 +173,21 @@ class FrameBuffer:
             if self._count >= self._notify_rows:
                 self.filled.set()
 
+    def lose(
+        self, bus: int, frames: int | None, where: LossPlace, first_ns: int, last_ns: int
+    ) -> None:
+        """Note frames that were lost before they came here, between these times of the bus.
+
+        frames: how many; None when unknown.
+        """
+        with self._lock:
+            self._keep(Loss(bus, where, frames, first_ns, last_ns, self._clock_ns()))
+
     def take(self) -> Collected:
         """Everything that waits; the buffer is empty afterwards."""
         with self._lock:
             rows = self._rows()[: self._count].copy()
-            losses, self._losses = self._losses, {}
+            kept, self._losses = self._losses, {}
             self._count = 0
             self.filled.clear()
         frames = FrameBatch(
@@ -158,15 +205,18 @@ class FrameBuffer:
                 frames.dlc,
                 np.ascontiguousarray(frames.data[:, :CLASSIC_BYTES]),
             )
+        losses = sorted((loss for alike in kept.values() for loss in alike), key=_known_at)
         return Collected(frames, np.ascontiguousarray(rows["log_ns"]), losses)
 
     def _rows(self) -> NDArray[np.void]:
         return np.frombuffer(self._memory, _ROW_TYPE[self._width])
 
-    def _lose(self, bus: int, log_ns: int, frames: int) -> None:
-        loss = self._losses.setdefault(bus, QueueLoss(0, log_ns, log_ns))
-        loss.frames += frames
-        loss.last_ns = log_ns
+    def _keep(self, loss: Loss) -> None:
+        """Keep a loss, joined with the one before it where they are near or too many."""
+        alike = self._losses.setdefault((loss.bus, loss.where, loss.frames is None), [])
+        if alike and (loss.first_ns - alike[-1].last_ns < JOIN_NS or len(alike) == MAX_LOSSES):
+            loss = _joined(alike.pop(), loss)
+        alike.append(loss)
 
     def _widen(self) -> None:
         narrow, count = self._rows(), self._count

@@ -104,6 +104,15 @@ def parse_filter(word: str) -> Filter:
     return {"can_id": int(match[1], 16) | inverted, "can_mask": int(match[3], 16)}
 
 
+def filter_words(filters: Sequence[Filter]) -> str:
+    """Filters in words.
+
+    >>> filter_words([{"can_id": 0x100, "can_mask": 0x7FC}])
+    '100:7FC'
+    """
+    return " ".join(f"{each['can_id']:X}:{each['can_mask']:X}" for each in filters)
+
+
 def parse_bus(word: str, common: BusOptions) -> BusOptions:
     """A bus from `[NAME=]INTERFACE:CHANNEL[,KEY=VALUE...]`; what it leaves open is as in `common`.
 

@@ -1,67 +1,78 @@
-"""A capture on disk: named, written in whole chunks, each of them synced."""
+"""A capture on disk: written in whole chunks, each of them synced."""
 
-import os
+import errno
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
-from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from syncline_logger.decoding import ChannelSpec
+from syncline_logger.disk import Disk
+from syncline_logger.segments import whole_path
 from syncline_schemas.batch import FrameBatch
+from syncline_schemas.capture.chunk import ZSTD_LEVEL
 from syncline_schemas.capture.layout import Attachment, BusInfo, CaptureMetadata, Compression
 from syncline_schemas.capture.message import MessageBlock
 from syncline_schemas.capture.writer import CaptureWriter
-from syncline_schemas.errors import UsageError
 
-SUFFIX = ".mcap"
-
-
-def capture_path(target: Path, created_ns: int, recording_id: str) -> Path:
-    """Where to write: `target` itself, or in that folder a name from UTC start and recording id.
-
-    Raises UsageError when the file is there already.
-
-    >>> capture_path(Path("x.mcap"), 0, "3f2a")
-    PosixPath('x.mcap')
-    """
-    path = target
-    if target.is_dir() or target.suffix != SUFFIX:
-        start = datetime.fromtimestamp(created_ns // 1_000_000_000, UTC)
-        path = target / f"{start:%Y%m%dT%H%M%SZ}_{recording_id}{SUFFIX}"
-    if path.exists():
-        raise UsageError(f"{path} exists; recordings never overwrite a file")
-    return path
+Block = tuple[ChannelSpec, MessageBlock]
+"""Messages of one channel, before the file has given the channel an id."""
 
 
 class CaptureFile:
-    """The file of one recording. Everything that `write` returned from survives a power cut."""
+    """One file of a recording. Everything that `write` returned from survives a power cut.
+
+    Any method but `abandon` raises OSError when the disk refuses; then the file is to be abandoned.
+
+    Attributes:
+        path: where it is.
+        begun_as: where it was begun.
+        frames: in chunks that are on the disk.
+        start_ns, end_ns: log times of the first and last message in such chunks; None before one.
+        last_chunk_bytes: size of the last chunk.
+    """
 
     def __init__(
         self,
         path: Path,
-        metadata: CaptureMetadata,
+        about: CaptureMetadata,
         buses: Sequence[BusInfo],
         *,
         attachments: Sequence[Attachment] = (),
+        metadata: Mapping[str, Mapping[str, str]] | None = None,
         compression: Compression = "zstd",
+        zstd_level: int = ZSTD_LEVEL,
         sync: bool = True,
+        disk: Disk | None = None,
     ) -> None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        self.path = path
+        self._disk = disk or Disk()
+        if whole_path(path).exists():
+            raise FileExistsError(errno.EEXIST, "recordings never overwrite a file", path)
+        self.path = self.begun_as = path
         self._sync = sync
         self._attached = {attachment.name: attachment.data for attachment in attachments}
-        self._stream = path.open("xb")
+        self.frames = self.last_chunk_bytes = self._good_bytes = 0
+        self.start_ns: int | None = None
+        self.end_ns: int | None = None
+        self._stream = self._disk.create(path)
         try:
             self._writer = CaptureWriter(
-                self._stream, metadata, buses, compression=compression, attachments=attachments
+                self._stream,
+                about,
+                buses,
+                compression=compression,
+                zstd_level=zstd_level,
+                attachments=attachments,
             )
+            for name, values in (metadata or {}).items():
+                self.add_metadata(name, values)
             self._commit()
             self._sync_folder()
         except BaseException:
-            self._stream.close()
+            self.abandon()
             raise
 
     @property
@@ -69,11 +80,13 @@ class CaptureFile:
         """Size of the file so far."""
         return self._writer.bytes_written
 
+    @property
+    def bytes_on_disk(self) -> int:
+        """Size of what is there for sure."""
+        return self._good_bytes
+
     def write(
-        self,
-        frames: FrameBatch,
-        log_ns: NDArray[np.int64],
-        blocks: Iterable[tuple[ChannelSpec, MessageBlock]] = (),
+        self, frames: FrameBatch, log_ns: NDArray[np.int64], blocks: Iterable[Block] = ()
     ) -> None:
         """Write one chunk and wait until it is on the disk."""
         registered = [
@@ -83,8 +96,14 @@ class CaptureFile:
             )
             for spec, block in blocks
         ]
-        self._writer.write_chunk(frames, log_ns, registered)
+        self.last_chunk_bytes = self._writer.write_chunk(frames, log_ns, registered)
         self._commit()
+        self.frames += len(frames)
+        for times in (log_ns, *(block.log_time_ns for block in registered)):
+            if len(times):
+                first_ns, last_ns = int(times[0]), int(times[-1])
+                self.start_ns = min(first_ns, self.start_ns or first_ns)
+                self.end_ns = max(last_ns, self.end_ns or last_ns)
 
     def attach(self, attachment: Attachment) -> None:
         """Attach a file, once: the same content under the same name is there already."""
@@ -98,26 +117,34 @@ class CaptureFile:
         self._writer.add_metadata(name, values)
 
     def finish(self) -> None:
-        """Write summary and footer and close the file."""
+        """Write summary and footer, close the file and give it its name."""
         self._writer.finish()
         self._commit()
         self._stream.close()
+        whole = whole_path(self.path)
+        # A reader may hold the old name where that keeps files from being renamed: the next start
+        # of a recorder gives the file its name then.
+        with suppress(OSError):
+            if whole != self.path:
+                self._disk.replace(self.path, whole)
+                self.path = whole
 
     def abandon(self) -> None:
-        """Close the file as it is; it can be read up to the last chunk."""
-        self._stream.close()
+        """Close the file where its last whole chunk ends; one without a chunk is taken away."""
+        with suppress(OSError):
+            if self._good_bytes:
+                self._stream.truncate(self._good_bytes)
+        with suppress(OSError):
+            self._stream.close()
+        if self.start_ns is None:
+            with suppress(OSError):
+                self._disk.remove(self.path)
 
     def _commit(self) -> None:
-        self._stream.flush()
         if self._sync:
-            os.fsync(self._stream.fileno())
+            self._stream.sync()
+        self._good_bytes = self._writer.bytes_written
 
     def _sync_folder(self) -> None:
-        """Make the file's name durable too; Windows does that by itself."""
-        if not self._sync or os.name != "posix":
-            return
-        folder = os.open(self.path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
+        if self._sync:
+            self._disk.sync_folder(self.path.parent)

@@ -9,7 +9,7 @@ import click
 
 from syncline_logger.lazy_group import LazyCommand, LazyGroup, import_from, missing_extra
 from syncline_logger.standard_output import discard_stdout
-from syncline_schemas.errors import SynclineError
+from syncline_schemas.errors import SeveralErrors, SynclineError
 
 FAILED = 1
 INTERRUPTED = 130
@@ -20,6 +20,11 @@ OWN_COMMANDS = {
     name: LazyCommand(short_help, import_from(target), "pip install syncline")
     for name, target, short_help in (
         ("record", "syncline_logger.record_command:record", "Record buses until stopped."),
+        (
+            "probe",
+            "syncline_logger.probe_command:probe",
+            "Ask nodes what they are and record it. Sends on the bus.",
+        ),
         (
             "recover",
             "syncline_logger.recover_command:recover",
@@ -78,5 +83,6 @@ def _explain(error: Exception, words: Sequence[str]) -> int:
     else:
         text, code = f"internal error: {type(error).__name__}: {error}", FAILED
         text += "" if debug else " (please report it with the output of 'syncline --debug ...')"
-    click.echo("syncline: " + " ".join(text.split()), err=True)
+    for line in error.problems if isinstance(error, SeveralErrors) else [text]:
+        click.echo("syncline: " + " ".join(line.split()), err=True)
     return code

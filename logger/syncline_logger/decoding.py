@@ -1,8 +1,9 @@
 """Decoded channels: CANopen services of a batch as messages on their topics."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import pairwise
 from operator import itemgetter
 
 import numpy as np
@@ -180,7 +181,9 @@ class _BusDecoder:
         if self._stale:
             self._guarded("PDO mappings", self._bind, decoded)
             self._stale = False
-        for can_id, rows in _rows_by_id(frames.can_id):
+        order = np.argsort(frames.can_id.astype(np.uint16), kind="stable")
+        frames, log_ns = frames[order], log_ns[order]
+        for can_id, rows in _stretches(frames.can_id):
             binding = self._bindings.get(can_id)
             if binding is not None:
                 self._decode_pdo(binding, frames[rows], log_ns[rows], decoded)
@@ -256,10 +259,8 @@ class _BusDecoder:
             )
 
 
-def _rows_by_id(can_id: NDArray[np.uint32]) -> Iterator[tuple[int, Rows]]:
-    order = np.argsort(can_id.astype(np.uint16), kind="stable")
-    ordered = can_id[order]
-    cuts = np.flatnonzero(np.diff(ordered)) + 1
-    starts: Sequence[int] = [0, *cuts.tolist()]
-    for start, rows in zip(starts, np.split(order, cuts), strict=True):
-        yield int(ordered[start]), rows
+def _stretches(ordered: NDArray[np.uint32]) -> Iterator[tuple[int, slice]]:
+    """Each identifier of sorted ones with the rows where it stands."""
+    starts = [0, *(np.flatnonzero(np.diff(ordered)) + 1).tolist(), len(ordered)]
+    for begin, end in pairwise(starts):
+        yield int(ordered[begin]), slice(begin, end)

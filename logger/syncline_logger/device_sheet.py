@@ -77,6 +77,7 @@ _ROLES = {
     "definition": "angle definition",
     "reference": "relative or absolute",
     "zero": "zero point",
+    "measuring_step": "measuring step",
     "alarms": "alarms",
     "warnings": "warnings",
 }
@@ -101,6 +102,11 @@ def sections(device: Device) -> list[Section]:
         Section("Quirks", ("quirk", "value", "what Syncline makes of it"), tuple(_quirks(device))),
         Section("Limits", ("limit", "value"), tuple(_limits(device))),
         Section("Settings per node", ("setting", "default", "meaning"), tuple(_settings(device))),
+        Section(
+            "Where the manual contradicts itself",
+            ("the manual", "read as", "setting"),
+            tuple((each.manual, each.reading, each.override) for each in device.contradictions),
+        ),
         Section(
             "Repaired in the EDS",
             ("where", "what"),
@@ -256,7 +262,14 @@ def _limits(device: Device) -> Iterator[tuple[str, str]]:
 def _settings(device: Device) -> Iterator[tuple[str, str, str]]:
     for name, setting in device.overrides.items():
         choices = f" ({' | '.join(map(str, setting.choices))})" if setting.choices else ""
-        yield name, f"{setting.default}{choices}", setting.meaning
+        yield name, f"{_as_toml(setting.default)}{choices}", setting.meaning
+
+
+def _as_toml(value: Any) -> str:
+    """A default as the user would write it, texts without their quotes."""
+    if isinstance(value, list):
+        return f"[{', '.join(f'0x{part:02X}' for part in value)}]"
+    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def _default(device: Device, facts: ObjectFacts, default: int | bytes | None) -> str:

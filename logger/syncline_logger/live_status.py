@@ -41,13 +41,19 @@ class BusSnapshot:
 
 @dataclass(frozen=True, slots=True)
 class StatusSnapshot:
-    """The recorder at one moment."""
+    """The recorder at one moment.
+
+    `gaps` counts the stretches in which a bus was not heard. `trouble` says what the disk refuses,
+    empty while all is well.
+    """
 
     t_ns: int
     elapsed_ns: int
     path: str
     bytes_written: int
     buses: tuple[BusSnapshot, ...]
+    gaps: int = 0
+    trouble: str = ""
 
     @property
     def frames(self) -> int:
@@ -119,7 +125,13 @@ class LiveStatus:
         self._buses[bus].listening_ns, self._buses[bus].heard_ns = begin_ns, end_ns
 
     def snapshot(
-        self, now_ns: int, path: str, bytes_written: int, conditions: Sequence[BusCondition]
+        self,
+        now_ns: int,
+        path: str,
+        bytes_written: int,
+        conditions: Sequence[BusCondition],
+        gaps: int = 0,
+        trouble: str = "",
     ) -> StatusSnapshot:
         """The state now; begins the next period. `conditions` are in the order of the buses."""
         period_ns = max(now_ns - self._period_start_ns, 1)
@@ -128,7 +140,9 @@ class LiveStatus:
             _snapshot(bus, condition, period_ns)
             for bus, condition in zip(self._buses.values(), conditions, strict=True)
         )
-        return StatusSnapshot(now_ns, now_ns - self._start_ns, path, bytes_written, buses)
+        return StatusSnapshot(
+            now_ns, now_ns - self._start_ns, path, bytes_written, buses, gaps, trouble
+        )
 
 
 def _take_error_control(
@@ -173,7 +187,7 @@ def _snapshot(bus: _Bus, condition: BusCondition, period_ns: int) -> BusSnapshot
         state=condition.state,
         adapter_present=condition.adapter_present,
         error_frames=condition.error_frames,
-        dropped_frames=condition.dropped_queue + condition.dropped_controller,
+        dropped_frames=condition.dropped_frames,
         nodes={
             number: node.state_at(bus.heard_ns, bus.listening_ns)
             for number, node in sorted(bus.nodes.items())

@@ -61,6 +61,8 @@ class NodeObjects:
         self._values: dict[Key, bytes] = {}
         self._kept: dict[Key, bytes] = {}
         self._unsaved: set[Key] = set()
+        self._scales: set[Key | None] = set()
+        self._scales_of: Device | None = None
 
     def value(self, key: Key) -> bytes | None:
         """What the bus revealed of an object."""
@@ -72,8 +74,10 @@ class NodeObjects:
             return True
         if self.device is None:
             return False
-        scales = (facts.scale_object for facts in self.device.facts.values())
-        return key == self.device.quirks.output_mode or key in scales
+        if self._scales_of is not self.device:
+            self._scales_of = self.device
+            self._scales = {facts.scale_object for facts in self.device.facts.values()}
+        return key == self.device.quirks.output_mode or key in self._scales
 
     def learn(self, key: Key, data: bytes, *, written: bool) -> None:
         """Take in a confirmed write or an answered read."""

@@ -1,44 +1,91 @@
 """`syncline record`."""
 
-import sys
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack, suppress
-from dataclasses import replace
+from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
-from syncline_logger.bus_options import (
-    BusOptions,
-    bus_name,
-    parse_arguments,
-    parse_bus,
-    parse_filter,
-    parse_timing,
-    parse_value,
-    with_unique_names,
+from syncline_logger.config import LoadedConfig, load_config
+from syncline_logger.option_types import (
+    SeveralWordsCommand,
+    compression,
+    size_bytes,
+    size_or_duration,
 )
-from syncline_logger.option_types import SeveralWordsCommand
 from syncline_logger.option_types import duration_ns as parse_duration
-from syncline_logger.standard_output import discard_stdout
 
 if TYPE_CHECKING:
-    from syncline_logger.live_status import StatusSnapshot
-    from syncline_logger.recording import RecordResult
-    from syncline_schemas.description import BusDescription
-
-TERMINAL_PERIOD_NS = 1_000_000_000
-JSON_PERIOD_NS = 10_000_000_000
+    from syncline_logger.record_plan import RecordPlan
+    from syncline_schemas.capture.layout import Compression
 
 EPILOG = """\b
 Examples:
   syncline record -i socketcan -c can0 -b 500000 -o captures/
-  syncline record --bus press=socketcan:can0 --bus robot=pcan:PCAN_USBBUS1 --for 8h
+  syncline record --config logger.toml --for 8h
 """
 
 
+def _take_config(
+    context: click.Context, parameter: click.Parameter, path: Path | None
+) -> LoadedConfig | None:
+    """Let the file's values stand where the command line gives none."""
+    if path is None:
+        return None
+    config = load_config(path, context.command.params)
+    context.default_map = {**(context.default_map or {}), **config.values}
+    return config
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """What the options of `record` say, command line and file together; named as they are."""
+
+    interface: str | None
+    channels: tuple[str, ...]
+    bitrate: int | None
+    fd: bool
+    data_bitrate: int | None
+    timing: tuple[str, ...]
+    filters: tuple[str, ...]
+    bus_kwargs: tuple[str, ...]
+    buses: tuple[str, ...]
+    acknowledge: bool
+    wait_for_bus: bool
+    output: Path
+    split_size: int | None
+    split_time: int | None
+    keep: tuple[tuple[str, int], ...]
+    reserve: int | None
+    compression: tuple["Compression", int]
+    duration_ns: int | None
+    description: Path | None
+    devices: tuple[str, ...]
+    decode: bool
+    flush_ns: int
+    status_period_ns: int | None
+    status_file: Path | None
+    prometheus: Path | None
+    log: Path | None
+    log_size: int
+    log_keep: int
+
+
 @click.command(cls=SeveralWordsCommand, epilog=EPILOG)
+@click.option(
+    "--config",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    metavar="LOGGER.toml",
+    is_eager=True,
+    callback=_take_config,
+    help="All of these options from a file, named alike with _ for -; buses as [[bus]] tables."
+    " What the command line gives goes before.",
+)
+@click.option(
+    "--check-config", is_flag=True, help="Say what is wrong with the options, and do not record."
+)
 @click.option(
     "-i", "--interface", metavar="NAME", help="Interface as python-can calls it (socketcan, pcan)."
 )
@@ -66,6 +113,11 @@ Examples:
     help="Let the adapter acknowledge frames: needed where only one other node is on the bus.",
 )
 @click.option(
+    "--wait-for-bus",
+    is_flag=True,
+    help="Begin even if an adapter or interface is not there yet, and wait for it.",
+)
+@click.option(
     "-o",
     "--output",
     type=click.Path(path_type=Path),
@@ -73,6 +125,40 @@ Examples:
     show_default="this folder",
     metavar="DIR|FILE.mcap",
     help="Where to write; in a folder the name is UTC start time and recording id.",
+)
+@click.option(
+    "--split-size",
+    type=size_bytes,
+    metavar="SIZE",
+    help="Go on in a new file when one is so large; no frame is lost between them.",
+)
+@click.option(
+    "--split-time",
+    type=parse_duration,
+    metavar="TIME",
+    help="Go on in a new file at full periods of UTC: 5m at :00, :05, :10 ...",
+)
+@click.option(
+    "--keep",
+    type=size_or_duration,
+    multiple=True,
+    metavar="SIZE|TIME",
+    help="Delete this recorder's oldest files in the folder when they are larger together (20GB)"
+    " or older (14d); never marked ones. Repeatable.",
+)
+@click.option(
+    "--reserve",
+    type=size_bytes,
+    metavar="SIZE",
+    help="Delete this recorder's oldest files in the folder to leave so much free on the disk.",
+)
+@click.option(
+    "--compression",
+    type=compression,
+    metavar="none|lz4|zstd[:LEVEL]",
+    default="zstd:1",
+    show_default=True,
+    help="How the file is compressed.",
 )
 @click.option(
     "--for", "duration_ns", type=parse_duration, metavar="TIME", help="Stop after this time."
@@ -90,7 +176,9 @@ Examples:
     metavar="NODE=NAME_OR_EDS",
     help="Device of one node; repeatable. See 'syncline devices'.",
 )
-@click.option("--no-decode", is_flag=True, help="Write raw frames and status alone.")
+@click.option(
+    "--decode/--no-decode", default=True, help="Write decoded channels beside the raw frames."
+)
 @click.option(
     "--flush",
     "flush_ns",
@@ -108,24 +196,43 @@ Examples:
     show_default="1s on a terminal, else 10s",
     help="How often the status is shown.",
 )
+@click.option(
+    "--status-file",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="FILE.json",
+    help="Keep the latest status in this file, as one JSON object; replaced as a whole.",
+)
+@click.option(
+    "--prometheus",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="FILE.prom",
+    help="Keep the latest status in this file for node_exporter's textfile collector.",
+)
+@click.option(
+    "--log",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="FILE.log",
+    help="The recorder's own log: starts, stops, lost adapters, lost frames, lost nodes.",
+)
+@click.option(
+    "--log-size",
+    type=size_bytes,
+    metavar="SIZE",
+    default="1MB",
+    show_default=True,
+    help="The log is rotated when it is so large.",
+)
+@click.option(
+    "--log-keep",
+    type=click.IntRange(min=1),
+    metavar="COUNT",
+    default=3,
+    show_default=True,
+    help="Rotated logs that are kept.",
+)
+@click.pass_context
 def record(
-    interface: str | None,
-    channels: tuple[str, ...],
-    bitrate: int | None,
-    fd: bool,
-    data_bitrate: int | None,
-    timing: tuple[str, ...],
-    filters: tuple[str, ...],
-    bus_kwargs: tuple[str, ...],
-    buses: tuple[str, ...],
-    acknowledge: bool,
-    output: Path,
-    duration_ns: int | None,
-    description: Path | None,
-    devices: tuple[str, ...],
-    no_decode: bool,
-    flush_ns: int,
-    status_period_ns: int | None,
+    context: click.Context, /, config: LoadedConfig | None, check_config: bool, **options: Any
 ) -> None:
     """Record CAN buses until stopped: raw frames, bus status, decoded CANopen.
 
@@ -137,130 +244,46 @@ def record(
     On a terminal one line shows frames per second, bus load and the nodes with their states;
     elsewhere stdout gets one JSON object per line: the file first, then the status.
     """
-    common = BusOptions(
-        name="",
-        interface=interface,
-        bitrate=bitrate,
-        fd=fd,
-        data_bitrate=data_bitrate,
-        timing=parse_timing(timing),
-        filters=tuple(parse_filter(word) for word in filters),
-        arguments=parse_arguments(bus_kwargs, "--bus-kwargs"),
-        acknowledge=acknowledge,
-    )
-    chosen = choose_buses(common, channels, buses)
+    from syncline_logger.record_plan import plan_recording
+    from syncline_schemas.errors import SeveralErrors, UsageError
 
-    from syncline_logger.bus_devices import load_description
+    given = frozenset(
+        name
+        for name in options
+        if context.get_parameter_source(name) == ParameterSource.COMMANDLINE
+    )
+    plan = plan_recording(Wanted(**options), config, given)
+    if len(plan.problems) > 1:
+        raise SeveralErrors(plan.problems)
+    if plan.problems:
+        raise UsageError(plan.problems[0])
+    if check_config:
+        click.echo(plan.summary())
+    else:
+        _run(plan)
+
+
+def _run(plan: "RecordPlan") -> None:
+    from syncline_logger.own_log import own_log
+    from syncline_logger.record_outputs import RecordOutputs
+    from syncline_logger.record_view import RecordView, say_result
     from syncline_logger.recorder import record as record_sources
-    from syncline_logger.recording import RecordOptions
-    from syncline_logger.sources.python_can import PythonCanSource, quiet_python_can
     from syncline_logger.stop_signals import stop_on_signals
 
-    known = load_description(description, devices)
-    chosen = [_with_bit_rates(bus, known) for bus in chosen]
-    options = RecordOptions(flush_ns=flush_ns, decode=not no_decode, description=known)
-    quiet_python_can()
-    _mention_cut_files(output)
+    wanted = plan.wanted
     with stop_on_signals() as stop, ExitStack() as stack:
-        terminal = sys.stderr.isatty()
+        stack.enter_context(own_log(wanted.log, wanted.log_size, wanted.log_keep))
+        view = RecordView(stack)
+        outputs = stack.enter_context(RecordOutputs(view, wanted.status_file, wanted.prometheus))
         result = record_sources(
-            [PythonCanSource(bus) for bus in chosen],
-            output,
-            options,
+            plan.sources,
+            wanted.output,
+            plan.options,
             stop=stop,
-            duration_ns=duration_ns,
-            on_start=_say_start if terminal else _print_start,
-            on_status=_terminal_line(stack) if terminal else _print_json,
-            status_period_ns=status_period_ns
-            or (TERMINAL_PERIOD_NS if terminal else JSON_PERIOD_NS),
+            duration_ns=wanted.duration_ns,
+            on_start=outputs.started,
+            on_status=outputs.status,
+            on_turn=outputs.alive,
+            status_period_ns=wanted.status_period_ns or view.period_ns,
         )
-    _say_result(result)
-
-
-def choose_buses(
-    common: BusOptions, channels: Sequence[str], buses: Sequence[str]
-) -> list[BusOptions]:
-    """The buses that the options name; one bus of python-can's configuration when none does."""
-    chosen = []
-    for word in channels:
-        value = parse_value(word)
-        channel = value if isinstance(value, int) else word
-        chosen.append(replace(common, name=bus_name(channel), channel=channel))
-    chosen += [parse_bus(word, common) for word in buses]
-    if not chosen:
-        chosen = [replace(common, name=common.interface or "can")]
-    return with_unique_names(chosen)
-
-
-def _with_bit_rates(bus: BusOptions, known: "BusDescription") -> BusOptions:
-    """The bus with the bit rates of the description, where the options give none."""
-    data_bitrate = known.data_bitrate(bus.name) if bus.fd else None
-    return replace(
-        bus,
-        bitrate=bus.bitrate or known.bitrate(bus.name),
-        data_bitrate=bus.data_bitrate or data_bitrate,
-    )
-
-
-def _mention_cut_files(folder: Path) -> None:
-    from syncline_schemas.capture.recover import is_whole
-
-    for path in sorted(folder.glob("*.mcap")) if folder.is_dir() else ():
-        if not is_whole(path):
-            click.echo(
-                f"{path} has no end: its recorder was killed, or still runs;"
-                f" 'syncline recover {path}' makes a regular file of it",
-                err=True,
-            )
-
-
-def _print_start(path: Path) -> None:
-    import json
-
-    _print_line(json.dumps({"path": str(path)}))
-
-
-def _say_start(path: Path) -> None:
-    click.echo(f"recording to {path}; Ctrl-C stops", err=True)
-
-
-def _print_json(snapshot: "StatusSnapshot") -> None:
-    from syncline_logger.status_view import status_json
-
-    _print_line(status_json(snapshot))
-
-
-def _print_line(line: str) -> None:
-    """Print, unless nobody reads any more: that is no reason to stop recording."""
-    try:
-        click.echo(line)
-    except OSError:
-        discard_stdout()
-
-
-def _terminal_line(stack: ExitStack) -> "Callable[[StatusSnapshot], None]":
-    from rich.console import Console
-    from rich.live import Live
-
-    from syncline_logger.status_view import status_line
-
-    live = stack.enter_context(Live(console=Console(stderr=True), auto_refresh=False))
-
-    def show(snapshot: "StatusSnapshot") -> None:
-        with suppress(OSError):  # the terminal may be gone; the recording goes on
-            live.update(status_line(snapshot), refresh=True)
-
-    return show
-
-
-def _say_result(result: "RecordResult") -> None:
-    from syncline_schemas.wording import counted
-
-    for problem in result.problems:
-        click.echo(problem, err=True)
-    for bus, count in result.frames.items():
-        if count == 0:
-            click.echo(f"{bus}: nothing was heard; check the bit rate and the wiring", err=True)
-    frames, gaps = counted(result.frame_count, "frame"), counted(result.gap_count, "gap")
-    lost = f", {counted(result.lost_frames, 'frame')} lost" if result.lost_frames else ""
-    click.echo(f"{result.path}: {frames}, {gaps}{lost}", err=True)
+    say_result(result)

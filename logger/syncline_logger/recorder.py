@@ -2,7 +2,6 @@
 
 import threading
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -10,26 +9,31 @@ from queue import Empty, SimpleQueue
 import numpy as np
 from numpy.typing import NDArray
 
-from syncline_logger.batcher import Collected, FrameBuffer
+from syncline_logger.batcher import Collected, FrameBuffer, LossPlace
 from syncline_logger.clock import ClockReading, RecorderClock
 from syncline_logger.decode_worker import DecodeWorker
 from syncline_logger.decoding import LiveDecoder
 from syncline_logger.live_status import StatusSnapshot
 from syncline_logger.recording import Recording, RecordOptions, RecordResult
 from syncline_logger.source import Source, SourceFacts
+from syncline_logger.source_thread import SourceEvent, SourceThreads
 from syncline_schemas.batch import FrameBatch, Gap
 from syncline_schemas.capture.layout import BusInfo
 from syncline_schemas.errors import SourceError
+from syncline_schemas.wording import counted
 
-READ_TIMEOUT_S = 0.1
-REOPEN_EVERY_S = 1.0
 TICK_S = 0.1
 """How long a stop or a full chunk may wait for the writing loop."""
 DECODE_WAIT = 0.05
 """Share of the chunk period that the writer waits for the decoder before it writes without it."""
 LAST_DECODE_WAIT_S = 5.0
 
-OVERFLOW = "the recorder's queue was full"
+LOSS_REASONS: dict[LossPlace, str] = {
+    "queue": "the recorder's queue was full",
+    "kernel": "the kernel's receive buffer was full",
+    "controller": "the controller's receive buffer overran",
+    "adapter": "the adapter's buffer was full",
+}
 
 
 def record(
@@ -42,6 +46,7 @@ def record(
     on_start: Callable[[Path], None] | None = None,
     on_status: Callable[[StatusSnapshot], None] | None = None,
     status_period_ns: int = 1_000_000_000,
+    on_turn: Callable[[], None] | None = None,
 ) -> RecordResult:
     """Record buses until `stop` is set or `duration_ns` has passed, and close the file.
 
@@ -52,6 +57,7 @@ def record(
         target: an .mcap file that does not exist, or a folder for one.
         on_start: called with the file's path when recording has begun.
         on_status: called every `status_period_ns` and at the end.
+        on_turn: called about ten times a second by the writing loop, while it does its work.
 
     Raises:
         SourceError: a bus cannot be opened. UsageError: the file exists.
@@ -59,7 +65,9 @@ def record(
     recorder = LiveRecorder(sources, target, options or RecordOptions())
     if on_start:
         on_start(recorder.path)
-    return recorder.run(stop or threading.Event(), duration_ns, on_status, status_period_ns)
+    return recorder.run(
+        stop or threading.Event(), duration_ns, on_status, status_period_ns, on_turn
+    )
 
 
 def record_batches(
@@ -163,75 +171,7 @@ class _VirtualRecorder:
     def abandon(self) -> None:
         """Leave the file as it is; it can be read up to the last chunk."""
         if self._recording is not None:
-            self._recording.file.abandon()
-
-
-@dataclass(frozen=True, slots=True)
-class SourceEvent:
-    """A source was lost or is back; `gap` is what was missed in between."""
-
-    bus: int
-    log_ns: int
-    present: bool
-    text: str
-    gap: Gap | None = None
-
-
-class SourceThread(threading.Thread):
-    """Reads one source into the buffer, and opens it again when it was lost.
-
-    Attributes:
-        bus: its number.
-        listening_ns: since when it has listened without a gap [ns, log time].
-        heard_ns: what came before this is in the buffer [ns, log time].
-    """
-
-    def __init__(
-        self,
-        source: Source,
-        bus: int,
-        buffer: FrameBuffer,
-        clock: RecorderClock,
-        events: "SimpleQueue[SourceEvent]",
-    ) -> None:
-        super().__init__(name=f"syncline read {source.facts.name}", daemon=True)
-        self._source = source
-        self.bus = bus
-        self._buffer = buffer
-        self._clock = clock
-        self._events = events
-        self._stop_reading = threading.Event()
-        self.listening_ns = self.heard_ns = clock.now_ns()
-
-    def stop(self) -> None:
-        """Make the thread end after what it is reading."""
-        self._stop_reading.set()
-
-    def run(self) -> None:
-        """Read until stopped."""
-        while not self._stop_reading.is_set():
-            try:
-                self._source.read(self._buffer, self.bus, READ_TIMEOUT_S)
-                self.heard_ns = self._clock.now_ns()
-            except SourceError as error:
-                self._reopen(str(error))
-                self.listening_ns = self.heard_ns = self._clock.now_ns()
-
-    def _reopen(self, reason: str) -> None:
-        self._tell(present=False, text=reason)
-        self._source.close()
-        back = False
-        while not back and not self._stop_reading.wait(REOPEN_EVERY_S):
-            try:
-                self._source.open()
-                back = True
-            except SourceError:
-                continue
-        gap = Gap(self.heard_ns, self._clock.now_ns(), reason, None, self.bus)
-        self._tell(present=back, text="listening again" if back else "", gap=gap)
-
-    def _tell(self, *, present: bool, text: str, gap: Gap | None = None) -> None:
-        self._events.put(SourceEvent(self.bus, self._clock.now_ns(), present, text, gap))
+            self._recording.store.abandon()
 
 
 class LiveRecorder:
@@ -249,8 +189,7 @@ class LiveRecorder:
         self._events: SimpleQueue[SourceEvent] = SimpleQueue()
         self._start_ns = self._clock.now_ns()
         try:
-            for source in self._sources:
-                source.open()
+            absent = self._open_sources()
             buses = [bus_info(source.facts, n) for n, source in enumerate(self._sources)]
             self._recording = Recording(
                 target,
@@ -258,6 +197,7 @@ class LiveRecorder:
                 options,
                 start_ns=self._start_ns,
                 source=", ".join(f"{bus.interface} {bus.channel}".strip() for bus in buses),
+                resumes=True,
             )
         except BaseException:
             self._close_sources()
@@ -265,17 +205,16 @@ class LiveRecorder:
         decoder = LiveDecoder({bus.number: bus.name for bus in buses}, options.description)
         self._worker = DecodeWorker(decoder) if options.decode else None
         self._decode_was_behind = False
-        self._readers = [
-            SourceThread(source, bus, self._buffer, self._clock, self._events)
-            for bus, source in enumerate(self._sources)
-        ]
+        self._threads = SourceThreads(
+            self._sources, self._buffer, self._clock, self._events, absent
+        )
         self._clock_step_ns = self._start_ns
         self._waiting: list[Collected] = []
 
     @property
     def path(self) -> Path:
         """The file that is being written."""
-        return self._recording.file.path
+        return self._recording.store.path
 
     def run(
         self,
@@ -283,23 +222,19 @@ class LiveRecorder:
         duration_ns: int | None,
         on_status: Callable[[StatusSnapshot], None] | None,
         status_period_ns: int,
+        on_turn: Callable[[], None] | None = None,
     ) -> RecordResult:
         """Record; returns when the file is closed."""
-        for reader in self._readers:
-            reader.start()
+        self._threads.start()
         try:
-            why = self._loop(stop, duration_ns, on_status, status_period_ns)
-            for reader in self._readers:
-                reader.stop()
-            for reader in self._readers:
-                reader.join(timeout=2)
+            why = self._loop(stop, duration_ns, on_status, status_period_ns, on_turn)
+            self._threads.stop()
             result = self._close(why)
         except BaseException:
-            self._recording.file.abandon()
+            self._recording.store.abandon()
             raise
         finally:
-            for reader in self._readers:
-                reader.stop()
+            self._threads.stop()
             self._close_sources()
         if on_status:
             on_status(self._recording.snapshot(self._clock.now_ns()))
@@ -311,6 +246,7 @@ class LiveRecorder:
         duration_ns: int | None,
         on_status: Callable[[StatusSnapshot], None] | None,
         status_period_ns: int,
+        on_turn: Callable[[], None] | None,
     ) -> str:
         """Write a chunk each period, or when one is full, until there is a reason to stop."""
         end_ns = None if duration_ns is None else self._start_ns + duration_ns
@@ -331,6 +267,8 @@ class LiveRecorder:
                 self._take()
                 on_status(self._recording.snapshot(self._clock.now_ns()))
                 next_view_ns = now_ns + status_period_ns
+            if on_turn:
+                on_turn()
             due_ns = min(each for each in (next_chunk_ns, next_view_ns, end_ns) if each is not None)
             wait_s = min(max((due_ns - self._clock.now_ns()) / 1e9, 0), TICK_S)
             self._buffer.filled.wait(wait_s)
@@ -350,7 +288,7 @@ class LiveRecorder:
         """Count what has come in; it waits for the next chunk."""
         self._note_events()
         # Read before the buffer is: what a thread heard until then is in it.
-        heard_ns = [(each.bus, each.listening_ns, each.heard_ns) for each in self._readers]
+        heard_ns = [(each.bus, each.listening_ns, each.heard_ns) for each in self._threads.readers]
         collected = self._buffer.take()
         self._note_losses(collected)
         self._recording.take_frames(collected.frames, collected.log_ns)
@@ -360,6 +298,8 @@ class LiveRecorder:
 
     def _write_chunk(self, now_ns: int, *, status: bool = False, last: bool = False) -> None:
         self._take()
+        if last:
+            self._recording.note_deafness(now_ns)
         frames = FrameBatch.concat([collected.frames for collected in self._waiting])
         log_ns = np.concatenate([collected.log_ns for collected in self._waiting])
         self._waiting.clear()
@@ -373,7 +313,7 @@ class LiveRecorder:
             decoded = (
                 self._worker.finish(LAST_DECODE_WAIT_S) if last else self._worker.results(wait_s)
             )
-        self._recording.write(frames, log_ns, decoded)
+        self._recording.write(frames, log_ns, decoded, now_ns)
 
     def _note_events(self) -> None:
         while True:
@@ -382,17 +322,21 @@ class LiveRecorder:
             except Empty:
                 return
             self._recording.conditions[event.bus].adapter_present = event.present
+            if event.state:
+                self._recording.tell_state(event.bus, event.state, event.log_ns)
             if event.gap:
                 self._recording.add_gap(event.gap, event.log_ns)
             if event.text:
                 self._recording.add_status(event.bus, event.log_ns, event.text)
 
     def _note_losses(self, collected: Collected) -> None:
-        for bus, loss in collected.losses.items():
-            self._recording.conditions[bus].dropped_queue += loss.frames
-            gap = Gap(loss.first_ns, loss.last_ns + 1, OVERFLOW, loss.frames, bus)
-            self._recording.add_gap(gap, gap.end_ns)
-            self._recording.add_status(bus, gap.end_ns, f"{OVERFLOW}; {loss.frames} frames lost")
+        for loss in collected.losses:
+            self._recording.conditions[loss.bus].count_loss(loss)
+            reason = LOSS_REASONS[loss.where]
+            gap = Gap(loss.first_ns, loss.last_ns + 1, reason, loss.frames, loss.bus)
+            self._recording.add_gap(gap, loss.log_ns)
+            count = "" if loss.frames is None else f"; {counted(loss.frames, 'frame')} lost"
+            self._recording.add_status(loss.bus, loss.log_ns, f"{reason}{count}")
 
     def _submit(
         self, worker: DecodeWorker, frames: FrameBatch, log_ns: NDArray[np.int64], now_ns: int
@@ -412,6 +356,18 @@ class LiveRecorder:
         self._recording.add_clock(self._clock.sample(), now_ns)
         self._write_chunk(now_ns, status=True, last=True)
         return self._recording.finish(self._clock.now_ns(), why)
+
+    def _open_sources(self) -> dict[int, SourceError]:
+        """By bus number, why a source cannot be opened yet."""
+        absent = {}
+        for bus, source in enumerate(self._sources):
+            try:
+                source.open()
+            except SourceError as error:
+                if not self._options.wait_for_bus:
+                    raise
+                absent[bus] = error
+        return absent
 
     def _close_sources(self) -> None:
         for source in self._sources:

@@ -11,15 +11,25 @@ import numpy as np
 from google.protobuf.message import Message
 from numpy.typing import NDArray
 
-from syncline_logger.bus_condition import BusCondition
-from syncline_logger.capture_file import CaptureFile, capture_path
+from syncline_logger.bus_condition import BusCondition, Change
+from syncline_logger.capture_file import Block
+from syncline_logger.capture_store import CaptureStore, StorePlan
 from syncline_logger.clock import ClockReading
+from syncline_logger.content import Content
 from syncline_logger.decoding import UNREGISTERED, ChannelSpec, Decoded
+from syncline_logger.disk import Disk
 from syncline_logger.live_status import LiveStatus, StatusSnapshot
+from syncline_logger.manifest import MarkNote
+from syncline_logger.recording_folder import RecordingFolder
+from syncline_logger.retention import Keep
+from syncline_logger.segments import SegmentNames, Split
 from syncline_schemas.batch import FrameBatch, Gap
+from syncline_schemas.capture.chunk import ZSTD_LEVEL
+from syncline_schemas.capture.gap_message import DID_NOT_RUN, gap_message
 from syncline_schemas.capture.layout import (
     CLOCK_TOPIC,
     GAP_TOPIC,
+    MARK_TOPIC,
     Attachment,
     BusInfo,
     CaptureMetadata,
@@ -32,8 +42,7 @@ from syncline_schemas.capture.message import MessageBlock, schema_of
 from syncline_schemas.description import BusDescription
 from syncline_schemas.devices import Device
 from syncline_schemas.proto import syncline_pb2
-
-Block = tuple[ChannelSpec, MessageBlock]
+from syncline_schemas.wording import counted
 
 MAX_KEPT = 1000
 """Gaps and problems kept for the result; all of them are in the file."""
@@ -43,6 +52,7 @@ STOP_METADATA_NAME = "syncline.stop"
 
 STATUS_SCHEMA = schema_of(syncline_pb2.BusStatus.DESCRIPTOR)
 GAP_CHANNEL = ChannelSpec(GAP_TOPIC, schema_of(syncline_pb2.Gap.DESCRIPTOR))
+MARK_CHANNEL = ChannelSpec(MARK_TOPIC, schema_of(syncline_pb2.Mark.DESCRIPTOR))
 CLOCK_CHANNEL = ChannelSpec(CLOCK_TOPIC, schema_of(syncline_pb2.ClockSample.DESCRIPTOR))
 
 
@@ -58,6 +68,10 @@ class RecordOptions:
         description: what is known of the buses and their nodes.
         recording_id: the recording's name; None makes one.
         queue_frames: frames that may wait for the writer, all buses together.
+        zstd_level: how hard zstd works; 1 is fast and, for these records, also small.
+        split: when the recording goes on in a new file.
+        keep: how much of what was recorded may stay in the folder.
+        wait_for_bus: begin although a bus cannot be opened yet, and open it when that is possible.
     """
 
     flush_ns: int = 1_000_000_000
@@ -68,6 +82,10 @@ class RecordOptions:
     description: BusDescription = field(default_factory=BusDescription)
     recording_id: str | None = None
     queue_frames: int = 1 << 17
+    wait_for_bus: bool = False
+    zstd_level: int = ZSTD_LEVEL
+    split: Split = field(default_factory=Split)
+    keep: Keep = field(default_factory=Keep)
 
     @property
     def period_ns(self) -> int:
@@ -80,6 +98,8 @@ class RecordResult:
     """What was recorded.
 
     Attributes:
+        path: the file, or the first of several; it may have been deleted to make room.
+        files: how many there were.
         frames: by bus name.
         lost_frames: known to be lost, all buses together.
         gap_count: stretches in which a bus was not heard; `gaps` holds the first thousand.
@@ -94,6 +114,7 @@ class RecordResult:
     gaps: list[Gap]
     problems: list[str]
     bytes_written: int
+    files: int = 1
 
     @property
     def frame_count(self) -> int:
@@ -113,19 +134,21 @@ class Recording:
         start_ns: int,
         host: str | None = None,
         source: str = "",
+        resumes: bool = False,
+        disk: Disk | None = None,
     ) -> None:
         recording_id = options.recording_id or uuid.uuid4().hex[:8]
         self._buses = {bus.number: bus for bus in buses}
-        self.conditions = {bus.number: BusCondition(bus.interface) for bus in buses}
+        self.conditions = {bus.number: BusCondition(bus.interface, bus.number) for bus in buses}
         self.live = LiveStatus(buses, start_ns)
         self._gaps: list[Gap] = []
         self._gap_count = self._lost_frames = 0
         self._problems: list[str] = []
         self._messages: list[tuple[ChannelSpec, int, Message]] = []
         self._heard_ns = start_ns
-        self.file = CaptureFile(
-            capture_path(target, start_ns, recording_id),
-            CaptureMetadata(
+        plan = StorePlan(
+            names=SegmentNames(target, recording_id, bool(split_of(options))),
+            metadata=CaptureMetadata(
                 version=version("syncline"),
                 recording_id=recording_id,
                 host=platform.node() if host is None else host,
@@ -135,11 +158,25 @@ class Recording:
                 source=source,
                 extra=_loss_counters(buses),
             ),
-            buses,
-            attachments=_attachments(options.description),
+            buses=buses,
             compression=options.compression,
+            zstd_level=options.zstd_level,
             sync=options.sync,
+            split=split_of(options),
+            keep=options.keep,
+            disk=disk or Disk(),
         )
+        folder = _folder(plan)
+        last_end_ns = folder.last_end_ns(bus.name for bus in buses) if folder and resumes else None
+        self.store = CaptureStore(
+            plan,
+            start_ns,
+            folder=folder,
+            attachments=_attachments(options.description),
+            finishes=resumes,
+        )
+        if last_end_ns is not None and last_end_ns < start_ns:
+            self.add_gap(Gap(last_end_ns, start_ns, DID_NOT_RUN), start_ns)
         for bus in buses:
             for node, entry in options.description.described(bus.name).items():
                 if entry.device:
@@ -151,14 +188,15 @@ class Recording:
         self._lost_frames += gap.lost_frames or 0
         if len(self._gaps) < MAX_KEPT:
             self._gaps.append(gap)
-        message = syncline_pb2.Gap(
-            start_ns=gap.start_ns,
-            end_ns=gap.end_ns,
-            reason=gap.reason,
-            lost_frames=gap.lost_frames,
-            bus=gap.bus,
-        )
-        self._messages.append((GAP_CHANNEL, log_ns, message))
+        self._messages.append((GAP_CHANNEL, log_ns, gap_message(gap)))
+
+    def mark(
+        self, text: str, log_ns: int, *, bus: int | None = None, node: int | None = None
+    ) -> None:
+        """Note a moment that somebody wants to find again; its segment is kept for good."""
+        message = syncline_pb2.Mark(t_ns=log_ns, reason=text, bus=bus, node=node)
+        self._messages.append((MARK_CHANNEL, log_ns, message))
+        self.store.mark(MarkNote(log_ns, text))
 
     def add_clock(self, reading: ClockReading, log_ns: int) -> None:
         """Note what the clocks said."""
@@ -186,15 +224,40 @@ class Recording:
         self._heard_ns = int(log_ns[-1])
         for bus, condition in self.conditions.items():
             rows = np.flatnonzero(frames.bus == bus)
-            for change in condition.update(frames[rows], log_ns[rows]):
-                self.add_status(bus, change.log_ns, change.text)
+            self._note_changes(bus, condition.update(frames[rows], log_ns[rows]))
         self.live.update(frames, log_ns)
 
+    def tell_state(self, bus: int, state: str, log_ns: int) -> None:
+        """Note the state of a bus's controller as the interface tells it."""
+        self._note_changes(bus, self.conditions[bus].tell(state, log_ns))
+
+    def note_deafness(self, end_ns: int) -> None:
+        """Note the gaps of controllers that are bus-off at the end."""
+        for condition in self.conditions.values():
+            gap = condition.deaf_until(end_ns)
+            if gap:
+                self.add_gap(gap, end_ns)
+
+    def _note_changes(self, bus: int, changes: Iterable[Change]) -> None:
+        for change in changes:
+            if change.gap:
+                self.add_gap(change.gap, change.log_ns)
+            self.add_status(bus, change.log_ns, change.text)
+
     def write(
-        self, frames: FrameBatch, log_ns: NDArray[np.int64], decoded: Iterable[Decoded] = ()
+        self,
+        frames: FrameBatch,
+        log_ns: NDArray[np.int64],
+        decoded: Iterable[Decoded] = (),
+        now_ns: int | None = None,
     ) -> None:
-        """Write a chunk of these frames, what was decoded, and everything noted since."""
-        blocks: list[Block] = []
+        """Write a chunk of these frames, what was decoded, and everything noted since.
+
+        now_ns: log time; None takes that of the last frame.
+        """
+        now_ns = self._heard_ns if now_ns is None else now_ns
+        self.store.retry(now_ns)
+        blocks = self._told_by_the_store(now_ns)
         for part in decoded:
             blocks += part.blocks
             for bus, text in part.problems:
@@ -202,39 +265,59 @@ class Recording:
             for bus, node, device in part.devices:
                 self._recognised(bus, node, device)
         blocks += self._noted()
-        if len(frames) or blocks:
-            self.file.write(frames, log_ns, blocks)
+        self.store.write(Content(frames, log_ns, blocks), now_ns)
+        for bus, lost in self.store.waiting.lost_frames.items():
+            self.conditions[bus].dropped_disk = lost
+
+    def _told_by_the_store(self, now_ns: int) -> list[Block]:
+        """Notes that could not be written before; what the disk cost becomes gaps."""
+        gaps, blocks = self.store.take_missed()
+        for gap in gaps:
+            self.add_gap(gap, now_ns)
+        for text in self.store.notes:
+            self.add_status(0, now_ns, text)
+        self.store.notes.clear()
+        return blocks
 
     def snapshot(self, now_ns: int) -> StatusSnapshot:
         """The live state; begins the next period of its rates."""
         return self.live.snapshot(
-            now_ns, str(self.file.path), self.file.bytes_written, list(self.conditions.values())
+            now_ns,
+            str(self.store.path),
+            self.store.bytes_written,
+            list(self.conditions.values()),
+            self._gap_count,
+            self.store.trouble.text if self.store.trouble else "",
         )
 
     def finish(self, end_ns: int, why: str) -> RecordResult:
         """Write the end of the file and close it."""
-        result = self.result()
-        self.file.add_metadata(
-            STOP_METADATA_NAME,
-            {
-                "end_ns": str(end_ns),
-                "reason": why,
-                "lost_frames": str(result.lost_frames),
-            },
-        )
-        self.file.finish()
-        return result
+        before = self._lost_frames
+
+        def record() -> Mapping[str, str]:
+            for gap in self.store.waiting.take_missed()[0]:
+                self._lost_frames += gap.lost_frames or 0
+            lost = str(self._lost_frames)
+            return {"end_ns": str(end_ns), "reason": why, "lost_frames": lost}
+
+        self.store.finish(STOP_METADATA_NAME, record, end_ns)
+        self._problems += self.store.notes
+        if self._lost_frames > before:
+            lost = counted(self._lost_frames - before, "frame")
+            self._problems.append(f"{lost} could not be written when the recording ended")
+        return self.result()
 
     def result(self) -> RecordResult:
         """What was recorded so far."""
         return RecordResult(
-            path=self.file.path,
+            path=self.store.first_path,
             frames={bus.name: self.conditions[n].frames for n, bus in self._buses.items()},
             lost_frames=self._lost_frames,
             gap_count=self._gap_count,
             gaps=list(self._gaps),
             problems=list(self._problems),
-            bytes_written=self.file.bytes_written,
+            bytes_written=self.store.bytes_written,
+            files=self.store.file_count,
         )
 
     def _noted(self) -> list[Block]:
@@ -256,14 +339,30 @@ class Recording:
     def _recognised(self, bus: int, node: int, device: Device) -> None:
         self._attach(device)
         name = self._buses[bus].name
-        self.file.add_metadata(
+        self.store.add_metadata(
             f"syncline.device.{name}.node{node}",
             {"bus": name, "node": str(node), "device": device.name},
         )
 
     def _attach(self, device: Device) -> None:
         for name, data in device.files.items():
-            self.file.attach(device_attachment(name, data))
+            self.store.attach(device_attachment(name, data))
+
+
+def split_of(options: RecordOptions) -> Split:
+    """When a recording is split: as the user says, or so that a budget can be kept."""
+    if options.split or not options.keep.split_bytes:
+        return options.split
+    return Split(size_bytes=options.keep.split_bytes)
+
+
+def _folder(plan: StorePlan) -> RecordingFolder | None:
+    """The folder with its earlier recordings; None for a single file that the user named."""
+    if plan.names.is_file and not plan.split:
+        return None
+    folder = RecordingFolder(plan.names.folder, plan.metadata.host, plan.disk)
+    folder.load()
+    return folder
 
 
 def _attachments(description: BusDescription) -> list[Attachment]:

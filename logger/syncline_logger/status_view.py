@@ -1,6 +1,7 @@
-"""The live status: one line on a terminal, JSON lines elsewhere."""
+"""The live status: one line on a terminal, JSON lines elsewhere, a file for other programs."""
 
 import json
+import os
 from typing import TYPE_CHECKING, Any
 
 from syncline_logger.live_status import BusSnapshot, StatusSnapshot
@@ -20,16 +21,25 @@ _STATE_STYLE = {
 
 def status_json(snapshot: StatusSnapshot) -> str:
     """One JSON object without a line end."""
-    return json.dumps(
-        {
-            "t_ns": snapshot.t_ns,
-            "elapsed_s": round(snapshot.elapsed_ns / 1e9, 3),
-            "path": snapshot.path,
-            "bytes": snapshot.bytes_written,
-            "frames": snapshot.frames,
-            "buses": [_bus_values(bus) for bus in snapshot.buses],
-        }
-    )
+    return json.dumps(_values(snapshot))
+
+
+def status_file_text(snapshot: StatusSnapshot, running: bool) -> str:
+    """The same object with whether the recorder runs, and as which process."""
+    state = "recording" if running else "stopped"
+    return json.dumps({"state": state, "pid": os.getpid()} | _values(snapshot)) + "\n"
+
+
+def _values(snapshot: StatusSnapshot) -> dict[str, Any]:
+    return {
+        "t_ns": snapshot.t_ns,
+        "elapsed_s": round(snapshot.elapsed_ns / 1e9, 3),
+        "path": snapshot.path,
+        "bytes": snapshot.bytes_written,
+        "frames": snapshot.frames,
+        "gaps": snapshot.gaps,
+        "buses": [_bus_values(bus) for bus in snapshot.buses],
+    }
 
 
 def _bus_values(bus: BusSnapshot) -> dict[str, Any]:
@@ -44,6 +54,16 @@ def _bus_values(bus: BusSnapshot) -> dict[str, Any]:
         "dropped_frames": bus.dropped_frames,
         "nodes": {str(node): str(state) for node, state in bus.nodes.items()},
     }
+
+
+def plain_line(snapshot: StatusSnapshot) -> str:
+    """One line for `systemctl status`."""
+    words = [counted(snapshot.frames, "frame")]
+    for bus in snapshot.buses:
+        heard = f"{bus.frames_per_s:.0f}/s" if bus.adapter_present else "adapter lost"
+        lost = f", {counted(bus.dropped_frames, 'frame')} lost" if bus.dropped_frames else ""
+        words.append(f"{bus.name} {heard}{lost}")
+    return f"{'; '.join(words)}; {snapshot.path}"
 
 
 def status_line(snapshot: StatusSnapshot) -> "Text":

@@ -13,6 +13,7 @@ from syncline_samples.fuzz_plan import (
     Plan,
     beats,
     guarded,
+    is_lir,
     period_ms,
     readable,
     restart_s,
@@ -40,6 +41,11 @@ from syncline_samples.sdo_client import OnTimeout, read, write
 Script = Callable[[Plan], None]
 NMT_NOISE = (b"", b"\x01", b"\x55\x00", b"\x01\x80")
 """No commands: too short, an unknown specifier, a number that no node can have."""
+
+
+def _speaks(plan: Plan, spec: DeviceSpec) -> bool:
+    """Whether a node tells its states: after a remote frame the heartbeats of a LIR are empty."""
+    return not (is_lir(spec) and plan.had(faults.RemoteOnHeartbeat, spec))
 
 
 def _watchdog(plan: Plan) -> None:
@@ -121,7 +127,7 @@ def _heartbeat_period(plan: Plan) -> None:
 
 
 def _unknown_state(plan: Plan) -> None:
-    spec = plan.node(beats)
+    spec = plan.node(lambda spec: beats(spec) and _speaks(plan, spec))
     if spec is not None:
         byte = plan.random.choice((0x33, 0x01, 0x7E))
         plan.add(faults.UnknownState(spec.node_id, plan.now_s, byte, 2.0), 3.0)
@@ -168,7 +174,9 @@ def _reset(plan: Plan) -> None:
 
 def _leaves(plan: Plan) -> None:
     """Not of an encoder that may boot with the same byte, as far as the recording tells."""
-    spec = plan.node(lambda spec: not (plan.late and spec.device in LIR_MODELS[1:]))
+    spec = plan.node(
+        lambda spec: _speaks(plan, spec) and not (plan.late and spec.device in LIR_MODELS[1:])
+    )
     if spec is not None:
         to = plan.random.choice((State.PRE_OPERATIONAL, State.STOPPED))
         for_s = plan.between(2.5, 4.0) * period_ms(spec) / 1000 + 0.2
@@ -176,7 +184,8 @@ def _leaves(plan: Plan) -> None:
 
 
 def _rogue(plan: Plan) -> None:
-    spec = plan.node(lambda spec: spec.device != "io" and plan.sync_us)
+    """Of a node that tells that it is PRE-OPERATIONAL: else it may as well ignore the command."""
+    spec = plan.node(lambda spec: spec.device != "io" and plan.sync_us and _speaks(plan, spec))
     if spec is not None:
         for_s = plan.between(0.5, 2.0)
         plan.add(faults.PdoOutsideOperational(spec.node_id, plan.now_s, for_s), for_s + 1.5)

@@ -46,8 +46,12 @@ class Controller(IntFlag):
 WARNING_COUNT = 96
 """Error counter from which a controller is at its warning level (ISO 11898-1)."""
 PASSIVE_COUNT = 128
-SOCKETCAN_INTERFACES = frozenset({"socketcan", "socketcand", "virtual"})
+SOCKETCAN_INTERFACES = frozenset({"slcan", "socketcan", "socketcand", "virtual"})
 """python-can's names of interfaces whose error frames carry these classes."""
+RECORDER_OFF = "recorder bus-off"
+"""Reason of a gap: the recorder's own controller was bus-off and heard nothing."""
+RECORDER_OVERFLOW = "receive buffer of the recorder's controller overflowed"
+"""Reason of a gap: frames were lost in the recorder's own controller."""
 NOT_RECORDED = "error frame, kind not recorded"
 """What is said of an error frame whose log does not tell its class."""
 

@@ -2,6 +2,7 @@
 
 import tomllib
 from collections.abc import Mapping
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field
 from math import isfinite
 from pathlib import Path
@@ -14,8 +15,9 @@ from syncline_schemas.devices import (
     device_from_files,
     is_path,
     load_device,
+    stated_objects,
 )
-from syncline_schemas.devices.profile import integer, object_key
+from syncline_schemas.devices.convert import integer, object_key
 from syncline_schemas.errors import DescriptionError
 
 
@@ -137,8 +139,27 @@ def _files_of(name: str) -> list[str]:
     return [name + suffix for suffix in (".toml", *EDS_SUFFIXES)]
 
 
-_SHAFT_KEYS = {"same_shaft_as", "ratio", "tolerance_deg"}
-_NODE_KEYS = {"name", "device", "eds", "objects", "overrides", *_SHAFT_KEYS}
+BUS_KEYS: dict[str, str] = {
+    "bitrate": "bit rate [bit/s]; not told, it is estimated from the frames, and said to be so",
+    "data_bitrate": "bit rate of the data phase of CAN FD frames with bit rate switch [bit/s]",
+    "node": "one table per node: `[bus.NAME.node.5]`",
+}
+"""Keys of `[bus.NAME]` with their meaning."""
+NODE_KEYS: dict[str, str] = {
+    "name": "name for people, used in every text",
+    "device": "what it is: a name of `syncline devices`, or a path to a .toml, .eds, .dcf or .xdd"
+    " file, relative to this file",
+    "eds": "the same as `device`, where the path to an EDS reads better",
+    "objects": "values that hold unless the bus says otherwise, by object in hexadecimal digits:"
+    ' `"6001"`, `"1800:2"`',
+    "overrides": "settings of the device, by the names of the tables below",
+    "same_shaft_as": "node of the same bus whose encoder sits on the same shaft: both are compared"
+    " (`angle.shafts_parted`)",
+    "ratio": "how many turns this encoder makes for one of that one, negative the other way round;"
+    " 1 where not told",
+    "tolerance_deg": "how far both may part at standstill [deg]; 2 where not told",
+}
+"""Keys of `[bus.NAME.node.N]` and `[node.N]` with their meaning."""
 
 
 class _Reader:
@@ -157,7 +178,7 @@ class _Reader:
         self._only(data, "", {"bus", "node"})
         for bus, table in self._tables(data.get("bus", {}), "bus"):
             where = f"bus.{bus}"
-            self._only(table, where, {"bitrate", "data_bitrate", "node"})
+            self._only(table, where, BUS_KEYS.keys())
             for key, rates in (("bitrate", self.bitrates), ("data_bitrate", self.data_bitrates)):
                 if key in table:
                     self._bitrate(rates, bus, table[key], f"{where}.{key}")
@@ -177,25 +198,28 @@ class _Reader:
             except ValueError:
                 node = 0
             if 1 <= node <= 127:
-                self.nodes[bus, node] = self._entry(table, f"{where}.{text}")
+                self.nodes[bus, node] = self._entry(table, f"{where}.{text}", node)
             else:
                 self.errors.append(f"{where}.{text}: a node id is a number from 1 to 127")
 
-    def _entry(self, table: Mapping[str, Any], where: str) -> NodeEntry:
-        self._only(table, where, _NODE_KEYS)
+    def _entry(self, table: Mapping[str, Any], where: str, node: int) -> NodeEntry:
+        self._only(table, where, NODE_KEYS.keys())
         name = table.get("name")
         if name is not None and not isinstance(name, str):
             self.errors.append(f"{where}.name: {name!r} is no text")
         device = self._device(table, where)
         overrides = dict(self._pairs(table.get("overrides", {}), f"{where}.overrides"))
+        stated: dict[tuple[int, int], int] = {}
         try:
-            device = configured(device, overrides) if device is not None else None
+            if device is not None:
+                device = configured(self._variant(device, overrides), overrides)
+                stated = stated_objects(device, overrides, node)
         except DescriptionError as error:
             self.errors.append(f"{where}.overrides: {error}")
         return NodeEntry(
             name if isinstance(name, str) else None,
             device,
-            self._objects(table.get("objects", {}), f"{where}.objects"),
+            stated | self._objects(table.get("objects", {}), f"{where}.objects"),
             overrides,
             *self._shaft(table, where),
         )
@@ -243,6 +267,14 @@ class _Reader:
             self.errors.append(f"{where}.{given[0]}: {error}")
             return None
 
+    def _variant(self, device: Device, overrides: Mapping[str, Any]) -> Device:
+        """The device that a setting names instead, where one does."""
+        for name, value in overrides.items():
+            setting = device.overrides.get(name)
+            if setting is not None and setting.loads and str(value) in setting.means:
+                return self._loaded(setting.means[str(value)])
+        return device
+
     def _loaded(self, name: str) -> Device:
         if name in self._files:
             device = device_from_files(name, self._files)
@@ -277,7 +309,7 @@ class _Reader:
                 self.errors.append(f"{where}.{text}: {error}")
         return found
 
-    def _only(self, table: Mapping[str, Any], where: str, known: set[str]) -> None:
+    def _only(self, table: Mapping[str, Any], where: str, known: AbstractSet[str]) -> None:
         for key in sorted(table.keys() - known):
             path = f"{where}.{key}" if where else key
             self.errors.append(f"{path}: unknown key; known are {', '.join(sorted(known))}")

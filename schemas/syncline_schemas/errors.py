@@ -2,6 +2,7 @@
 
     SynclineError
     ├── UsageError            an option or argument makes no sense          (also ValueError)
+    │   └── SeveralErrors     several things are wrong at once
     ├── CaptureError          a file is no capture that can be read         (also OSError)
     ├── DescriptionError      a bus description, EDS or device is unusable   (also ValueError)
     ├── SourceError           a bus interface cannot be opened or read       (also OSError)
@@ -10,6 +11,8 @@
 Bytes from a bus or a file never raise: they become values, findings or counted losses.
 Every message says what was wrong, where, and what to do.
 """
+
+from collections.abc import Sequence
 
 
 class SynclineError(Exception):
@@ -20,6 +23,14 @@ class SynclineError(Exception):
 
 class UsageError(SynclineError, ValueError):
     """An option or argument makes no sense."""
+
+
+class SeveralErrors(UsageError):
+    """Several things are wrong; `problems` holds a line for each."""
+
+    def __init__(self, problems: Sequence[str]) -> None:
+        super().__init__("\n".join(problems))
+        self.problems = tuple(problems)
 
 
 class CaptureError(SynclineError, OSError):

@@ -37,6 +37,31 @@ class EncoderScale:
     assumed: tuple[str, ...] = ()
     cut_bits: int | None = None
     """Bits of the value that is sent where they are too few for the range: R is then 2^bits."""
+    signed: bool = False
+    """Whether values below 0 are sent as well."""
+
+
+LINEAR = range(6, 10)
+MULTI_SENSOR = 10
+"""Kinds of encoder in the upper half of 1000h (CiA 406): those that measure a way, and those that
+may measure either."""
+_MM_PER_NM = 1e-6
+
+
+def linear_scale(
+    device: Device, device_type: int | None, lookup: Lookup
+) -> tuple[float, str] | None:
+    """(factor, unit) of an encoder that measures a way: 6005h:1 in nm; None of a rotary one."""
+    if device_type is None or device_type & 0xFFFF != 406:
+        return None
+    kind = device_type >> 16 & 0xFF
+    per_turn = device.measurement.get("counts_per_turn")
+    turns = kind == MULTI_SENSOR and per_turn is not None and lookup(*per_turn) is not None
+    if kind not in (*LINEAR, MULTI_SENSOR) or turns:
+        return None
+    step = device.measurement.get("measuring_step")
+    known = lookup(*step) if step is not None else None
+    return (known[0] * _MM_PER_NM, "mm") if known and known[0] > 0 else (1.0, "counts")
 
 
 class _Settings:
@@ -104,12 +129,13 @@ def encoder_scale(
     )
 
 
-def sent_in(scale: EncoderScale, bits: int) -> EncoderScale:
+def sent_in(scale: EncoderScale, bits: int, *, signed: bool = False) -> EncoderScale:
     """The scale of a value of which only the lower `bits` are sent (6004h mapped with 16 bits).
 
     >>> sent_in(EncoderScale(4096, 1 << 24), 16).range_counts
     65536
     """
+    scale = replace(scale, signed=signed)
     if scale.range_counts is None or scale.range_counts <= 1 << bits:
         return scale
     return replace(scale, range_counts=1 << bits, cut_bits=bits)
@@ -174,10 +200,10 @@ class EncoderAngles:
 
 def encoder_angles(raw: Counts, scale: EncoderScale) -> EncoderAngles:
     """Position, turn = pos div cpr and angle = (pos mod cpr) x 360 / cpr of raw counts."""
-    in_range = raw >= 0
+    in_range = np.full(len(raw), True) if scale.signed else raw >= 0
     position = raw
     if scale.range_counts is not None:
-        in_range = in_range & (raw < scale.range_counts)
+        in_range = in_range & (np.abs(raw) < scale.range_counts)
         position = raw % scale.range_counts
     if scale.counts_per_turn is None:
         unknown = np.full(len(raw), np.nan)

@@ -1,6 +1,6 @@
 """Analyses to show: builders with keyword defaults, and a bad day that uses every table."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from syncline_analyzer.results import (
     ErrorHistoryRow,
     ErrorRow,
     Finding,
+    FollowerRow,
     GapRow,
     LssRow,
     NmtCommandRow,
@@ -30,11 +31,14 @@ from syncline_analyzer.results import (
     Responses,
     SdoRow,
     Series,
+    ShaftRow,
     SyncRow,
+    TiltRow,
     TiltSetting,
     TiltTrace,
     TimeStampRow,
     Trace,
+    TraceEventRow,
     TraceRow,
 )
 from syncline_schemas.tilt import Angles, gravity_of
@@ -467,3 +471,47 @@ def untimed() -> Analysis:
         emcy=[emcy_row(t_ns=0, seq=40)],
         findings=[finding(start_ns=0, end_ns=0)],
     )
+
+
+def measured() -> Analysis:
+    """Two encoders on one shaft and an inclinometer, with everything that was found out of them."""
+    one, two, slope = shaft(6_000), shaft(3_000, 6), tilt(0x601000, "Slope long", 40.0)
+    rows = [
+        replace(
+            trace_row(one), assumed=["range"], mean_deg=121.5, std_deg=130.0, direction_changes=7,
+            rest_samples=128, noise_deg=0.012, noise_peak_deg=0.05, sources={"185h": 6_000},
+            speed_max_rpm=40.03, told_below_rpm=118.4, untold_speeds=3,
+        ),
+        replace(trace_row(two), cuts=2, flags={"wrap": 4, "frozen": 9, "scale_assumed": 3_000}),
+        replace(trace_row(slope), mean_deg=359.98, std_deg=2.61, direction_changes=0,
+                speed_max_rpm=0.2, sources={"18Ah": 5_000, "SDO": 2}),
+    ]  # fmt: skip
+    cuts = [
+        (5, 0x600400, "capture gap: adapter lost"), (6, 0x600400, "preset (6003h written)"),
+        (6, 0x600400, "node lost for 3.1 s"), (10, 0x601000, "boot-up"),
+    ]  # fmt: skip
+    health = DeviceHealthRow("can0", 5, "lir-da158a", "EEPROM writes", 0x1011, 4, "writes", 2,
+                             1200.0, 1204.0, 1200.0, 1204.0, at(1), at(9), 4, 70,
+                             note="+4 between the first and the last read")  # fmt: skip
+    return analysis(
+        nodes=[
+            node_row(5, name="drum", device="lir-da158a", device_source="objects",
+                     device_reason='1008h = "L158" (frame 12)'),
+            node_row(6, name="brake", device_guess=["lir-ma158k"], device_reason="8 bytes in 186h"),
+            node_row(10, name="boom"),
+        ],
+        traces=rows,
+        trace_data=[one, two, slope],
+        trace_events=[
+            TraceEventRow("can0", node, object, "cut", 7 + k, at(265), None, None, text)
+            for k, (node, object, text) in enumerate(cuts)
+        ],
+        shafts=[ShaftRow("can0", 6, "can0", 5, 1.0, 2_900, 7, 12.5, 9.1, 2.0, 2, at(300), 4711, 12.0)],
+        followers=[FollowerRow("can0", 10, 5, -2.5, at(3), at(590), 800, 1440.0, 0.4)],
+        tilts=[TiltRow("can0", 10, 0x601000, "perpendicular", "", 5_000, 0, 0, 0, 0, None, None,
+                       None, ["two formulas are possible: choose perp_formula"], ["res"])],
+        device_health=[health],
+        object_changes=[ObjectChangeRow("can0", 5, 700, at(250), 0x6003, 0, "Preset value", "counts",
+                                        0, 1000, "preset to 1000", "SDO client on 605h",
+                                        "sdo-write", 0x605, saved=True)],
+    )  # fmt: skip

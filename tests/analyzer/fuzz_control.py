@@ -3,6 +3,8 @@
 from collections.abc import Iterator
 from itertools import pairwise
 
+import numpy as np
+
 from syncline_samples.faults import BusPowerOff, SecondSyncProducer
 from syncline_samples.truth import BootUpTruth
 from tests.analyzer.fuzz_case import Case
@@ -105,8 +107,10 @@ def _first(case: Case, boot: BootUpTruth) -> bool:
     """Whether a boot-up is the first that is heard of a node, at the start or after a gap."""
     signs = case.signs(boot.node)
     begun = max((case.stamp(end) for _, end in case.deaf if end <= boot.t_ns), default=0)
-    known = (signs >= begun) & (signs < case.stamp(boot.t_ns) - case.slack_ns)
-    return not known.any()
+    own = np.abs(signs - case.stamp(boot.t_ns)) <= case.slack_ns
+    # In their order: where the clock is set back, later ones have earlier stamps.
+    before = signs[: int(own.argmax())] if own.any() else signs
+    return not (before >= begun).any()
 
 
 def syncs(case: Case) -> Iterator[str]:

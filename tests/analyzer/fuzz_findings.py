@@ -13,6 +13,9 @@ from tests.analyzer.fuzz_rows import twins
 
 _MOVES = (MoveEmcy, MovePdo, MoveSdo)
 _LSS_IDS = (0x7E4, 0x7E5)
+_SHOWN_BY_OTHERS = ("pdo.delaying_node",)
+"""Findings on what a node does to others: the frames that came late because of it are theirs."""
+_LOOP = "nmt.boot_loop"
 
 
 def findings(case: Case) -> Iterator[str]:
@@ -58,9 +61,22 @@ def _shifted(case: Case) -> list[ExpectedFinding]:
     earlier = sum(min(0, step) for _, step in case.steps)
     later = sum(max(0, step) for _, step in case.steps)
     return [
-        each._replace(start_ns=each.start_ns + earlier, end_ns=each.end_ns + later)
+        each._replace(
+            start_ns=each.start_ns + earlier,
+            end_ns=each.end_ns + later,
+            or_as=(*each.or_as, _LOOP) if _beside_loop(case, each) else each.or_as,
+        )
         for each in (*case.truth.findings, *_also_true(case))
     ]
+
+
+def _beside_loop(case: Case, expected: ExpectedFinding) -> bool:
+    """Whether a restart is one more of a loop, if that was not a minute ago."""
+    restart = "nmt.unexpected_reset" in (expected.id, *expected.or_as)
+    loops = (each for each in case.truth.findings if each.id == _LOOP)
+    return restart and any(
+        each.node == expected.node and abs(each.at_ns - expected.at_ns) <= 60 * S for each in loops
+    )
 
 
 def _also_true(case: Case) -> Iterator[ExpectedFinding]:
@@ -115,7 +131,9 @@ def _evidence_of(case: Case, piece: Finding | Link) -> Iterator[str]:
     stamps, ids = frames.t_ns[piece.evidence], frames.can_id[piece.evidence]
     if ((stamps < piece.start_ns - near) | (stamps > piece.end_ns + near)).any():
         yield f"{name} rests on frames far from it"
-    if any(isinstance(f, _MOVES) and f.node == piece.node for f in case.scenario.faults):
+    if piece.id in _SHOWN_BY_OTHERS or any(
+        isinstance(f, _MOVES) and f.node == piece.node for f in case.scenario.faults
+    ):
         return
     about = ((ids & 0x7F) == piece.node) | np.isin(ids, (0, 0x80, *_LSS_IDS))
     if piece.node is not None and piece.evidence and not about.any():

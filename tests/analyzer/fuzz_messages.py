@@ -187,7 +187,11 @@ def answer_times(case: Case) -> Iterator[str]:
 
 
 def responses(case: Case) -> Iterator[str]:
-    """Shortest and longest time from a SYNC to the PDO that answers it."""
+    """Shortest and longest time from a SYNC to the PDO that answers it.
+
+    A PDO that the bus held back past the next SYNC is paired with that one: its frame does not tell
+    which of the two it answers (analysis.md section 5).
+    """
     if case.steps or case.deaf or any(isinstance(f, _UNCLEAR_SYNCS) for f in case.scenario.faults):
         return
     for row in case.analysis.pdos:
@@ -199,10 +203,21 @@ def responses(case: Case) -> Iterator[str]:
         ]
         if row.response_us is None or not true or row.node in twins(case):
             continue
+        if any(_past_next_sync(case, pdo) for pdo in case.truth.pdos if pdo.cob_id == row.cob_id):
+            continue
         told = (row.response_us.min, row.response_us.max)
         slack_us = 2 * case.slack_ns / 1000 + 0.01
         if abs(told[0] - min(true)) > slack_us or abs(told[1] - max(true)) > slack_us:
             yield f"PDO {row.cob_id:03X}h answers in {told}, not {(min(true), max(true))} us"
+
+
+def _past_next_sync(case: Case, pdo: PdoTruth) -> bool:
+    """Whether another SYNC was on the bus between the one that a PDO answers and the PDO."""
+    if pdo.sync_ns is None:
+        return False
+    syncs = case.frames.t_ns[case.frames.can_id == 0x80]
+    after_ns = pdo.sync_ns + case.slack_ns
+    return bool(((syncs > after_ns) & (syncs < pdo.end_ns - case.slack_ns)).any())
 
 
 def _asked_for(case: Case, pdo: PdoTruth) -> bool:

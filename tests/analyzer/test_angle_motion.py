@@ -224,6 +224,14 @@ def test_a_shaft_that_turns_too_fast_is_no_jump(batch: int) -> None:
     assert analysis.traces[0].speed_max_rpm == pytest.approx(3600, rel=0.01)
 
 
+@pytest.mark.triggers("angle.overspeed")
+@pytest.mark.parametrize(("rpm", "beyond"), [(9000, False), (12_000, True)])
+def test_the_mechanical_limit_is_told_where_it_was_passed(rpm: float, beyond: bool) -> None:
+    """Sheet skbis-lir-da158, 8: 3000 rpm working, 10 000 rpm mechanical."""
+    (finding,) = found(run(encoder(running_up(rpm), period_ms=2.0)), "angle.overspeed")
+    assert ("mechanical limit is 10000 rpm" in finding.text) is beyond
+
+
 @pytest.mark.near_miss("angle.overspeed")
 def test_a_jump_and_a_shaft_at_its_limit_are_no_overspeed() -> None:
     jump = moved(encoder(turning), 10_010, 700 * TURN)

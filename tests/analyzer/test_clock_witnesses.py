@@ -139,6 +139,29 @@ def test_a_producer_that_pauses_and_what_answers_it_are_one_witness() -> None:
 
 
 @pytest.mark.near_miss("nmt.node_lost", "nmt.bus_silent")
+@pytest.mark.triggers("clock.step_forward")
+@pytest.mark.near_miss("sync.missing", "nmt.bus_silent")
+def test_an_answer_that_was_on_its_way_is_a_witness_of_its_own() -> None:
+    """The clock is set between a SYNC and its answer: that does not wait for the next SYNC."""
+    stop_ms = 4202
+    rows = [*every(0x80, 1, stop_ms, 50), *every(0x285, 1.65, stop_ms, 50, b"\1\2")]
+    rows += [*every(0x185, 96.7, stop_ms, 100.002, b"\1\2"), *beats(127, 400, stop_ms, 500)]
+    rows += beats(5, 94.5, stop_ms, 300.001)
+    told = stepped(rows, 4051.3, 712)
+    assert steps_ms(told) == [pytest.approx(712, abs=1)]
+    assert ids(told) == {"clock.step_forward"}
+
+
+@pytest.mark.parametrize("pause_ms", [700, 712])
+def test_an_answer_to_the_sync_after_a_silence_is_none(pause_ms: float) -> None:
+    """The producer paused; the PDO of a timer keeps its own phase or is silent as well."""
+    early = [*every(0x80, 1, 4352, 50), *every(0x285, 1.65, 4352, 50, b"\1\2")]
+    late = [*every(0x80, 4351 + pause_ms, 6000, 50)]
+    late += every(0x285, 4351.65 + pause_ms, 6000, 50, b"\1\2")
+    told = whole([*early, *late, *beats(5, 247.5, 4300, 300.001)])
+    assert steps_ms(told) == []
+
+
 def test_a_step_makes_no_loss_of_a_node_that_was_not_due_again() -> None:
     """Its last heartbeat was 0.3 s before the end of the recording; the clock was set by 1 s."""
     stop_ms = 13_700

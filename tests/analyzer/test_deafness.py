@@ -2,9 +2,9 @@
 
 import pytest
 
-from syncline_analyzer.deafness import RECORDER_OFF, with_deafness
+from syncline_analyzer.deafness import with_deafness
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
-from syncline_schemas.can_errors import ErrorClass
+from syncline_schemas.can_errors import RECORDER_OFF, ErrorClass
 from tests.analyzer.control_runs import MS, Row, frame
 
 ERROR = int(FrameFlag.ERROR)
@@ -74,3 +74,9 @@ def test_a_controller_that_stays_off_is_deaf_to_the_end() -> None:
 def test_a_stream_without_bus_off_passes_as_it_is() -> None:
     batch = FrameBatch.from_rows([frame(0, 0x80), back(10)])
     assert [item for _, item in with_deafness([(0, batch)])] == [batch]
+
+
+def test_gaps_that_the_recorder_made_of_the_same_frames_stand_once() -> None:
+    told = [Gap(MS, 3 * MS, RECORDER_OFF, None, 0), Gap(MS, 3 * MS, "unplugged")]
+    kept = [item for _, item in with_deafness((0, gap) for gap in told)]
+    assert kept == told[1:]

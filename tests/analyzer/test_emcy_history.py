@@ -168,3 +168,26 @@ def test_a_storm_costs_a_bounded_number_of_contexts() -> None:
 def test_a_write_to_another_node_is_no_context() -> None:
     row = node_5(written(100, 0x6003, 1), emcy(110, VOLTAGE, node=9)).analysis.emcy_context[0]
     assert (row.node, row.write_index, row.writes) == (9, None, [])
+
+
+@pytest.mark.near_miss("emcy.history_unseen")
+def test_a_gap_may_hide_the_emcy_of_a_new_entry() -> None:
+    """Only a gap after what shows the entry to be new, and before what shows it to be older."""
+    reads = [*entry(500, 1, 0x3100), *entry(510, 2, 0x5000), *entry(520, 3, 0x4200)]
+    for start, end, seen in ((120, 180, "unknown"), (20, 80, "missed"), (220, 280, "missed")):
+        gap = Gap(start * MS, end * MS, "adapter lost", None, None)
+        result = node_5(emcy(100, HEAT), gap, emcy(200, VOLTAGE), reads)
+        assert [row.seen for row in result.analysis.error_history] == ["seen", seen, "seen"]
+        told = [each.severity for each in result.findings() if each.id == "emcy.history_unseen"]
+        assert told == ["info" if seen == "unknown" else "warning"]
+    gap = Gap(320 * MS, 380 * MS, "adapter lost", None, None)
+    cleared = node_5(written(300, 0x1003, 0, 1), gap, entry(500, 1, 0x3100))
+    assert history(cleared) == [(0x3100, "unknown", None)]
+
+
+@pytest.mark.near_miss("emcy.history_unseen")
+def test_a_gap_may_hide_the_emcys_by_which_the_list_grew() -> None:
+    gap = Gap(320 * MS, 380 * MS, "adapter lost", None, None)
+    reads = (read(300, 0x1003, 0, 0, 1), read(500, 0x1003, 0, 2, 1), read(600, 0x1003, 0, 3, 1))
+    notes = [row.note for row in node_5(reads[0], gap, *reads[1:]).analysis.error_history]
+    assert notes == ["", "", "1 error more than at the read before; EMCYs told 0"]

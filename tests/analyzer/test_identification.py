@@ -118,6 +118,101 @@ def test_what_many_devices_send_is_no_hint(script: Script) -> None:
     assert told.row().device_guess == []
 
 
+def maga(script: Script) -> Script:
+    """1008h = "MAGA", a name that rebrands share (sheet haomiao-38, trap 14)."""
+    script.heartbeat(0, 5000).pdo(15, 5000, 100, lambda k: 1000 + 40 * k)
+    return script.read(10, 0x1008, 0, 0x4147414D)
+
+
+@pytest.mark.triggers("device.looks_like")
+def test_a_name_that_several_makers_use_is_a_hint_and_says_how_to_get_the_trace() -> None:
+    told = maga(Script(None, 5)).read(20, 0x1000, 0, 0x00020196).told()
+    assert (told.row().device, told.row().device_guess) == (None, ["haomiao-38"])
+    found = told.finding("device.looks_like")
+    assert found.severity == "info"
+    assert len(found.evidence) == 2
+    assert says(found.text, '1008h = "MAGA"', "haomiao-38", "3000h or 3001h would tell")
+    assert says(found.check_next, "--device 5=haomiao-38")
+    assert told.traced() == []
+    named = maga(Script("haomiao-38", 5)).told()
+    assert named.traced() == [0x6004]
+    assert "device.looks_like" not in named.ids
+
+
+@pytest.mark.triggers("device.looks_like")
+def test_an_object_of_the_makers_own_and_the_kind_of_device_are_a_hint() -> None:
+    script = Script(None, 5).heartbeat(0, 1000).read(10, 0x1000, 0, 0x00020196)
+    told = script.read(20, 0x3001, 0, 3, size=1).told()
+    assert told.row().device_guess == ["haomiao-38"]
+    assert says(told.finding("device.looks_like").text, "3001h = 3", "1008h or 3000h would tell")
+
+
+@pytest.mark.near_miss("device.looks_like")
+def test_what_the_weak_name_is_refuted_by() -> None:
+    refused = maga(Script(None, 5))
+    for at, index in ((20, 0x3000), (30, 0x3001)):
+        refused.read(at, index, abort=0x06020000)
+    other_kind = maga(Script(None, 5)).read(20, 0x1000, 0, 0x00030191)
+    common = Script(None, 5).heartbeat(0, 1000).read(10, 0x1000, 0, 0x00010196)
+    for script in (refused, other_kind, common.read(20, 0x6200, 0, 20, size=2)):
+        told = script.told()
+        assert told.row().device_guess == []
+        assert "device.looks_like" not in told.ids
+
+
+def type_0(script: Script) -> Script:
+    """Sheet skbis-lir-canopen, trap 6: the new generation sends with type 0, the old is off."""
+    lir_name(script.heartbeat(0, 9000).sync(3, 9000)).read(20, 0x1800, 2, 0, size=1)
+    return script.pdo(1004, 9000, 400, lambda k: 50 * k)
+
+
+@pytest.mark.triggers("device.looks_like")
+def test_of_old_and_new_l158_the_pattern_of_a_pdo_may_tell() -> None:
+    told = type_0(Script(None, 5)).told()
+    row = told.row()
+    assert (row.device, row.device_guess) == ("lir-da158 or lir-da158a", ["lir-da158a"])
+    found = told.finding("device.looks_like")
+    assert says(found.text, "more likely a lir-da158a", "185h is sent though", "type is 0")
+    assert told.traced() == [0x6004]
+
+
+@pytest.mark.near_miss("device.looks_like")
+def test_a_pdo_that_both_l158_send_tells_nothing() -> None:
+    script = lir_name(Script(None, 5)).heartbeat(0, 9000).sync(3, 9000)
+    told = script.read(20, 0x1800, 2, 1, size=1).pdo(1004, 9000, 20, lambda k: 50 * k).told()
+    assert told.row().device_guess == []
+    assert "device.looks_like" not in told.ids
+    proven = type_0(Script(None, 5)).read(30, 0x1015, 0, 0, size=2).told()
+    assert proven.row().device == "lir-da158a"
+    assert "device.looks_like" not in proven.ids
+
+
+@pytest.mark.triggers("device.position_not_shown")
+@pytest.mark.parametrize(
+    ("kind", "words"), [(0x00020196, "CiA 406 encoder"), (0x0002019A, "CiA 410 inclinometer")]
+)
+def test_an_encoder_whose_pdos_nobody_explains(kind: int, words: str) -> None:
+    script = Script(None, 5).heartbeat(0, 5000).read(10, 0x1000, 0, kind)
+    told = script.pdo(15, 5000, 100, lambda k: 1000 + 40 * k).told()
+    found = told.finding("device.position_not_shown")
+    assert (found.severity, len(found.evidence)) == ("info", 1)
+    assert says(found.text, words, "185h", "not shown")
+    assert says(found.check_next, "--device 5=FILE.eds")
+
+
+@pytest.mark.near_miss("device.position_not_shown")
+def test_what_is_shown_or_no_encoder_is_not_said_to_be_missing() -> None:
+    def script(kind: int, device: str | None = None) -> Script:
+        encoder = Script(device, 5).heartbeat(0, 5000).read(10, 0x1000, 0, kind)
+        return encoder.pdo(55, 5000, 100, lambda k: 1000 + 40 * k)
+
+    mapped = script(0x00020196).read(20, 0x1800, 1, 0x185).read(30, 0x1A00, 0, 1, size=1)
+    mapped.read(40, 0x1A00, 1, 0x60040020)
+    polled = script(0x00020196).read(20, 0x6004, 0, 1000).read(30, 0x6004, 0, 1040)
+    for each in (mapped, polled, script(0x00030191), script(0x00020196, "haomiao-38")):
+        assert "device.position_not_shown" not in each.told().ids
+
+
 def wrong(told: Told) -> str:
     return told.finding("device.wrong_device").text
 

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
+import pytest
 
 from syncline_analyzer.collecting import rare_collections
 from syncline_analyzer.deafness import Numbered
@@ -36,10 +37,12 @@ def test_batches_that_follow_one_another_become_one() -> None:
     assert _shape(joined(parts)) == [(0, [0, 1, 2, 3, 4, 5])]
 
 
-def test_enough_frames_are_one_batch_and_none_is_cut() -> None:
-    parts = [(seq, _batch(seq, 4)) for seq in range(0, 20, 4)]
-    found = [(seq, len(item)) for seq, item in joined(parts, 6) if isinstance(item, FrameBatch)]
-    assert found == [(0, 8), (8, 8), (16, 4)]
+@pytest.mark.parametrize("size", [1, 4, 6, 7, 12, 20])
+def test_all_batches_are_equally_long_however_the_frames_came(size: int) -> None:
+    whole = _batch(0, 20)
+    parts = [(seq, whole[seq : seq + size]) for seq in range(0, 20, size)]
+    expected = [(0, [*range(6)]), (6, [*range(6, 12)]), (12, [*range(12, 18)]), (18, [18, 19])]
+    assert _shape(joined(parts, 6)) == expected
 
 
 def test_gaps_and_breaks_end_what_waits() -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.folds.timing.tables import TimingTables
-from syncline_schemas.batch import FrameBatch
+from syncline_schemas.batch import FrameBatch, FrameFlag
 from tests.analyzer.timing_builder import (
     MS,
     SECOND,
@@ -64,6 +64,22 @@ def test_a_node_that_starts_while_sync_is_out_counts_from_the_first_sync() -> No
         state(1, "OPERATIONAL", 5 * SECOND, 10 * SECOND),
     ]
     assert missed(timing(told(2), ordered(syncs(times), pdos(answers)), states=states)) == 0
+
+
+def test_a_setting_written_while_sync_is_out_hides_no_restart() -> None:
+    """The SYNC before it came long ago, and the node started meanwhile: it counts from the first."""
+    ctx = told(2)
+    times = [*regular(60, PERIOD), *regular(60, PERIOD, 6 * SECOND)]
+    answers = [t + MS for t in [*times[0:60:2], *times[61:120:2]]]
+    learn(ctx, 9, 0x1800, 1, 0x1A9, seq=91, t_ns=5 * SECOND, source="sdo-write")
+    beats = [frame(t, 0x709, b"\x05") for t in regular(3, 500 * MS, 4800 * MS)]
+    states = [
+        state(1, "OPERATIONAL", 0, 3 * SECOND),
+        state(1, "INITIALISING", 3 * SECOND, 5 * SECOND),
+        state(1, "OPERATIONAL", 5 * SECOND, 10 * SECOND),
+    ]
+    frames = ordered(syncs(times), pdos(answers), beats)
+    assert missed(timing(ctx, frames, states=states)) == 0
 
 
 def test_a_node_that_restarts_and_answers_no_sync_misses_them() -> None:
@@ -235,3 +251,19 @@ def test_a_type_that_a_reset_takes_back_holds_from_there_on() -> None:
         state(1, "OPERATIONAL", 219 * PERIOD, 400 * PERIOD),
     ]
     assert missed(timing(ctx, frames, states=states), 0x281) == 0
+
+
+@pytest.mark.parametrize(("errors", "held_back"), [(90, 1), (1, 0)])
+def test_error_frames_may_hold_a_pdo_back_past_the_next_sync(errors: int, held_back: int) -> None:
+    """A node that goes bus-off fills the bus; a few errors leave room for the PDO to be sent."""
+    times = regular(100, PERIOD)
+    late = {40: PERIOD + MS}
+    answers = sorted(t + late.get(k, 2 * MS) for k, t in enumerate(times[:-1]))
+    broken = [
+        frame(t, 0x88, bytes(8), flags=FrameFlag.ERROR)
+        for t in regular(errors, 480_000, times[40] + 3 * MS)
+    ]
+    ctx = context(bitrate=100_000)
+    learn(ctx, 1, 0x1800, 2, 1)
+    tables = timing(ctx, ordered(syncs(times), pdos(answers), broken))
+    assert [(hole.missing, hole.held_back) for hole in tables.holes] == [(1, held_back)]

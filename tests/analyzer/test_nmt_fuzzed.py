@@ -266,6 +266,19 @@ def test_remote_frames_to_a_heartbeat_node_are_told_up_to_the_last() -> None:
     assert len(finding.evidence) == 2
 
 
+@pytest.mark.triggers("config.rtr_on_heartbeat_node")
+@pytest.mark.near_miss("config.rtr_on_heartbeat_node")
+def test_remote_frames_soon_after_a_gap() -> None:
+    """Two heartbeats after it are enough of a node that sent them before; one may be an answer."""
+    gap = Gap(3200 * MS, 4300 * MS, "adapter lost", None, None)
+    before, after = heartbeats(0, 3200, every_ms=500), heartbeats(4500, 7000, every_ms=500)
+    ask = [remote(5410 + 300 * n, 0x705) for n in range(3)]
+    result = run(*before, gap, *ordered(after, ask))
+    assert one(result, "config.rtr_on_heartbeat_node").start_ns == 5410 * MS
+    answer = heartbeats(4305, 4400)
+    assert run(*before, gap, *answer, *guarding(4400, 7000)).ids() == ["capture.gap"]
+
+
 @pytest.mark.triggers("nmt.heartbeat_slow")
 @pytest.mark.parametrize("shift", range(8))
 def test_six_slow_heartbeats_between_regular_ones(shift: int) -> None:
@@ -538,3 +551,30 @@ def test_two_cadences_on_a_slow_bus_where_one_waits_now_and_then() -> None:
     assert "one heartbeat comes every 200 ms, the other every 330 ms" in found.text
     alone = run(*ordered(waited, others(24_000)))
     assert "nmt.duplicate_node_id" not in alone.ids()
+
+
+@pytest.mark.triggers("nmt.heartbeat_slow")
+def test_a_heartbeat_that_kept_1017h_for_a_while_within_the_window_of_the_slow_one() -> None:
+    """Three periods as they should be after the gap, then four slow ones."""
+    before = ordered(written(10, 0x1017, 500), heartbeats(100, 6000, every_ms=500), others(6000))
+    after = ordered(
+        heartbeats(7100, 9100, every_ms=500),
+        [frame(t, 0x705, "05") for t in (9650, 10_500, 11_350, 12_200, 13_300, 13_800, 14_300)],
+        heartbeats(7000, 14_400, node=9),
+    )
+    gap = Gap(6_000 * MS, 7_000 * MS, "adapter lost", 20, 0)
+    assert "nmt.heartbeat_slow" in run(*before, gap, *after).ids()
+
+
+@pytest.mark.triggers("nmt.unknown_state")
+@pytest.mark.near_miss("nmt.unknown_state")
+def test_bytes_that_are_no_state_before_a_second_device_was_there() -> None:
+    """Three even periods after them show that the node was alone; two might hide a second one."""
+    odd = [frame(t, 0x705, "33") for t in (4000, 4500, 5000, 5500)]
+    both = ordered(heartbeats(8400, 26_000, every_ms=500), heartbeats(8610, 26_000, every_ms=500))
+    beats = [frame(t, 0x705, "05") for t in (6001, 6501, 7001, 7500)]
+    for alone, told in ((beats, True), (beats[1:], False)):
+        before = ordered(heartbeats(0, 4000, every_ms=500), odd, alone)
+        ids = run(*ordered(before, both, [boot(8350)], others(26_000))).ids()
+        assert "nmt.duplicate_node_id" in ids
+        assert ("nmt.unknown_state" in ids) == told

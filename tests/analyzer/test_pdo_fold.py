@@ -249,6 +249,14 @@ def test_answers_that_a_node_queued_and_sends_at_once_are_not_extra_ones() -> No
     assert (row.extra, row.extra_alone) == (3, 1)
 
 
+def test_after_a_long_silence_no_queue_explains_extra_answers_for_as_long() -> None:
+    """A node that lost power answers again; much later it sends some PDOs twice."""
+    frames = ordered(syncs(regular(300, PERIOD)), answers(without(300, *range(50, 150))))
+    extra = [frame(k * PERIOD + 5 * MS, 0x181, DATA) for k in range(190, 230, 10)]
+    row = row_of(timing(told_type(1), ordered_with(frames, extra)))
+    assert (row.missed, row.extra, row.extra_alone) == (100, 4, 4)
+
+
 def ordered_with(frames: FrameBatch, rows: Sequence[Row]) -> FrameBatch:
     both = FrameBatch.concat([frames, FrameBatch.from_rows(rows)])
     return both[np.argsort(both.t_ns, kind="stable")]

@@ -270,3 +270,16 @@ def test_real_jitter_at_the_start_is_still_found() -> None:
     assert row.backlog == 0
     (jitter,) = tables.sync_jitter
     assert jitter.start_ns == T0
+
+
+def test_settings_of_another_bus_do_not_cut_the_periods_of_this_one() -> None:
+    wavering = [t + k * k % 29 * 300 * US for k, t in enumerate(regular(120, 25 * MS))]
+    other = [frame(t, 0x185, bytes(2), bus=1) for t in regular(290, 10 * MS, 3 * MS + 100 * US)]
+    alone = timing(context(buses=("can0", "can1")), ordered(syncs(wavering)))
+    both = context(buses=("can0", "can1"))
+    frames = ordered(syncs(wavering), other)
+    for k, at_ns in enumerate((700 * MS, 1500 * MS, 2100 * MS)):
+        seq = int(np.searchsorted(frames.t_ns, T0 + at_ns))
+        learn(both, 5, 0x1800, 2, k + 1, seq=seq, t_ns=at_ns, source="sdo-write", bus=1)
+    (told,), (expected,) = timing(both, frames).sync_jitter, alone.sync_jitter
+    assert (told.worst_us, told.period_us) == (expected.worst_us, expected.period_us)

@@ -195,6 +195,15 @@ def test_a_cyclic_pdo_misses_periods_of_its_timer() -> None:
 
 
 @pytest.mark.near_miss("pdo.missed")
+def test_a_pdo_that_only_error_frames_held_back_accuses_no_node() -> None:
+    plain = {"cob_id": 0x284, "service": "pdo"}
+    gone = [hole(38, 38.2, 1, held_back=1, **plain), hole(50, 50.2, 2, held_back=1, **plain)]
+    assert judge(RULES, analysis(pdos=[pdo_row(missed=1)], holes=gone[:1])) == []
+    finding = only(judge(RULES, analysis(pdos=[pdo_row(missed=3)], holes=gone)))
+    assert (finding.start_ns, finding.end_ns) == (at(50), at(50.2))
+
+
+@pytest.mark.near_miss("pdo.missed")
 def test_holes_of_another_bus_are_not_mixed_in() -> None:
     gone = hole(38, 38.2, 5, cob_id=0x284, service="pdo", bus="can1")
     assert judge(RULES, analysis(pdos=[pdo_row()], holes=[gone])) == []

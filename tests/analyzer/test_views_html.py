@@ -6,10 +6,12 @@ import shutil
 import subprocess
 import tempfile
 from dataclasses import replace
+from html import unescape
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from syncline_analyzer.results import Analysis, Link
@@ -23,10 +25,12 @@ from tests.analyzer.analysis_builder import (
     emcy_row,
     finding,
     many_nodes,
+    measured,
     node_row,
     pdo_row,
     sdo_row,
     services,
+    shaft,
     state_rows,
     tilt,
     trace_row,
@@ -221,6 +225,50 @@ def test_captures_without_times_draw_nothing_over_time() -> None:
     assert "The log has no times" in page
     assert "<svg" not in page
     assert "untimed" not in page
+
+
+def node_part(page: str, node: int) -> str:
+    """The section of one node."""
+    (found,) = re.findall(
+        rf'<details id="node-can0-{node}".*?(?=<details id="node-|</section>)', page
+    )
+    return str(found)
+
+
+def page_section(page: str, name: str) -> str:
+    (found,) = re.findall(rf'<section id="{name}".*?</section>', page)
+    return str(found)
+
+
+def test_node_section_tells_what_its_traces_rest_on() -> None:
+    drum = node_part(markup(measured()), 5)
+    assert row_of(drum, "Traces", "6004h:00 Position value")["Cut at"] == "gap"
+    motion = row_of(drum, "Motion of the traces", "6004h:00")
+    assert (motion["Mean [deg]"], motion["Fastest [rpm]"]) == ("all round", "40")
+    assert motion["Noise at rest [deg] std/peak"] == "0.012/0.05"
+    assert "node 5 6004h:00: measuring range only assumed" in drum
+    assert row_of(drum, "Health of the devices", "EEPROM writes")["Value"] == "1204"
+    assert row_of(drum, "Changes of parameters (1)", "4:10.000")["Change"] == "preset to 1000"
+    assert "Device: lir-da158a: 1008h = &quot;L158&quot; (frame 12)." in drum
+    values = page_section(markup(measured()), "plots")
+    for part in (drum, node_part(markup(measured()), 6), values):
+        assert row_of(part, "Shafts compared", "6 brake")["Parted"].startswith("2 times, first at")
+
+
+def test_a_node_has_no_table_about_what_it_does_not_have() -> None:
+    boom = node_part(markup(measured()), 10)
+    assert "<caption>Tilts in space</caption>" in boom
+    assert "<caption>Encoders that follow one another</caption>" in boom
+    for title in ("Shafts compared", "Health of the devices", "Changes of parameters"):
+        assert title not in boom
+
+
+def test_plot_of_a_node_has_the_bands_of_its_own_findings() -> None:
+    plots = {plot["title"]: plot["bands"] for plot in data_of(report(bad_day()))["plots"]}
+    starts = {title: [start for start, _, _ in bands] for title, bands in plots.items()}
+    assert starts["Angle [deg] of node 5 shaft"] == [420.0]
+    assert starts["Angle [deg] of node 10 boom tilt"] == [250.0, 300.0, 420.0]
+    assert starts["Bus load [%]"] == [250.0, 520.0, 300.0, 420.0]
 
 
 # -- timing
@@ -446,3 +494,29 @@ def test_browser_shows_lanes_traces_and_markers(
         ("EMCY marker", (255, 45, 120), 100),
     ):
         assert counts.get(colour, 0) >= least, f"{what}: {counts.get(colour, 0)} pixels"
+
+
+@in_browser
+def test_browser_draws_cut_angles_and_the_bands_of_each_node(tmp_path: Path) -> None:
+    """Lines and shapes as plotly drew them: one path for each stretch between cuts and wraps."""
+    told = """<script>
+    const seen = [...document.querySelectorAll(".plot")].map((div) => [
+      div.getAttribute("aria-label"),
+      div.querySelectorAll(".scatterlayer .js-line").length,
+      div.querySelectorAll(".shapelayer path, .shapelayer rect").length]);
+    document.body.dataset.seen = JSON.stringify(seen);
+    </script></body>"""
+    signed = tilt(0x601000, "Slope", 40.0)
+    sent = replace(signed, columns={"angle_deg": signed.value % 360, "unwrapped_deg": signed.value})
+    shown = bad_day(trace_data=[shaft(600), sent], responses=[], series=[])
+    page = tmp_path / "report.html"
+    page.write_text(report(shown).replace("</body>", told), encoding="utf-8")
+    dom, console = browse(page, "--dump-dom")
+    assert console == []
+    found = re.search(r'data-seen="(.*?)"', dom)
+    assert found is not None
+    seen = {label.partition(":")[0]: rest for label, *rest in json.loads(unescape(found[1]))}
+    wraps = int(np.sum(np.abs(np.diff(shaft(600).columns["angle_deg"])) > 180))
+    cut_and_gap = 2
+    assert seen["Angle [deg] of node 5 shaft"] == [wraps + cut_and_gap + 1, 1]
+    assert seen["Angle [deg] of node 10 boom tilt"] == [cut_and_gap + 1, 3]

@@ -1,6 +1,7 @@
 """What is plotted: lines by quantity, interrupted where nothing is known, with all their peaks."""
 
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -9,17 +10,28 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from syncline_analyzer.results import BusLoadRow, GapRow
+from syncline_analyzer.results import TRACE_FLAGS, BusLoadRow, GapRow, ShaftTrace, Trace
 from syncline_analyzer.views.events import marks
 from syncline_analyzer.views.histogram import bars_of
 from syncline_analyzer.views.palette import paler
-from syncline_analyzer.views.plots import NODES_APART, RESPONSES_APART, Panel, panels, shown_at_once
+from syncline_analyzer.views.plots import (
+    NODES_APART,
+    RESPONSES_APART,
+    Line,
+    Panel,
+    panels,
+    shown_at_once,
+)
 from syncline_analyzer.views.thin import envelope, extremes
 from tests.analyzer.analysis_builder import (
+    SECOND,
+    T0,
     analysis,
     at,
     bad_day,
     capture_row,
+    emcy_row,
+    node_row,
     responses,
     series,
     shaft,
@@ -39,8 +51,13 @@ def test_thinning_keeps_extremes_ends_of_runs_and_holes(value: np.ndarray, point
     rows = extremes(value, points)
     kept = value[rows]
     assert (np.diff(rows) > 0).all()
-    assert len(rows) <= max(points, 3 * (points // 2))
+    assert len(rows) <= 2 * points + 1
     assert np.isnan(kept).any() == np.isnan(value).any()
+    for one, next_one in pairwise(rows[~np.isnan(kept)].tolist()):
+        assert (
+            np.isnan(value[one:next_one]).any()
+            == np.isnan(value[one:next_one][np.isin(np.arange(one, next_one), rows)]).any()
+        )
     if np.isfinite(value).any():
         assert np.nanmin(kept) == np.nanmin(value)
         assert np.nanmax(kept) == np.nanmax(value)
@@ -72,6 +89,92 @@ def test_line_is_interrupted_at_cut_and_wrap_but_loses_no_sample() -> None:
     np.testing.assert_array_equal(
         line.t_ns[holes], np.sort(trace.t_ns[np.union1d(cuts, wraps)]) - 1
     )
+
+
+def turning(rpm: float, count: int, spacing_ms: float = 10.0) -> Trace:
+    """A shaft that turns evenly, so slowly sampled as one likes."""
+    t_ns = T0 + (np.arange(count) * spacing_ms * 1e6).astype(np.int64)
+    unwrapped = (t_ns - T0) / 60e9 * rpm * 360
+    columns = {"position": unwrapped, "angle_deg": unwrapped % 360, "unwrapped_deg": unwrapped}
+    plain = shaft(count)
+    return replace(plain, t_ns=t_ns, columns=columns, segment=np.zeros(count, np.int32))
+
+
+def holes(line: Line) -> list[int]:
+    return [int(t_ns) for t_ns in line.t_ns[np.isnan(line.value)]]
+
+
+def test_line_is_interrupted_where_the_node_was_lost_or_silent() -> None:
+    trace = turning(0.1, 100, 1000.0)
+    trace.segment[40:] = 1
+    trace.flags[:] = 0
+    trace.flags[70] = 1 << TRACE_FLAGS.index("silence")
+    line = panels(analysis(trace_data=[trace]))[0].lines[0]
+    assert holes(line) == [at(40) - 1, at(70) - 1]
+    assert len(line.wraps) == 0
+
+
+def test_a_step_of_more_than_half_a_turn_is_no_wrap_and_less_may_be_one() -> None:
+    """3 samples a turn: 0, 200, 40 (400), 240 (600), 80 (800) degrees."""
+    trace = turning(200 / 6, 30, 1000.0)
+    line = panels(analysis(trace_data=[trace]))[0].lines[0]
+    assert len(line.value) == 30
+    slower = turning(60 / 6, 60, 1000.0)
+    (line,) = panels(analysis(trace_data=[slower]))[0].lines
+    assert holes(line) == [at(6 * turn) - 1 for turn in range(1, 10)]
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(line.value)), line.wraps)
+
+
+def test_a_shaft_that_turns_many_times_fills_its_plot_but_is_cut_where_it_is_cut() -> None:
+    trace = turning(600, 40_000)
+    trace.segment[20_000:] = 1
+    line = panels(analysis(trace_data=[trace]))[0].lines[0]
+    rows = extremes(line.value, 1_000, line.wraps)
+    shown = line.value[rows]
+    assert np.isnan(shown).sum() == 1
+    assert line.t_ns[rows][np.isnan(shown)].tolist() == [int(trace.t_ns[20_000]) - 1]
+    few = turning(1, 40_000)
+    line = panels(analysis(trace_data=[few]))[0].lines[0]
+    shown = line.value[extremes(line.value, 1_000, line.wraps)]
+    assert np.isnan(shown).sum() == 6
+    assert np.nanmax(np.abs(np.diff(shown))) < 5
+
+
+def test_a_tilt_about_level_is_drawn_in_one_piece() -> None:
+    signed = tilt(0x601000, "Slope", 40.0)
+    sent = replace(signed, value=signed.value % 360,
+                   columns={"angle_deg": signed.value % 360, "unwrapped_deg": signed.value})  # fmt: skip
+    (line,) = panels(analysis(trace_data=[sent]))[0].lines
+    assert line.name == "Slope (6010h:00), -180 to 180"
+    np.testing.assert_allclose(line.value[~np.isnan(line.value)], signed.value)
+    assert len(holes(line)) == 1
+    steep = replace(sent, columns={"angle_deg": signed.value + 200})
+    (line,) = panels(analysis(trace_data=[steep]))[0].lines
+    assert line.name == "Slope (6010h:00)"
+    assert np.nanmin(line.value) > 179
+
+
+def apart(*stretches: float) -> ShaftTrace:
+    """Two encoders, 100 samples in each stretch at so many degrees from one another."""
+    count = 100 * len(stretches)
+    return ShaftTrace(
+        "can0", 6, "can0", 5, T0 + np.arange(count) * SECOND // 10, np.arange(count),
+        np.repeat(np.array(stretches), 100), np.repeat(np.arange(len(stretches)), 100).astype(np.int32),
+    )  # fmt: skip
+
+
+def test_difference_of_two_encoders_counts_from_the_start_without_whole_turns() -> None:
+    nodes = [node_row(5, name="drum"), node_row(6, name="brake")]
+    shown = analysis(nodes=nodes, shaft_data=[apart(12.5, 24.5, 72_013.0)],
+                     emcy=[emcy_row(5), emcy_row(6), emcy_row(7)])  # fmt: skip
+    (panel,) = panels(shown)
+    assert panel.label == "Encoders apart [deg] of node 6 brake against node 5 drum"
+    (line,) = panel.lines
+    assert line.name == "node 6 brake ahead of node 5 drum since the start, presets included"
+    assert np.unique(line.value[~np.isnan(line.value)]).tolist() == [0.0, 0.5, 12.0]
+    assert holes(line) == [at(10) - 1, at(20) - 1]
+    assert [row.node for row in panel.told(shown).emcy] == [5, 6]
+    assert not panel.is_timing
 
 
 def test_no_line_is_drawn_across_a_capture_gap() -> None:

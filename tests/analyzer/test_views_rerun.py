@@ -12,21 +12,24 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from syncline_analyzer.results import Analysis
+from syncline_analyzer.results import Analysis, ShaftTrace
 from syncline_analyzer.views.palette import EMCY_COLOUR, LINE_COLOURS
 from syncline_analyzer.views.rerun_view import OVERVIEW_POINTS, write_rrd
 from syncline_schemas.tilt import Angles
 from tests.analyzer.analysis_builder import (
+    SECOND,
     T0,
     analysis,
     at,
     bad_day,
     capture_row,
     many_nodes,
+    measured,
     node_row,
     shaft,
     tilt,
     tilt_of,
+    trace_row,
     untimed,
     usual_states,
 )
@@ -92,7 +95,7 @@ def test_overview_is_thinned_with_its_peak_and_detail_holds_every_sample(tmp_pat
     overview = columns(path, "/plots/speed_rpm/node_5/0", "Scalars:scalars")
     detail = columns(path, "/detail/speed_rpm/node_5/0", "Scalars:scalars")
     values = [value[0] for value in detail["Scalars:scalars"] if value is not None]
-    assert len(overview["capture"]) <= OVERVIEW_POINTS + 2
+    assert len(overview["capture"]) <= OVERVIEW_POINTS + 6
     assert np.isfinite(values).sum() == count
     shown = np.array([value[0] for value in overview["Scalars:scalars"]])
     assert np.nanmax(shown) == trace.columns["speed_rpm"].max()
@@ -186,6 +189,79 @@ def test_box_is_there_only_while_there_is_a_pose(tmp_path: Path) -> None:
     assert [len(size) for size in sizes["Boxes3D:half_sizes"] if size is not None] == [1, 0, 1]
     needle = columns(path, "/world/tilt/0/lateral/as_sent", "Arrows3D:vectors")
     assert [len(v) for v in needle["Arrows3D:vectors"] if v is not None] == [0, 1, 0]
+
+
+def test_every_encoder_is_a_shaft_with_its_name_and_turns_the_right_way(tmp_path: Path) -> None:
+    """Looking at the shaft's end, which is where z points: clockwise is a negative turn about z."""
+    traces = [shaft(600), shaft(600, 6), shaft(600, 6, name="Position again")]
+    rows = [replace(trace_row(trace), clockwise=trace.node == 5) for trace in traces[:2]]
+    nodes = [node_row(5, name="drum"), node_row(6, name="brake")]
+    shown = analysis(nodes=nodes, trace_data=traces, traces=rows)
+    path = write_rrd(shown, tmp_path / "s.rrd")
+    roots = {name for name in entities(path) if name.count("/") == 3 and "/shaft/" in name}
+    assert roots == {"/world/shaft/0", "/world/shaft/1"}
+    labels = [columns(path, root, "Cylinders3D:labels") for root in sorted(roots)]
+    assert [told["Cylinders3D:labels"] for told in labels] == [[["5 drum"]], [["6 brake"]]]
+    half = np.radians(traces[0].columns["angle_deg"]) / 2
+    for root, sign in zip(sorted(roots), (-1, 1), strict=True):
+        turns = columns(path, f"{root}/rotor", "Transform3D:quaternion")["Transform3D:quaternion"]
+        assert [turn[0][2] for turn in turns] == pytest.approx(list(sign * np.sin(half)), abs=1e-6)
+
+
+def test_no_pointer_stands_where_the_shaft_is_not_known(tmp_path: Path) -> None:
+    whole = shaft(600)
+    keep = (whole.t_ns < at(100)) | (whole.t_ns > at(265))
+    cut = replace(
+        whole,
+        t_ns=whole.t_ns[keep],
+        seq=whole.seq[keep],
+        segment=whole.segment[keep],
+        flags=whole.flags[keep],
+        columns={name: column[keep] for name, column in whole.columns.items()},
+    )
+    path = write_rrd(analysis(trace_data=[cut]), tmp_path / "s.rrd")
+    pointer = columns(path, "/world/shaft/0/rotor/pointer", "Arrows3D:vectors")
+    seen = [len(vectors) for vectors in pointer["Arrows3D:vectors"] if vectors is not None]
+    assert seen == [1, 0, 1]
+    last, first = whole.t_ns[whole.t_ns < at(100)][-1], whole.t_ns[whole.t_ns > at(265)][0]
+    assert pointer["utc"] == [int(whole.t_ns[0]), int(last) + SECOND, int(first)]
+
+
+def test_lines_are_cut_in_the_recording_as_well(tmp_path: Path) -> None:
+    path = write_rrd(analysis(trace_data=[shaft(1_000)]), tmp_path / "s.rrd")
+    for plot in ("angle_deg", "speed_rpm"):
+        line = columns(path, f"/plots/{plot}/node_5/0", "Scalars:scalars")
+        holes = [t for t, value in zip(line["utc"], line["Scalars:scalars"], strict=True)
+                 if np.isnan(value[0])]  # fmt: skip
+        assert any(at(265) <= t < at(266) for t in holes), plot
+        values = [value[0] for value in line["Scalars:scalars"]]
+        assert np.nanmax(np.abs(np.diff(values))) < 180, plot
+
+
+def test_difference_of_encoders_and_what_was_changed_are_recorded(tmp_path: Path) -> None:
+    nodes = [node_row(5, name="drum"), node_row(6, name="brake")]
+    pair = ShaftTrace("can0", 6, "can0", 5, np.array([at(1), at(2)]), np.array([3, 9]),
+                      np.array([4.0, 16.0]), np.zeros(2, np.int32))  # fmt: skip
+    shown = replace(measured(), nodes=nodes, shaft_data=[pair])
+    path = write_rrd(shown, tmp_path / "s.rrd")
+    entity = "/plots/encoders_apart_deg/node_6_brake_against_node_5_drum/0"
+    assert columns(path, entity, "Scalars:scalars")["Scalars:scalars"] == [[0.0], [12.0]]
+    (text,) = columns(path, "/log/changes", "TextLog:text")["TextLog:text"]
+    assert text == [
+        "4:10.000  can0 node 5 drum: preset to 1000 (6003h:00) by SDO client on 605h, saved"
+    ]
+
+
+def test_emcy_and_findings_of_a_node_are_marked_on_its_angle(tmp_path: Path) -> None:
+    path = write_rrd(bad_day(), tmp_path / "s.rrd")
+    root = "/plots/angle_deg/node_10_boom_tilt"
+    assert columns(path, f"{root}/emcy", "Scalars:scalars")["utc"] == [
+        at(249.9),
+        at(281.2),
+        at(500.1),
+    ]
+    assert columns(path, f"{root}/finding_error", "Scalars:scalars")["utc"] == [at(250)]
+    assert "/plots/angle_deg/node_5_shaft/emcy" not in entities(path)
 
 
 def test_an_inclinometer_is_no_shaft(tmp_path: Path) -> None:

@@ -145,7 +145,7 @@ def test_parquet_of_full_rows_has_the_types_of_an_empty_one(tmp_path: Path) -> N
 
 def test_every_table_of_rows_is_written_and_told_as_json() -> None:
     """What is not a table of rows: samples, which the parquet files hold, and plots."""
-    columns = {"trace_data", "tilt_data", "responses", "series"}
+    columns = {"trace_data", "tilt_data", "shaft_data", "responses", "series"}
     rows = {f.name for f in fields(Analysis) if f.name != "capture"} - columns
     assert rows <= set(ROW_TYPES)
     with_evidence_only = {"holes", "sync_jitter", "objects", "object_history"}

@@ -20,6 +20,7 @@ from tests.analyzer.analysis_builder import (
     emcy_row,
     finding,
     many_nodes,
+    measured,
     node_row,
     services,
     state_rows,
@@ -87,7 +88,7 @@ def test_cells_of_no_duration_show_the_most_urgent_state() -> None:
 
 @pytest.mark.parametrize("width", [40, 60, 80, 100, 200])
 def test_no_line_is_wider_than_the_terminal(width: int) -> None:
-    for shown in (bad_day(), many_nodes(), untimed()):
+    for shown in (bad_day(), many_nodes(), untimed(), measured()):
         assert max(map(len, summary(shown, width=width).splitlines())) <= width
 
 
@@ -249,3 +250,38 @@ def test_an_estimated_bit_rate_is_said_beside_what_rests_on_it(source: Any) -> N
     sentence = "estimated with high confidence from the spacing of the frames"
     assert (sentence in text) == (sentence in told) == (source == "estimated")
     assert ("250 kbit/s (estimated)" in text) == (source == "estimated")
+
+
+def test_traces_say_what_they_rest_on_and_where_they_are_cut() -> None:
+    text = summary(measured(), width=140)
+    assert line_with(text, "5 drum", "6004h:00 Position value", "gap", "1 jump, ", " wrap")
+    assert line_with(text, "6 brake", "preset, node lost", "9 frozen, 4 wrap")
+    assert "scale assumed" not in text
+    assert line_with(text, "node 5 6004h:00: measuring range only assumed")
+    assert line_with(text, "told only below 118 rpm; 3 samples may have turned the other way")
+    assert line_with(text, "5 drum", "all round", "40", "7", "0.012/0.05", "185h 6000")
+    assert line_with(text, "10 boom", "359.98", "2.61", "0.2", "18Ah 5000, SDO 2")
+
+
+def test_shafts_tilts_health_and_changes_are_told() -> None:
+    text = summary(measured(), width=160)
+    assert line_with(
+        text, "6 brake", "5 drum", "2900 (7 left out)", "2 times, first at 5:00.000 by 12 deg"
+    )
+    assert line_with(text, "10 boom", "5 drum", "-2.5", "800", "1440", "0.4")
+    assert line_with(text, "10 boom", "perpendicular", "0 of 5000", "resolution only assumed")
+    assert line_with(text, "EEPROM writes", "1204", "1200", "+4 between the first and")
+    assert line_with(text, "4:10.000", "preset to 1000", "SDO client on 605h", "yes")
+
+
+def test_each_node_says_how_its_device_was_identified() -> None:
+    text = summary(measured(), width=140)
+    assert line_with(text, "node 5 drum", 'lir-da158a: 1008h = "L158" (frame 12)')
+    assert line_with(text, "node 6 brake", "looks like lir-ma158k: 8 bytes in 186h")
+    assert line_with(text, "can0  6 brake", "lir-ma158k?")
+
+
+def test_of_a_healthy_bus_without_traces_nothing_is_told_of_traces() -> None:
+    text = summary(analysis(nodes=[node_row()], nmt_states=usual_states(10)))
+    titles = ("Traces", "Motion", "Shafts", "Tilts in space", "Health of the devices", "Changes")
+    assert not [title for title in titles if title in text]

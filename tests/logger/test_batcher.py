@@ -6,7 +6,7 @@ from itertools import count
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from syncline_logger.batcher import FrameBuffer
+from syncline_logger.batcher import MAX_LOSSES, FrameBuffer, Loss
 from syncline_schemas.batch import FrameBatch, FrameFlag
 
 Row = tuple[int, int, int, int, int, bytes]
@@ -86,8 +86,10 @@ def test_frames_without_room_are_counted_by_bus() -> None:
         into.append(1, bus, 0x100, 0, 0, b"")
     taken = into.take()
     assert taken.frames.bus.tolist() == [0, 1]
-    assert {bus: loss.frames for bus, loss in taken.losses.items()} == {1: 2, 0: 1}
-    assert (taken.losses[1].first_ns, taken.losses[1].last_ns) == (3, 5)
+    assert taken.losses == [
+        Loss(0, "queue", 1, 4, 4, 4),
+        Loss(1, "queue", 2, 3, 5, 5),
+    ]
     assert not into.take().losses
 
 
@@ -96,7 +98,29 @@ def test_a_batch_without_room_is_counted_by_bus() -> None:
     into.extend(FrameBatch.from_rows([(1, bus, 0x100, 0, 0, b"") for bus in (0, 1, 1, 1, 0)]))
     taken = into.take()
     assert len(taken) == 3
-    assert {bus: loss.frames for bus, loss in taken.losses.items()} == {0: 1, 1: 1}
+    assert {loss.bus: loss.frames for loss in taken.losses} == {0: 1, 1: 1}
+
+
+def test_losses_elsewhere_are_kept_with_their_times() -> None:
+    into = buffer()
+    into.lose(1, 5, "kernel", 1000, 2000)
+    into.lose(1, None, "controller", 1000, 1500)
+    into.lose(1, 7, "kernel", 2500, 3000)
+    into.lose(1, 1, "kernel", 10**9, 10**9 + 5)
+    assert into.take().losses == [
+        Loss(1, "controller", None, 1000, 1500, 2),
+        Loss(1, "kernel", 12, 1000, 3000, 3),
+        Loss(1, "kernel", 1, 10**9, 10**9 + 5, 4),
+    ]
+
+
+def test_losses_without_end_take_no_memory_without_end() -> None:
+    into = buffer()
+    for second in range(3000):
+        into.lose(0, 2, "kernel", second * 10**9, second * 10**9 + 1)
+    losses = into.take().losses
+    assert len(losses) == MAX_LOSSES
+    assert sum(loss.frames or 0 for loss in losses) == 6000
 
 
 def test_it_tells_when_enough_waits() -> None:

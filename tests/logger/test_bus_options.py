@@ -13,7 +13,7 @@ from syncline_logger.bus_options import (
     parse_timing,
     with_unique_names,
 )
-from syncline_logger.record_command import choose_buses
+from syncline_logger.record_plan import choose_buses
 from syncline_schemas.errors import UsageError
 
 

@@ -410,6 +410,9 @@ class FlakySource:
         buffer.append(0, bus, self._sent, 0, 0, b"")
         return 1
 
+    def fileno(self) -> None:
+        return None
+
     def close(self) -> None:
         pass
 
@@ -417,7 +420,7 @@ class FlakySource:
 def test_a_lost_adapter_is_a_gap_and_is_opened_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("syncline_logger.recorder.REOPEN_EVERY_S", 0.01)
+    monkeypatch.setattr("syncline_logger.source_thread.FIRST_RETRY_S", 0.01)
     stop = threading.Event()
     source: Source = FlakySource(stop)
     result = record([source], tmp_path, stop=stop)

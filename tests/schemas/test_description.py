@@ -1,6 +1,7 @@
 """Bus descriptions: what they say, and all that is wrong in one message."""
 
 import json
+import re
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from syncline_schemas.description import BusDescription
+from syncline_schemas.description import BusDescription, NodeEntry
+from syncline_schemas.devices import Device
 from syncline_schemas.errors import DescriptionError
 
 WHOLE = """
@@ -183,3 +185,55 @@ def test_nothing_in_a_description_raises_anything_but_our_error(value: Any, plac
 def test_names_that_no_file_can_have(name: str, tmp_path: Path) -> None:
     with pytest.raises(DescriptionError):
         BusDescription.loads(f'[node.5]\ndevice = "{name}"\n', tmp_path)
+
+
+def only(text: str) -> NodeEntry:
+    entry = BusDescription.loads(text).node("can0", 12)
+    assert entry is not None
+    return entry
+
+
+def test_settings_that_state_a_value_are_values_of_objects() -> None:
+    """JN2100 sheet, 8: output, pdo_owner; an object that is told as well counts more."""
+    entry = only('[node.12]\ndevice = "jn2100"\n[node.12.overrides]\noutput = "vibration"\n')
+    assert entry.objects == {(0x2047, 0): 1}
+    text = '[node.12]\ndevice = "jn2100"\n[node.12.overrides]\npdo_owner = { 18A = 12, 28A = 12 }\n'
+    assert only(text).objects == {(0x1800, 1): 0x18A, (0x1801, 1): 0x28A}
+    both = text + '[node.12.objects]\n"1800:1" = 0x18B\n'
+    assert only(both).objects[0x1800, 1] == 0x18B
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        ("{ 18A = 10 }", "say at node 10"),
+        ("{ 701 = 12 }", "'701' is no identifier of a TPDO"),
+        ("7", "7 is no table"),
+    ],
+)
+def test_identifiers_that_cannot_be_the_nodes(value: str, words: str) -> None:
+    with pytest.raises(DescriptionError, match=re.escape(words)):
+        only(f'[node.12]\ndevice = "jn2100"\n[node.12.overrides]\npdo_owner = {value}\n')
+
+
+def test_a_variant_is_another_device() -> None:
+    """Sheet skbis-lir-canopen, 8."""
+    entry = only('[node.12]\ndevice = "lir-ma158k"\n[node.12.overrides]\nvariant = "918"\n')
+    assert entry.device is not None
+    assert entry.device.name == "lir-918"
+    same = only('[node.12]\ndevice = "lir-ma158k"\n[node.12.overrides]\nvariant = "auto"\n')
+    assert same.device is not None
+    assert same.device.name == "lir-ma158k"
+
+
+def test_settings_that_change_what_a_device_does() -> None:
+    def device(name: str, line: str) -> Device:
+        found = only(f'[node.12]\ndevice = "{name}"\n[node.12.overrides]\n{line}\n').device
+        assert found is not None
+        return found
+
+    assert device("lir-ma158k", "offset_reset_on_6000 = false").quirks.side_effects == ()
+    assert device("lir-ma158k", "offset_reset_on_6000 = true").quirks.side_effects
+    assert device("haomiao-38", "alias_2100 = false").quirks.undocumented == {}
+    assert device("jn2100", "vendor_ids = [1]").identity["vendors"] == (1,)
+    assert device("lir-da158", "max_rpm_mech = 8000").limits["max_rpm_mech"] == 8000

@@ -24,6 +24,7 @@ from syncline_analyzer.findings.timing import (
     sync_counter,
     sync_end,
     waiting,
+    waiting_sdo,
 )
 from syncline_analyzer.findings.timing import sync as timing
 from syncline_analyzer.folds.control import ControlTables
@@ -45,6 +46,7 @@ RULES: tuple[Rule, ...] = (
     *pdo.RULES,
     *pdo_asked.RULES,
     *waiting.RULES,
+    *waiting_sdo.RULES,
     *load.RULES,
     *angle.RULES,
     *motion.RULES,

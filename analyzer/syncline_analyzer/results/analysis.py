@@ -5,7 +5,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from syncline_analyzer.results.angle import ShaftRow, Trace, TraceEventRow, TraceRow
+from syncline_analyzer.results.angle import (
+    FollowerRow,
+    ShaftRow,
+    ShaftTrace,
+    Trace,
+    TraceEventRow,
+    TraceRow,
+)
 from syncline_analyzer.results.bus import (
     BusErrorRow,
     BusLoadRow,
@@ -93,6 +100,8 @@ class Analysis:
     tilts: list[TiltRow] = field(default_factory=list)
     tilt_data: list[TiltTrace] = field(default_factory=list)
     shafts: list[ShaftRow] = field(default_factory=list)
+    followers: list[FollowerRow] = field(default_factory=list)
+    shaft_data: list[ShaftTrace] = field(default_factory=list)
     error_control_periods: list[ErrorControlRow] = field(default_factory=list)
     worst: list[WorstRow] = field(default_factory=list)
     unsent_pdos: list[PdoRow] = field(default_factory=list)

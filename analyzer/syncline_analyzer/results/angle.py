@@ -19,6 +19,7 @@ EventKind = Literal[
     "preset",
     "parted",
     "too fast",
+    "unsure step",
 ]
 """What happens to a trace."""
 
@@ -66,6 +67,8 @@ class TraceRow:
     """Speed below which the samples tell speed and direction, where the device may turn faster."""
     untold_speeds: int = 0
     """Samples so far from the one before that the shaft may as well have turned the other way."""
+    clockwise: bool | None = None
+    """Whether an encoder's angle rises clockwise, looking at the shaft; None where there is none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +103,46 @@ class ShaftRow:
     """By how much for the first time."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class ShaftTrace:
+    """How far two encoders on one shaft are apart, for plots; thinned like a trace.
+
+    All (n,): t_ns int64; seq int64 of the sample that was compared; difference_deg float64, the
+    angle of `node` less `ratio` times that of `other`, near the offset of the first stretch;
+    segment int32, one number per stretch in which neither line breaks.
+    """
+
+    bus: str
+    node: int
+    other_bus: str
+    other: int
+    t_ns: NDArray[np.int64]
+    seq: NDArray[np.int64]
+    difference_deg: NDArray[np.float64]
+    segment: NDArray[np.int32]
+
+
+@dataclass(frozen=True, slots=True)
+class FollowerRow:
+    """Two encoders that follow one another although nobody says that they sit on one shaft.
+
+    `node` turns `ratio` times as far as `other`, on the same bus.
+    """
+
+    bus: str
+    node: int
+    other: int
+    ratio: float
+    start_ns: int
+    end_ns: int
+    compared: int
+    """Moments at which both were compared."""
+    moved_deg: float
+    """How far `node` turned to and fro."""
+    spread_deg: float
+    """99 of 100 moments are no further off than this."""
+
+
 @dataclass(frozen=True, slots=True)
 class TraceEventRow:
     """A moment of a trace that a reader must know of; at most 1000 per trace and kind.
@@ -109,8 +152,8 @@ class TraceEventRow:
     6503h or 6505h came up), "ambiguous" (the first sample whose value or direction cannot be told),
     "gray code" (at the end: counts in the wrong code), "step" (away within one sample, at the same
     speed before and after), "spike" (away for one sample and back), "preset" (a step onto the
-    preset value), "parted" (from another encoder on its shaft), "too fast" (turns on and on faster than it may) or
-    "cut"; `text` says why. `before`
+    preset value), "parted" (from another encoder on its shaft), "too fast" (turns on and on faster than it may),
+    "unsure step" (away within one sample, and a cut or the end so near that a motion may begin) or "cut"; `text` says why. `before`
     and `after` are values in the trace's unit.
     """
 

@@ -217,6 +217,8 @@ class WorstRow:
 class HoleRow:
     """A stretch in which SYNCs or PDOs were due and did not come; at most 1000 per identifier.
 
+    After `held_back` of the SYNCs that a PDO did not answer, error frames may have kept the bus up to
+    the next one.
     `evidence` holds the SYNCs around missing SYNCs, the SYNCs that a PDO did not answer (the first
     100), or the last frame before the silence of a cyclic PDO.
     """
@@ -228,6 +230,7 @@ class HoleRow:
     end_ns: int
     missing: int
     evidence: list[int]
+    held_back: int = 0
 
 
 @dataclass(frozen=True, slots=True)

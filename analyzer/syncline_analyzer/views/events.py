@@ -23,6 +23,7 @@ from syncline_analyzer.views.words import (
     sdo_result,
 )
 from syncline_schemas.canopen.nmt import NmtState
+from syncline_schemas.wording import counted
 
 LOUD_STATES: dict[str, Severity] = {
     NmtState.LOST: "error",
@@ -145,6 +146,19 @@ def sdo_events(analysis: Analysis) -> Iterator[Event]:
             what = f"{row.direction} {object_name(row.index, row.sub)} {printable(row.name or '')}"
             text = f"{row.bus} node {label}: {what.strip()}: {sdo_result(row)}"
             yield Event(row.start_ns, row.seq, "warning", text)
+
+
+def change_events(analysis: Analysis) -> Iterator[Event]:
+    """Changes of parameters, who made them and what was there before."""
+    labels = names_of(analysis.nodes)
+    for row in analysis.object_changes:
+        label = labels.get((row.bus, row.node or 0), node_label(row.node))
+        where = f" ({object_name(row.index, row.sub)})" if row.index is not None else ""
+        was = f", was {printable(row.old_words)}" if row.old_words else ""
+        again = f", again {counted(row.repeats, 'time')}" if row.repeats else ""
+        kept = {True: ", saved", False: ", not saved", None: ""}[row.saved]
+        told = f"{printable(row.words)}{where} by {printable(row.who)}{was}{kept}{again}"
+        yield Event(row.t_ns, row.seq, "info", f"{row.bus} node {label}: {told}")
 
 
 def finding_events(analysis: Analysis) -> Iterator[Event]:

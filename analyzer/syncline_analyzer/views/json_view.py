@@ -28,6 +28,7 @@ TABLES = (
     "trace_events",
     "tilts",
     "shafts",
+    "followers",
     "bus_load",
     "findings",
     "emcy_context",

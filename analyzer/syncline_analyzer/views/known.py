@@ -1,10 +1,9 @@
 """What is known of each node's settings, and from where, in one short line per matter."""
 
 from collections.abc import Iterator, Sequence
-from itertools import groupby
 from typing import NamedTuple
 
-from syncline_analyzer.results import Analysis, DeviceHealthRow, ObjectRow
+from syncline_analyzer.results import Analysis, NodeRow, ObjectRow
 from syncline_analyzer.views.words import hex_code, printable
 from syncline_schemas.wording import counted
 
@@ -13,7 +12,6 @@ MAX_LINES = 12
 MAX_NODES = 20
 _TEXTS = (0x1008, 0x1009, 0x100A)
 _IDENTITY = 0x1018
-_ERRORS = (0x1001, 0x1003)
 _NUMBERS = {1: "vendor", 2: "product", 4: "serial number"}
 _PDOS = range(0x1400, 0x1C00)
 _CONTROL = (0x1005, 0x1006, 0x100C, 0x100D, 0x1014, 0x1015, 0x1016, 0x1017, 0x1019, 0x1029)
@@ -31,10 +29,13 @@ class KnownLine(NamedTuple):
 def known_lines(analysis: Analysis) -> list[KnownLine]:
     """The settings that a reader looks for first; the rest is counted and in `s.objects(node)`."""
     lines: list[KnownLine] = []
-    groups = [
-        (key, list(rows)) for key, rows in groupby(analysis.objects, lambda r: (r.bus, r.node))
-    ]
-    told = [(key, rows, list(_lines(analysis, rows))) for key, rows in groups]
+    groups: dict[tuple[str, int], list[ObjectRow]] = {
+        (row.bus, row.node): [] for row in analysis.nodes
+    }
+    for row in analysis.objects:
+        groups.setdefault((row.bus, row.node), []).append(row)
+    why = {(row.bus, row.node): line for row in analysis.nodes if (line := device_line(row))}
+    told = [(key, rows, _of_node(analysis, rows, why.get(key))) for key, rows in groups.items()]
     told = [entry for entry in told if entry[2]]
     for (bus, node), rows, found in told[:MAX_NODES]:
         lines += [KnownLine(bus, node, what, text) for what, text in found[:MAX_LINES]]
@@ -47,6 +48,22 @@ def known_lines(analysis: Analysis) -> list[KnownLine]:
     return lines
 
 
+def device_words(row: NodeRow) -> str:
+    """The device of a node; with a question mark what it only looks like, "-" where nothing is known."""
+    if row.device:
+        return printable(row.device)
+    return f"{' or '.join(map(printable, row.device_guess))}?" if row.device_guess else "-"
+
+
+def device_line(row: NodeRow) -> str:
+    """Which device the node is and who says so; of one that is not known, what it looks like."""
+    reason = printable(row.device_reason)
+    if row.device:
+        return f"{printable(row.device)}: {reason}" if reason else ""
+    looks = f"looks like {device_words(row).removesuffix('?')}" if row.device_guess else ""
+    return ": ".join(part for part in (looks, reason) if part)
+
+
 def source_words(row: ObjectRow) -> str:
     """Where a value comes from: "sdo-write, seq 123", "eds-default, assumed"."""
     if row.seq is None:
@@ -57,17 +74,20 @@ def source_words(row: ObjectRow) -> str:
     return f"{cause}, seq {row.seq}"
 
 
+def _of_node(
+    analysis: Analysis, rows: Sequence[ObjectRow], why: str | None
+) -> list[tuple[str, str]]:
+    device = [("device", why)] if why else []
+    return [*device, *_lines(analysis, rows)] if rows else device
+
+
 def _lines(analysis: Analysis, rows: Sequence[ObjectRow]) -> Iterator[tuple[str, str]]:
-    why = _why(analysis, rows[0])
-    if why:
-        yield "device", why
     identity = ", ".join(_identity(rows))
     if identity:
         yield "identity", f"{identity} (sdo-read)"
     for row in rows:
         if row.index in _CONTROL and not _goes_without_saying(row):
             yield _setting(row)
-    yield from _health(analysis, rows[0])
     yield from _pdo_lines(analysis, rows)
     for row in rows:
         plain = row.index not in _CONTROL and row.index not in _PDOS
@@ -76,33 +96,6 @@ def _lines(analysis: Analysis, rows: Sequence[ObjectRow]) -> Iterator[tuple[str,
     unsaved = sum(row.saved is False for row in rows)
     if unsaved:
         yield "not saved", f"{counted(unsaved, 'written value')} not saved (1010h) in this capture"
-
-
-def _why(analysis: Analysis, of: ObjectRow) -> str:
-    """Which device the node is by what it said itself; the user knows what he said."""
-    for row in analysis.nodes:
-        if (row.bus, row.node) == (of.bus, of.node) and row.device_source == "objects":
-            return f"{row.device}: {printable(row.device_reason)}"
-    return ""
-
-
-def _health(analysis: Analysis, of: ObjectRow) -> Iterator[tuple[str, str]]:
-    """What the device told of its own state; the error list has a table of its own."""
-    told = [
-        f"{row.what} {_figure(row)}"
-        for row in analysis.device_health
-        if (row.bus, row.node) == (of.bus, of.node) and row.index not in _ERRORS
-    ]
-    if told:
-        yield "health", f"{', '.join(told)} (sdo-read)"
-
-
-def _figure(row: DeviceHealthRow) -> str:
-    if row.text or row.last_value is None:
-        return printable(row.text) or "not told"
-    unit = f" {printable(row.unit)}" if row.unit and not row.what.endswith(row.unit) else ""
-    span = f" ({row.min:g} to {row.max:g})" if row.min != row.max else ""
-    return f"{row.last_value:g}{unit}{span}"
 
 
 def _identity(rows: Sequence[ObjectRow]) -> Iterator[str]:

@@ -2,12 +2,12 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from syncline_analyzer.results import Analysis, Responses, Series, Trace
+from syncline_analyzer.results import TRACE_FLAGS, Analysis, Responses, Series, ShaftTrace, Trace
 from syncline_analyzer.views.basis import estimated_buses
 from syncline_analyzer.views.palette import Rgb, line_colour, paler
 from syncline_analyzer.views.words import hex_code, names_of, node_label, printable, trace_object
@@ -39,6 +39,10 @@ _SILENCE_NS = 1_000_000_000
 _SILENT_STEPS = 20
 
 _HALF_TURN_DEG = 180.0
+_CIRCLE_DEG = 360.0
+_FILLED = 4
+"""Where one sample of so many starts over, the line fills the plot and is not broken at all."""
+_SILENCE_FLAG = 1 << TRACE_FLAGS.index("silence")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,6 +61,10 @@ class Line:
     value: NDArray[np.float64]
     colour: Rgb
     band: bool = False
+    wraps: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, np.intp))
+    """Rows of the NaNs at which an angle only starts over."""
+    partner: tuple[str, int] | None = None
+    """(bus, node) of the other one where two are compared."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,7 +85,8 @@ class Panel:
         """What belongs to this plot: with a subject, only what that node did."""
         if not self.subject:
             return analysis
-        own = {(line.bus, line.node) for line in self.lines}
+        own: set[tuple[str, int | None] | None] = {(line.bus, line.node) for line in self.lines}
+        own |= {line.partner for line in self.lines}
         return replace(
             analysis,
             nmt_states=[row for row in analysis.nmt_states if (row.bus, row.node) in own],
@@ -153,6 +162,10 @@ def _lines(analysis: Analysis) -> Iterator[tuple[str, str, str, Line]]:
             yield (
                 (title, unit, subject, line) if apart else (title, unit, "", _named(line, subject))
             )
+    for pair in analysis.shaft_data:
+        both = (pair.bus, pair.node), (pair.other_bus, pair.other)
+        names = [f"node {labels.get(key, node_label(key[1]))}" for key in both]
+        yield _APART, "deg", " against ".join(names), _of_shafts(pair, names, gaps)
     estimated = estimated_buses(analysis)
     for responses in sorted(analysis.responses, key=_sender):
         label = labels.get((responses.bus, responses.node or 0), node_label(responses.node))
@@ -171,11 +184,17 @@ def _sender(responses: Responses) -> tuple[str, int, int]:
 def _of_trace(trace: Trace, gaps: NDArray[np.int64]) -> Iterator[tuple[str, str, Line]]:
     name = f"{printable(trace.name)} ({trace_object(trace.object)})"
     cuts = _cuts(trace.t_ns, gaps) | _changes(trace.segment)
+    cuts |= (trace.flags & _SILENCE_FLAG).astype(np.bool_)
     angle = trace.columns.get("angle_deg")
     if angle is None or not np.isfinite(angle).any():
         angle = trace.value if trace.unit == "deg" else None
     if angle is not None:
-        yield QUANTITIES["deg"], "deg", _line(trace, name, angle, cuts | _wraps(angle))
+        shown = _shown_angle(trace, angle)
+        yield (
+            QUANTITIES["deg"],
+            "deg",
+            _line(trace, name + shown.note, shown.deg, cuts, shown.wraps),
+        )
     elif len(trace.value):
         title = QUANTITIES.get(trace.unit, printable(trace.unit) or "Value")
         yield title, printable(trace.unit), _line(trace, name, trace.value, cuts)
@@ -184,10 +203,52 @@ def _of_trace(trace: Trace, gaps: NDArray[np.int64]) -> Iterator[tuple[str, str,
         yield QUANTITIES["rpm"], "rpm", _line(trace, name, speed, cuts)
 
 
-def _wraps(angle: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Rows at which an angle of 0 to 360 degrees starts over."""
-    wrapped: NDArray[np.bool_] = np.abs(np.diff(angle, prepend=angle[:1])) > _HALF_TURN_DEG
-    return wrapped
+class _ShownAngle(NamedTuple):
+    """An angle as it is drawn, the rows at which it starts over, and what to say of it."""
+
+    deg: NDArray[np.float64]
+    wraps: NDArray[np.bool_]
+    note: str
+
+
+def _shown_angle(trace: Trace, angle: NDArray[np.float64]) -> _ShownAngle:
+    """An inclinometer that swings about 0 is drawn from -180 to 180, not in two parts of 0 to 360."""
+    way = trace.columns.get("unwrapped_deg")
+    wraps = _wraps(angle, way)
+    if "position" not in trace.columns and wraps.any():
+        signed = (angle + _HALF_TURN_DEG) % _CIRCLE_DEG - _HALF_TURN_DEG
+        fewer = _wraps(signed, way)
+        if fewer.sum() < wraps.sum():
+            return _ShownAngle(signed, _few(fewer), ", -180 to 180")
+    return _ShownAngle(angle, _few(wraps), "")
+
+
+def _wraps(angle: NDArray[np.float64], way: NDArray[np.float64] | None) -> NDArray[np.bool_]:
+    """Rows at which an angle starts over: it does not go the way that the joined angle goes."""
+    step = np.diff(angle, prepend=angle[:1])
+    wrapped: NDArray[np.bool_] = np.abs(step) > _HALF_TURN_DEG
+    if way is None:
+        return wrapped
+    joined = np.diff(way, prepend=way[:1])
+    return np.where(np.isfinite(joined), np.abs(step - joined) > _HALF_TURN_DEG, wrapped)
+
+
+def _few(wraps: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    return wraps if _FILLED * wraps.sum() <= len(wraps) else np.zeros_like(wraps)
+
+
+def _of_shafts(pair: ShaftTrace, names: list[str], gaps: NDArray[np.int64]) -> Line:
+    """How far two encoders have moved apart since the start; whole turns of a preset are left out."""
+    edges = np.flatnonzero(_changes(pair.segment))
+    starts = np.append(0, edges)
+    turns = np.round((pair.difference_deg[starts] - pair.difference_deg[0]) / _CIRCLE_DEG)
+    lengths = np.diff(np.append(starts, len(pair.t_ns)))
+    base = pair.difference_deg[0] + np.repeat(turns, lengths) * _CIRCLE_DEG
+    cuts = _cuts(pair.t_ns, gaps) | _changes(pair.segment) | _silences(pair.t_ns)
+    t_ns, value, seq, _ = _interrupted(pair.t_ns, pair.difference_deg - base, pair.seq, cuts)
+    name = f"{names[0]} ahead of {names[1]} since the start, presets included"
+    other = pair.other_bus, pair.other
+    return Line(pair.bus, pair.node, name, t_ns, seq, value, (0, 0, 0), partner=other)
 
 
 def _of_responses(responses: Responses, gaps: NDArray[np.int64], estimated: bool) -> Iterator[Line]:
@@ -214,7 +275,7 @@ def _of_series(
     label += " in 1 s" if title in _IN_WINDOWS and name == whole else ""
     label += _ESTIMATED if estimated and series.unit == "%" else ""
     cuts = _cuts(series.t_ns, gaps) | _silences(series.t_ns)
-    t_ns, value, _ = _interrupted(series.t_ns, series.value, _NO_SEQ, cuts)
+    t_ns, value, _, _ = _interrupted(series.t_ns, series.value, _NO_SEQ, cuts)
     band = name != whole
     return title, series.unit, Line(series.bus, None, label, t_ns, _NO_SEQ, value, (0, 0, 0), band)
 
@@ -224,9 +285,10 @@ def _line(
     name: str,
     value: NDArray[np.float64],
     cuts: NDArray[np.bool_],
+    wraps: NDArray[np.bool_] | None = None,
 ) -> Line:
-    t_ns, value, seq = _interrupted(source.t_ns, value, source.seq, cuts)
-    return Line(source.bus, source.node, name, t_ns, seq, value, (0, 0, 0))
+    t_ns, value, seq, only_wraps = _interrupted(source.t_ns, value, source.seq, cuts, wraps)
+    return Line(source.bus, source.node, name, t_ns, seq, value, (0, 0, 0), wraps=only_wraps)
 
 
 def _coloured(lines: list[Line]) -> list[Line]:
@@ -261,24 +323,35 @@ def _silences(t_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
     return silent
 
 
+class _Interrupted(NamedTuple):
+    t_ns: NDArray[np.int64]
+    value: NDArray[np.float64]
+    seq: NDArray[np.int64]
+    wraps: NDArray[np.intp]
+
+
 def _interrupted(
     t_ns: NDArray[np.int64],
     value: NDArray[np.float64],
     seq: NDArray[np.int64],
     cuts: NDArray[np.bool_],
-) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
-    """The series with a NaN just before each cut, so that no line is drawn across."""
-    rows = np.flatnonzero(cuts)
+    wraps: NDArray[np.bool_] | None = None,
+) -> _Interrupted:
+    """The series with a NaN just before each cut and wrap, so that no line is drawn across."""
+    rows = np.flatnonzero(cuts if wraps is None else cuts | wraps)
     if not len(rows):
-        return t_ns, value, seq
-    return (
+        return _Interrupted(t_ns, value, seq, rows)
+    only_wraps = np.flatnonzero(~cuts[rows])
+    return _Interrupted(
         np.insert(t_ns, rows, t_ns[rows] - 1),
         np.insert(value, rows, np.nan),
         np.insert(seq, rows, seq[rows]) if len(seq) else seq,
+        rows[only_wraps] + only_wraps,
     )
 
 
 _RESPONSE = "PDO response"
+_APART = "Encoders apart"
 _TIMING = ("Bus load", "Frame rate", "SYNC period", _RESPONSE)
 _IN_WINDOWS = ("Bus load", "Frame rate")
 _FROM_ZERO = ("Bus load", "Frame rate", _RESPONSE)

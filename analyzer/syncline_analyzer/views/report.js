@@ -45,7 +45,7 @@
       margin: { l: 60, r: 12, t: 8, b: 44 }, hovermode: "closest", modebar: { orientation: "v", bgcolor: "rgba(0,0,0,0)", color: dim, activecolor: fg },
       legend: { orientation: "h", y: 1.02, yanchor: "bottom", x: 0 }, showlegend: true,
       xaxis: x, yaxis: { ...axis, title: { text: plot.y_title }, ...(plot.y_range ? { range: plot.y_range } : {}) },
-      shapes: data.bands.map(([a, b, colour]) => ({
+      shapes: plot.bands.map(([a, b, colour]) => ({
         type: "rect", xref: "x", yref: "paper", x0: toX(a), x1: toX(b), y0: 0, y1: 1, fillcolor: colour, opacity: 0.14, line: { width: 1, color: colour } })),
     };
   }

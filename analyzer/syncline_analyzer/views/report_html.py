@@ -13,7 +13,7 @@ from syncline_analyzer.views import report_timing as timing
 from syncline_analyzer.views.basis import basis_lines
 from syncline_analyzer.views.histogram_svg import histogram_figures
 from syncline_analyzer.views.html import Html, data_script, element, joined, table
-from syncline_analyzer.views.known import KnownLine, known_lines
+from syncline_analyzer.views.known import KnownLine, device_line, device_words, known_lines
 from syncline_analyzer.views.load import load_listing
 from syncline_analyzer.views.markdown import chain_lines, extent, verdict, where
 from syncline_analyzer.views.palette import (
@@ -25,10 +25,11 @@ from syncline_analyzer.views.palette import (
     css,
 )
 from syncline_analyzer.views.plots import RESPONSES_APART
-from syncline_analyzer.views.report_plots import bands_of, plots_of
-from syncline_analyzer.views.services import error_list, listings
+from syncline_analyzer.views.report_plots import plots_of
+from syncline_analyzer.views.services import change_listing, error_list, listings
 from syncline_analyzer.views.text import recording_lines
 from syncline_analyzer.views.timeline_svg import node_id, timeline
+from syncline_analyzer.views.traces import COMPARED, trace_listings, trace_notes
 from syncline_analyzer.views.waits import waiting_listings
 from syncline_analyzer.views.words import (
     Clock,
@@ -108,7 +109,6 @@ def _scripts(analysis: Analysis, clock: Clock, plots: list[dict[str, Any]]) -> I
             "begin": (capture.begin_ns - clock.first_ns) / 1e9,
             "seconds": max(capture.duration_ns, 1) / 1e9,
             "start_ms": clock.first_ns / 1e6 if dated else None,
-            "bands": bands_of(analysis),
             "plots": plots,
         },
     )
@@ -150,7 +150,9 @@ def _sections(analysis: Analysis, clock: Clock, plots: list[dict[str, Any]]) -> 
     else:
         yield _section("timeline", "Timeline", element("p", "There is nothing to draw over time."))
     traces = [plot for plot in plots if plot["group"] == "traces"]
-    yield _section("plots", "Measured values", *_figures(traces))
+    shafts = [each for each in trace_listings(analysis, clock) if each.title in COMPARED]
+    compared = [part for each in shafts for part in tables.listed_table(each)]
+    yield _section("plots", "Measured values", *compared, *_figures(traces))
     about = [plot for plot in plots if plot["group"] == "timing"]
     yield _section("pdos", "Bus load, SYNC and PDOs", *_timing(analysis, clock, about))
     yield _section("nodes", "Nodes", *_nodes(analysis, clock))
@@ -258,7 +260,7 @@ def _nodes(analysis: Analysis, clock: Clock) -> Iterator[Html]:
         (
             row.bus,
             element("a", node_label(row.node, row.name), href=f"#{node_id(row.bus, row.node)}"),
-            row.device or "-",
+            device_words(row),
             row.boot_ups,
             row.heartbeats,
             number(row.heartbeat_period_ms, "ms"),
@@ -305,12 +307,26 @@ def _node(node: NodeRow, analysis: Analysis, known: list[KnownLine], clock: Cloc
             _OF_A_NODE,
         ),
         *tables.sdo_table([row for row in analysis.sdo if own(row) and row.result != "ok"], clock),
-        *tables.trace_table([row for row in analysis.traces if own(row)]),
+        *_measured(node, analysis, clock),
         *tables.state_table([row for row in analysis.nmt_states if own(row)], clock),
-        *tables.known_table(known),
+        *tables.known_table([line for line in known if line.what != "device"]),
         id=node_id(node.bus, node.node),
         open=troubled,
     )
+
+
+def _measured(node: NodeRow, analysis: Analysis, clock: Clock) -> Iterator[Html]:
+    """Traces of a node with what they rest on, its health and what was changed in it."""
+    key = node.bus, node.node
+    for listing in trace_listings(analysis, clock, key):
+        yield from tables.listed_table(listing)
+        if listing.title == "Traces":
+            rows = [row for row in analysis.traces if (row.bus, row.node) == key]
+            if notes := trace_notes(rows):
+                yield element("ul", *(element("li", note) for note in notes), class_="dim")
+    changes = [row for row in analysis.object_changes if (row.bus, row.node) == key]
+    if changes:
+        yield from tables.listed_table(change_listing(changes, clock, named=False))
 
 
 def _identity(node: NodeRow) -> Html:
@@ -320,8 +336,10 @@ def _identity(node: NodeRow) -> Html:
         for state, share in shares
     )
     told = ", ".join(f"{state} {share:.2%}" for state, share in shares) or "no state known"
+    device = device_line(node)
     return joined(
         [
+            element("p", f"Device: {device}.") if device else None,
             element("p", f"Known by {', '.join(node.proof) or 'nothing'}. {told}."),
             element("div", *bar, class_="share", role="img", aria_label=told),
         ]

@@ -42,7 +42,7 @@ def plots_of(analysis: Analysis) -> list[dict[str, Any]]:
 
 
 def bands_of(analysis: Analysis) -> list[tuple[float, float, str]]:
-    """Stretches of the findings that are marked in every plot: start and end [s], colour.
+    """Stretches of the findings that are marked in a plot: start and end [s], colour.
 
     A finding that lasts for most of the capture is only marked where it starts.
     """
@@ -72,6 +72,7 @@ def _over_time(panel: Panel, analysis: Analysis, clock: Clock, points: int) -> d
         "y_title": panel.unit,
         "y_range": panel.limits(),
         "lines": [line.name for line in lines],
+        "bands": bands_of(panel.told(analysis)),
         "traces": [
             *(_trace(line, clock, points) for line in lines),
             *_marks(panel, analysis, clock),
@@ -96,7 +97,7 @@ def _trace(line: Line, clock: Clock, points: int) -> dict[str, Any]:
     outlines = np.count_nonzero(np.isnan(line.value)) + 1
     if line.band and len(line.value) > points > _OUTLINE * outlines:
         return _band(line, clock, points)
-    rows = extremes(line.value, points)
+    rows = extremes(line.value, points, line.wraps)
     return {
         "name": line.name,
         "mode": "lines" if len(rows) > 1 else "markers",

@@ -9,7 +9,6 @@ from syncline_analyzer.results import (
     NmtCommandRow,
     NmtStateRow,
     SdoRow,
-    TraceRow,
 )
 from syncline_analyzer.views.html import Html, element, table
 from syncline_analyzer.views.known import KnownLine
@@ -21,7 +20,6 @@ from syncline_analyzer.views.words import (
     number,
     object_name,
     sdo_result,
-    trace_object,
 )
 
 _QUIET = ("active", "unknown")
@@ -171,22 +169,3 @@ def sdo_table(rows: list[SdoRow], clock: Clock) -> Iterator[Html]:
     ]
     heads = ["When", "Object", "Direction", "Kind", "Result", ">Answer after", ">Frame", "Name"]
     yield from limited("SDO transfers that failed", heads, listed)
-
-
-def trace_table(rows: list[TraceRow]) -> Iterator[Html]:
-    """Traces of one node."""
-    listed: list[Sequence[object]] = [
-        (
-            element("code", trace_object(row.object)),
-            row.name,
-            row.samples,
-            number(row.min),
-            number(row.max),
-            row.unit,
-            row.cuts,
-            ", ".join(f"{n} {flag.replace('_', ' ')}" for flag, n in row.flags.items() if n) or "-",
-        )
-        for row in rows
-    ]
-    heads = ["Object", "Name", ">Samples", ">Min", ">Max", "Unit", ">Cuts", "Flags"]
-    yield from limited("Traces", heads, listed)

@@ -31,6 +31,15 @@ class PlotContent:
     title: str
     entity: str
     limits: tuple[float, float] | None = None
+    legend: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class World:
+    """From where shapes in 3D are looked at."""
+
+    eye: tuple[float, float, float]
+    target: tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +57,7 @@ class Content:
     details: list[PlotContent]
     histograms: list[PlotContent]
     logs: list[PlotContent]
-    world: bool
+    world: World | None
 
     def signature(self) -> str:
         """Names all views; recordings of one application id share the layout opened first."""
@@ -56,7 +65,7 @@ class Content:
         parts = [
             *self.timelines,
             str(self.lanes),
-            str(self.world),
+            str(self.world is not None),
             *(view.entity for view in views),
         ]
         return "|".join(parts)
@@ -99,7 +108,7 @@ def _plot(plot: PlotContent, link: rrb.TimeAxis) -> rrb.TimeSeriesView:
         name=plot.title,
         axis_x=link,
         axis_y=rrb.ScalarAxis(range=plot.limits) if plot.limits else None,
-        plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop),
+        plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=plot.legend),
         interaction=rrb.PlotInteraction(tooltip_mode="All"),
     )
 
@@ -112,16 +121,23 @@ def _log(log: PlotContent, timelines: list[str]) -> rrb.TextLogView:
 
 
 def _beside(content: Content) -> rrb.Vertical:
-    tabs: list[Any] = [rrb.TextDocumentView(origin="/findings", name="Findings")]
+    rows: list[tuple[float, Any]] = [
+        (3.0, rrb.TextDocumentView(origin="/findings", name="Findings"))
+    ]
+    closer: list[Any] = [_detail(plot) for plot in content.details]
     if content.world:
-        eye = rrb.EyeControls3D(position=(0.2, -4.5, 2.6), look_target=(-0.1, 0.0, 0.5))
-        tabs.append(rrb.Spatial3DView(origin="/world", name="3D at the cursor", eye_controls=eye))
-    tabs += [_detail(plot) for plot in content.details]
-    rows: list[Any] = [_tabs(tabs)]
+        closer.insert(0, _world(content.world))
+    if closer:
+        rows.append((2.4, _tabs(closer)))
     if content.histograms:
         charts = [rrb.BarChartView(origin=h.entity, name=h.title) for h in content.histograms]
-        rows.append(_tabs(charts))
-    return rrb.Vertical(*rows, row_shares=[3.0, 2.0][: len(rows)])
+        rows.append((2.0, _tabs(charts)))
+    return rrb.Vertical(*(row for _, row in rows), row_shares=[share for share, _ in rows])
+
+
+def _world(world: World) -> rrb.Spatial3DView:
+    eye = rrb.EyeControls3D(position=world.eye, look_target=world.target)
+    return rrb.Spatial3DView(origin="/world", name="3D at the cursor", eye_controls=eye)
 
 
 def _detail(plot: PlotContent) -> rrb.TimeSeriesView:

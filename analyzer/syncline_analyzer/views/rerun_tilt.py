@@ -41,7 +41,7 @@ def write_tilts(sink: Sink, analysis: Analysis, x: float) -> None:
     for place, tilt in enumerate(shown_tilts(analysis)):
         root = f"/world/tilt/{place}"
         label = labels.get((tilt.bus, tilt.node), node_label(tilt.node))
-        sink.static(root, rr.Transform3D(translation=[x + 0.4 * place, 2.0 * place, 0.4]))
+        sink.static(root, rr.Transform3D(translation=[x, 2.4 * place, 0.4]))
         sink.static(f"{root}/level", rr.LineStrips3D([_RING], colors=[_GREY], radii=[0.01]))
         _write(sink, root, tilt, label)
 
@@ -80,7 +80,9 @@ def _write_box(
     label: str,
 ) -> None:
     moments.turned(entity, pose_of(gravity))
-    shape = rr.Boxes3D.from_fields(colors=[line_colour(1)], fill_mode="solid", labels=[label])
+    shape = rr.Boxes3D.from_fields(
+        colors=[line_colour(1)], fill_mode="solid", labels=[label], show_labels=True
+    )
     moments.sink.static(f"{entity}/shape", shape)
     moments.shown(f"{entity}/shape", is_pose, _boxes)
     origin, vector = _ARROW

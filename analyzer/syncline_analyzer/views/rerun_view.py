@@ -38,6 +38,9 @@ MAX_MARKERS = 5_000
 
 _LEVELS = {"error": "ERROR", "warning": "WARN", "info": "INFO"}
 
+_STRIP = "Events: 3 node lost or starting, 2 EMCY, 1 findings and blind recorder"
+"""Title of the strip of markers, which has no room for a legend: what its rows are."""
+
 _ON_PLOTS = ("EMCY", "finding: error", "finding: warning")
 
 _LOGS: list[tuple[str, str, Callable[[Analysis], Iterable[Event]]]] = [
@@ -45,6 +48,7 @@ _LOGS: list[tuple[str, str, Callable[[Analysis], Iterable[Event]]]] = [
     ("NMT log", "/log/nmt", events.nmt_events),
     ("Finding log", "/log/findings", events.finding_events),
     ("SDO failures", "/log/sdo", events.sdo_events),
+    ("Change log", "/log/changes", events.change_events),
 ]
 
 
@@ -112,10 +116,15 @@ def _drawable(plotted: list[Panel], axis: Axis) -> list[Panel]:
 
 
 def _content(analysis: Analysis, axis: Axis, plotted: list[Panel]) -> Content:
-    strip = PlotContent("Events", "/events", (0.3, 3.7)) if events.marks(analysis) else None
+    strip = (
+        PlotContent(_STRIP, "/events", (0.3, 3.7), legend=False) if events.marks(analysis) else None
+    )
     logs = [PlotContent(title, entity) for title, entity, told in _LOGS if any(told(analysis))]
     shown = shown_at_once(plotted)
-    plots = [(p, PlotContent(p.label, _entity("plots", p), p.limits())) for p in shown]
+    plots = [
+        (p, PlotContent(p.label, _entity("plots", p), p.limits(), legend=len(p.lines) > 1))
+        for p in shown
+    ]
     return Content(
         timelines=axis.timelines,
         lanes=len({(row.bus, row.node) for row in analysis.nmt_states}),
@@ -128,7 +137,7 @@ def _content(analysis: Analysis, axis: Axis, plotted: list[Panel]) -> Content:
             for responses, bars in histograms(analysis)
         ],
         logs=logs,
-        world=rerun_world.has_world(analysis),
+        world=rerun_world.world_of(analysis),
     )
 
 
@@ -169,7 +178,7 @@ def _write_lane(sink: Sink, entity: str, rows: list[NmtStateRow]) -> None:
 def _write_panel(sink: Sink, panel: Panel, analysis: Analysis) -> None:
     root = _entity("plots", panel)
     for i, line in enumerate(panel.lines):
-        _write_line(sink, f"{root}/{i}", line, extremes(line.value, OVERVIEW_POINTS))
+        _write_line(sink, f"{root}/{i}", line, extremes(line.value, OVERVIEW_POINTS, line.wraps))
         if _is_thinned(panel):
             everything = np.arange(len(line.t_ns))
             _write_line(sink, f"{_entity('detail', panel)}/{i}", line, everything)

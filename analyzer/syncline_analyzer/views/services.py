@@ -42,10 +42,7 @@ class Listing(NamedTuple):
 def listings(analysis: Analysis, clock: Clock) -> Iterator[Listing]:
     """Changes of parameters, error frames, states of the recorder's controller, LSS and TIME."""
     if analysis.object_changes:
-        count = len(analysis.object_changes)
-        changes = [_changes(group, clock) for group in _bursts(analysis.object_changes, clock)]
-        heads = ["time", "bus", "node", "change", "was", "object", "by", "saved"]
-        yield Listing(f"Changes of parameters ({count})", heads, changes)
+        yield change_listing(analysis.object_changes, clock, named=True)
     errors = [
         [row.bus, str(row.count), clock.short(row.first_ns), clock.short(row.last_ns), row.kind]
         for row in analysis.bus_errors
@@ -63,6 +60,15 @@ def listings(analysis: Analysis, clock: Clock) -> Iterator[Listing]:
     if analysis.time_stamps:
         heads = ["bus", "COB-ID", ">told of", "the first says", "at", ">ahead of the recorder"]
         yield Listing("TIME", heads, list(_time(analysis.time_stamps, clock)))
+
+
+def change_listing(rows: Sequence[ObjectChangeRow], clock: Clock, *, named: bool) -> Listing:
+    """Changes of parameters: when, what, from what, and who did it; `named` tells bus and node."""
+    heads = ["time", "bus", "node", "change", "was", "object", "by", "saved"]
+    changes = [_changes(group, clock) for group in _bursts(rows, clock)]
+    if not named:
+        heads, changes = [heads[0], *heads[3:]], [[row[0], *row[3:]] for row in changes]
+    return Listing(f"Changes of parameters ({len(rows)})", heads, changes)
 
 
 def _bursts(rows: Sequence[ObjectChangeRow], clock: Clock) -> list[list[ObjectChangeRow]]:

@@ -15,13 +15,14 @@ from rich.text import Text
 from syncline_analyzer.results import Analysis, Finding, LatenessRow, PdoRow, SyncRow
 from syncline_analyzer.views.basis import basis_lines, fine, stepped, trio, trio_ms
 from syncline_analyzer.views.events import CLEARING, RESET, emcy_text
-from syncline_analyzer.views.known import KnownLine, known_lines
+from syncline_analyzer.views.known import KnownLine, device_words, known_lines
 from syncline_analyzer.views.lanes import cells, lanes_of
 from syncline_analyzer.views.load import load_listing
 from syncline_analyzer.views.markdown import chain_lines, extent, verdict, where
 from syncline_analyzer.views.palette import SEVERITY_COLOURS, STATE_COLOURS, STATE_LETTERS, css
 from syncline_analyzer.views.services import Listing, error_list, listings
 from syncline_analyzer.views.timing import error_control_listings
+from syncline_analyzer.views.traces import trace_listings, trace_notes
 from syncline_analyzer.views.waits import late_because, waiting_listings
 from syncline_analyzer.views.words import (
     Clock,
@@ -33,7 +34,6 @@ from syncline_analyzer.views.words import (
     object_name,
     printable,
     sdo_result,
-    trace_object,
 )
 
 PIPE_WIDTH = 120
@@ -44,6 +44,9 @@ MAX_ROWS = 20
 
 _WIDE = 110
 """Columns from which on tables show everything."""
+
+_VERY_WIDE = 140
+"""Columns from which on the traces have room for everything."""
 
 _NARROW = 78
 """Columns below which figures have to be broken."""
@@ -150,8 +153,7 @@ def _tables(analysis: Analysis, clock: Clock, width: int) -> Iterator[tuple[str,
         yield history.title, _listing(history)
     if any(row.result != "ok" for row in analysis.sdo):
         yield "SDO transfers that failed", _sdo(analysis, clock)
-    if analysis.traces:
-        yield "Traces", _traces(analysis)
+    yield from _measured(analysis, clock, width)
     if lines := known_lines(analysis):
         yield "What is known of the nodes, and from where", _known(analysis, lines)
     for listing in listings(analysis, clock):
@@ -201,7 +203,7 @@ def _nodes(analysis: Analysis, width: int) -> Table:
         state = Text(
             row.final_state, style=css(STATE_COLOURS.get(row.final_state, (158, 158, 158)))
         )
-        label, device = node_label(row.node, row.name), printable(row.device or "-")
+        label, device = node_label(row.node, row.name), device_words(row)
         shown = (
             row.bus,
             label,
@@ -420,16 +422,16 @@ def _with_rest(table: Table, count: int) -> Table:
     return table
 
 
-def _traces(analysis: Analysis) -> Table:
-    table = _grid("bus", ">node", "object", ">samples", ">min", ">max", "unit", ">cuts", "flags")
-    for row in analysis.traces:
-        flags = ", ".join(
-            f"{count} {name.replace('_', ' ')}" for name, count in row.flags.items() if count
-        )
-        what = f"{trace_object(row.object)} {printable(row.name)}"
-        spans = (number(row.min), number(row.max), row.unit, row.cuts)
-        _row(table, row.bus, row.node, what, row.samples, *spans, flags or "-")
-    return table
+def _measured(analysis: Analysis, clock: Clock, width: int) -> Iterator[tuple[str, RenderableType]]:
+    """Traces, and what they and the devices tell of themselves."""
+    one_bus = ("bus",) if len(analysis.capture.buses) < 2 else ()
+    for listing in trace_listings(analysis, clock):
+        hidden = (*one_bus, *(("samples",) if width < _VERY_WIDE else ()))
+        table = _narrowed(listing, ("samples by", "std [deg]", "reads"), width, hidden)
+        for column in table.columns if width >= _WIDE else ():
+            column.no_wrap = str(column.header) in ("node", "object", "what")
+        notes = trace_notes(analysis.traces) if listing.title == "Traces" else []
+        yield listing.title, Group(table, *(Text(note, style="dim") for note in notes))
 
 
 def _listing(listing: Listing) -> Table:

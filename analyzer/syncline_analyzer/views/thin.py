@@ -4,11 +4,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def extremes(value: NDArray[np.float64], points: int) -> NDArray[np.intp]:
-    """Rows to keep so that a plot of about `points` points still shows every peak.
+def extremes(
+    value: NDArray[np.float64], points: int, wraps: NDArray[np.intp] | None = None
+) -> NDArray[np.intp]:
+    """Rows to keep so that a plot of about `points` points still shows every peak and every break.
 
     The rows are cut into `points // 2` runs of equal length; of each, the smallest and the largest
-    value stay, and a NaN where the run holds any.
+    value stay. A NaN stays wherever else a line would be drawn over it. Those at `wraps`, where an
+    angle only starts over, stay with the values beside them unless there are so many that the line
+    fills the plot anyway: it must not break up into points.
 
     Returns: (k,) ascending row numbers; all of them when there are few.
 
@@ -23,10 +27,20 @@ def extremes(value: NDArray[np.float64], points: int) -> NDArray[np.intp]:
     low = _first_of_run(np.where(hole, np.inf, value), starts, np.minimum)
     high = _first_of_run(np.where(hole, -np.inf, value), starts, np.maximum)
     holes = np.flatnonzero(hole)
-    first_holes = holes[
-        np.unique(np.searchsorted(starts, holes, side="right"), return_index=True)[1]
-    ]
-    return np.unique(np.concatenate([low, high, first_holes]))
+    rows = np.union1d(low, high)
+    if len(holes) <= points // 4:
+        beside = np.concatenate([holes - 1, holes, holes + 1])
+        return np.union1d(rows, beside[(beside >= 0) & (beside < count)])
+    if wraps is not None:
+        holes = np.setdiff1d(holes, wraps)
+    return np.union1d(rows, _between(rows, holes))
+
+
+def _between(rows: NDArray[np.intp], holes: NDArray[np.intp]) -> NDArray[np.intp]:
+    """The first hole before, between and after rows, where there is any."""
+    passed = np.searchsorted(holes, np.append(-1, rows), side="right")
+    until = np.searchsorted(holes, np.append(rows, np.iinfo(np.intp).max), side="left")
+    return holes[passed[passed < until]]
 
 
 def envelope(

@@ -64,7 +64,7 @@ class PythonCanSource:
     """A bus behind python-can; it is only ever read."""
 
     def __init__(self, options: BusOptions) -> None:
-        options = _configured(options)
+        options = configured(options)
         self._options = options
         self._bus: can.BusABC | None = None
         self._owned = True
@@ -96,12 +96,21 @@ class PythonCanSource:
         """Open the bus. Raises SourceError."""
         if self._bus is not None:
             return
-        if self.facts.interface not in can.VALID_INTERFACES:
-            raise SourceError(self._what_interface())
+        self.check_interface()
         try:
             self._bus = can.Bus(**self._bus_arguments())
         except Exception as error:  # drivers raise whatever they like
             raise SourceError(self._what_failed("cannot open", error)) from error
+
+    @property
+    def bus(self) -> can.BusABC | None:
+        """python-can's bus while it is open; `syncline probe` alone sends on it."""
+        return self._bus
+
+    def check_interface(self) -> None:
+        """Raise SourceError when python-can has no such interface."""
+        if self.facts.interface not in can.VALID_INTERFACES:
+            raise SourceError(self._what_interface())
 
     def _bus_arguments(self) -> dict[str, Any]:
         options = self._options
@@ -159,6 +168,9 @@ class PythonCanSource:
             self._offset_ns = behind if abs(behind) > _RELATIVE_BELOW_NS else 0
         return stamp_ns + self._offset_ns
 
+    def fileno(self) -> None:
+        """None: python-can waits for frames itself."""
+
     def close(self) -> None:
         """Shut the bus down, if it was opened here."""
         bus, self._bus, self._offset_ns = self._bus, None, None
@@ -181,7 +193,7 @@ class PythonCanSource:
         return f"bus '{self.facts.name}' ({place}): {what}: {reason}"
 
 
-def _configured(options: BusOptions) -> BusOptions:
+def configured(options: BusOptions) -> BusOptions:
     """With interface and channel from python-can's configuration, where the options leave them."""
     if options.interface:
         return options

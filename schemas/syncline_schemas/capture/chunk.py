@@ -51,19 +51,36 @@ def merge(runs: Sequence[RecordRun]) -> RecordRun:
     length = np.concatenate([run.length for run in runs])
     time = np.concatenate([run.log_time_ns for run in runs])
     order = np.argsort(time, kind="stable")
-    start = np.cumsum(length) - length
     ordered = length[order]
-    shift = start[order] - (np.cumsum(ordered) - ordered)
-    source = np.repeat(shift, ordered) + np.arange(int(ordered.sum()))
+    start = np.empty(len(length), np.int64)
+    start[order] = np.cumsum(ordered) - ordered
+    data = np.empty(int(ordered.sum()), np.uint8)
+    first = 0
+    for run in runs:
+        _copy_records(run, data, start[first : first + len(run.length)])
+        first += len(run.length)
     return RecordRun(
-        np.concatenate([run.data for run in runs])[source],
+        data,
         ordered,
         np.concatenate([run.channel for run in runs])[order],
         time[order],
     )
 
 
-def build_chunk(run: RecordRun, compression: Compression) -> Chunk:
+def _copy_records(run: RecordRun, target: NDArray[np.uint8], start: NDArray[np.int64]) -> None:
+    """Copy each record to its place; those of one length at once, as there are few lengths."""
+    source = np.cumsum(run.length) - run.length
+    for length in np.unique(run.length).tolist():
+        rows = np.flatnonzero(run.length == length)
+        _windows(target, length)[start[rows]] = _windows(run.data, length)[source[rows]]
+
+
+def _windows(data: NDArray[np.uint8], length: int) -> NDArray[np.void]:
+    """The `length` bytes from each byte on, each as one value, without a copy."""
+    return np.ndarray((len(data) - length + 1,), f"V{length}", data, 0, (1,))
+
+
+def build_chunk(run: RecordRun, compression: Compression, zstd_level: int = ZSTD_LEVEL) -> Chunk:
     """Compress and index a run of at least one record."""
     offset = np.cumsum(run.length) - run.length
     plain = run.data.tobytes()
@@ -73,7 +90,7 @@ def build_chunk(run: RecordRun, compression: Compression) -> Chunk:
         uncompressed_size=len(plain),
         crc=zlib.crc32(plain),
         compression="" if compression == "none" else compression,
-        data=compress(plain, compression),
+        data=compress(plain, compression, zstd_level),
         index=message_index(run.channel, run.log_time_ns, offset),
     )
 
@@ -82,16 +99,24 @@ def message_index(
     channel: NDArray[np.uint16], log_time_ns: NDArray[np.int64], offset: NDArray[np.int64]
 ) -> list[tuple[int, NDArray[np.uint64]]]:
     """The message index of each channel, as in `Chunk.index`."""
-    entries = np.stack([log_time_ns, offset], axis=1).astype("<u8")
-    return [(int(each), entries[channel == each]) for each in np.unique(channel)]
+    order = np.argsort(channel, kind="stable")
+    entries = np.stack([log_time_ns[order], offset[order]], axis=1).astype("<u8")
+    ordered = channel[order]
+    cuts = np.flatnonzero(np.diff(ordered)) + 1
+    starts: Sequence[int] = [0, *cuts.tolist()]
+    return [
+        (int(ordered[start]), part)
+        for start, part in zip(starts, np.split(entries, cuts), strict=True)
+        if len(part)
+    ]
 
 
-def compress(plain: bytes, compression: Compression) -> bytes:
+def compress(plain: bytes, compression: Compression, zstd_level: int = ZSTD_LEVEL) -> bytes:
     """Chunk bytes in the compression asked for."""
     if compression == "zstd":
         import zstandard
 
-        return bytes(zstandard.ZstdCompressor(level=ZSTD_LEVEL).compress(plain))
+        return bytes(zstandard.ZstdCompressor(level=zstd_level).compress(plain))
     if compression == "lz4":
         import lz4.frame
 

@@ -111,12 +111,16 @@ def pack_messages(
     heads["sequence"] = sequence
     heads["log_time"] = log_time_ns.view(np.uint64)
     heads["publish_time"] = publish_time_ns.view(np.uint64)
+    head_bytes = heads.view(np.uint8).reshape(len(length), RECORD_HEAD)
+    if len(length) and (length == length[0]).all():
+        payloads = payload.reshape(len(length), int(length[0]))
+        return np.hstack([head_bytes, payloads]).reshape(-1), length + RECORD_HEAD
     start = np.cumsum(length + RECORD_HEAD) - (length + RECORD_HEAD)
     out = np.empty(len(payload) + RECORD_HEAD * len(length), np.uint8)
     is_payload = np.ones(len(out), np.bool_)
     head_at = (start[:, None] + np.arange(RECORD_HEAD)).reshape(-1)
     is_payload[head_at] = False
-    out[head_at] = heads.view(np.uint8)
+    out[head_at] = head_bytes.reshape(-1)
     out[is_payload] = payload
     return out, length + RECORD_HEAD
 

@@ -3,6 +3,9 @@
 from syncline_schemas.batch import Gap
 from syncline_schemas.proto import syncline_pb2
 
+DID_NOT_RUN = "the recorder did not run"
+"""Reason of the gap at the head of a recording that follows another one in the same folder."""
+
 
 def gap_message(gap: Gap) -> syncline_pb2.Gap:
     """The message of a gap."""

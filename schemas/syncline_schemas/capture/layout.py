@@ -18,6 +18,10 @@ END_METADATA_NAME = "syncline.end"
 """Metadata record written when the recorder closes the file; a killed recording has none."""
 RECOVER_METADATA_NAME = "syncline.recover"
 """Metadata record of a recovered file: what it was made from and what was lost."""
+MARK_METADATA_NAME = "syncline.mark"
+"""Metadata record of a file with a mark in it: the first one's time and reason."""
+LEARNED_METADATA_NAME = "syncline.learned"
+"""Metadata record of a later segment: the objects' values that the earlier ones revealed."""
 ATTACHMENT_METADATA_NAME = "syncline.attachment"
 """Followed by `/` and the name of an attachment: the metadata record with its `sha256`."""
 
@@ -26,6 +30,7 @@ PROTOBUF = "protobuf"
 
 GAP_TOPIC = "/recorder/gap"
 CLOCK_TOPIC = "/recorder/clock"
+MARK_TOPIC = "/recorder/mark"
 
 DESCRIPTION_ATTACHMENT = "bus-description.toml"
 DESCRIPTION_MEDIA_TYPE = "application/toml"

@@ -64,6 +64,27 @@ class MessageBlock:
     def __len__(self) -> int:
         return len(self.log_time_ns)
 
+    def split(self, log_ns: int) -> tuple[Self, Self]:
+        """The messages before a log time, and those from it on."""
+        count = int(np.searchsorted(self.log_time_ns, log_ns))
+        size = int(self.length[:count].sum())
+        return (
+            type(self)(
+                self.channel,
+                self.log_time_ns[:count],
+                self.publish_time_ns[:count],
+                self.length[:count],
+                self.payload[:size],
+            ),
+            type(self)(
+                self.channel,
+                self.log_time_ns[count:],
+                self.publish_time_ns[count:],
+                self.length[count:],
+                self.payload[size:],
+            ),
+        )
+
     @classmethod
     def of_messages(
         cls,

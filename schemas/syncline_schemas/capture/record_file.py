@@ -208,6 +208,21 @@ class RecordFile:
                     yield record
                 position = end if self._is_record(end) else self._after_damage(position, end)
 
+    def last_chunk_end_ns(self) -> int | None:
+        """Time of the last message in the last whole chunk, found from the end of the file."""
+        reach = _SEARCH_STEP
+        while True:
+            start = max(self.size - reach, 0)
+            found = self._find_chunk(start)
+            ends = [
+                record.end_ns
+                for record in (self.records(found) if found is not None else ())
+                if isinstance(record, RawChunk)
+            ]
+            if ends or start == 0:
+                return ends[-1] if ends else None
+            reach *= 8
+
     def _is_record(self, position: int) -> bool:
         """Whether a whole record of a known kind begins here, or the file ends here."""
         if position == self.size:

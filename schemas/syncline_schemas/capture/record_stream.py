@@ -3,7 +3,7 @@
 import struct
 import zlib
 from collections import Counter
-from typing import BinaryIO
+from typing import Protocol
 
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
@@ -28,13 +28,21 @@ from syncline_schemas.capture.chunk import Chunk
 MAGIC = b"\x89MCAP0\r\n"
 
 
+class ByteSink(Protocol):
+    """Anything that takes bytes, all of them at once."""
+
+    def write(self, data: bytes | bytearray, /) -> object:
+        """Take the bytes. Raises OSError when it cannot."""
+        ...
+
+
 class RecordStream:
     """Writes whole records, one `write` of the stream for each call.
 
     The summary's records are kept as bytes: about 150 for each chunk.
     """
 
-    def __init__(self, stream: BinaryIO, profile: str, library: str) -> None:
+    def __init__(self, stream: ByteSink, profile: str, library: str) -> None:
         self._stream = stream
         self._data_crc = 0
         self._groups = {opcode: bytearray() for opcode in _SUMMARY_GROUPS}

@@ -3,14 +3,13 @@
 import hashlib
 from collections.abc import Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
-from typing import BinaryIO
 
 import mcap.records as mcap_records
 import numpy as np
 from numpy.typing import NDArray
 
 from syncline_schemas.batch import FrameBatch
-from syncline_schemas.capture.chunk import RecordRun, build_chunk, merge
+from syncline_schemas.capture.chunk import ZSTD_LEVEL, RecordRun, build_chunk, merge
 from syncline_schemas.capture.frame_record import pack_frames, pack_messages
 from syncline_schemas.capture.lag import LagBounds
 from syncline_schemas.capture.layout import (
@@ -26,7 +25,7 @@ from syncline_schemas.capture.layout import (
     frames_topic,
 )
 from syncline_schemas.capture.message import MessageBlock, MessageSchema, schema_of
-from syncline_schemas.capture.record_stream import RecordStream
+from syncline_schemas.capture.record_stream import ByteSink, RecordStream
 from syncline_schemas.errors import UsageError
 from syncline_schemas.proto import syncline_pb2
 
@@ -51,17 +50,19 @@ class CaptureWriter:
 
     def __init__(
         self,
-        stream: BinaryIO,
+        stream: ByteSink,
         metadata: CaptureMetadata,
         buses: Sequence[BusInfo],
         *,
         compression: Compression = "zstd",
+        zstd_level: int = ZSTD_LEVEL,
         attachments: Sequence[Attachment] = (),
     ) -> None:
         _check_buses(buses)
         self._records = RecordStream(stream, PROFILE, _library())
         self._created_ns = max(metadata.created_ns, 0)
         self._compression = compression
+        self._zstd_level = zstd_level
         self._schema_ids: dict[MessageSchema, int] = {}
         self._channel_ids: dict[tuple[str, MessageSchema], int] = {}
         self._gap_channels: set[int] = set()
@@ -128,7 +129,7 @@ class CaptureWriter:
         merged = merge(filled)
         self._last_log_ns = int(merged.log_time_ns[-1])
         self.frames_written += len(batch)
-        return self._records.chunk(build_chunk(merged, self._compression))
+        return self._records.chunk(build_chunk(merged, self._compression, self._zstd_level))
 
     def write_frames(self, batch: FrameBatch) -> None:
         """Write a batch of any length that was not recorded just now, in chunks of usual size."""

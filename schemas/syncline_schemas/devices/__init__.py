@@ -44,6 +44,9 @@ from syncline_schemas.devices.catalog import (
     named_objects as named_objects,
 )
 from syncline_schemas.devices.catalog import (
+    suspects as suspects,
+)
+from syncline_schemas.devices.catalog import (
     telling_objects as telling_objects,
 )
 from syncline_schemas.devices.lookalike import (
@@ -54,6 +57,9 @@ from syncline_schemas.devices.model import (
 )
 from syncline_schemas.devices.model import (
     BitField as BitField,
+)
+from syncline_schemas.devices.model import (
+    Contradiction as Contradiction,
 )
 from syncline_schemas.devices.model import (
     Device as Device,
@@ -85,14 +91,20 @@ from syncline_schemas.devices.model import (
 from syncline_schemas.devices.model import (
     register_bits as register_bits,
 )
-from syncline_schemas.devices.profile import (
+from syncline_schemas.devices.settings import (
     configured as configured,
+)
+from syncline_schemas.devices.settings import (
+    stated_objects as stated_objects,
 )
 from syncline_schemas.devices.standard import (
     standard_device as standard_device,
 )
 from syncline_schemas.devices.standard import (
     standard_facts as standard_facts,
+)
+from syncline_schemas.devices.standard import (
+    standard_jumps as standard_jumps,
 )
 from syncline_schemas.devices.standard import (
     standard_of as standard_of,

@@ -76,6 +76,7 @@ def _from_pair(
         health={what: key for what, key in profile.health.items() if key in facts},
         overrides=profile.overrides,
         notes=profile.notes,
+        contradictions=profile.contradictions,
         warnings=tuple(loaded.warnings),
         files=files,
         **more,

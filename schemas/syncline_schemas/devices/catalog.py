@@ -18,6 +18,8 @@ FOLDER_VARIABLE = "SYNCLINE_DEVICES"
 _SUFFIXES = (".toml", *EDS_SUFFIXES)
 
 
+_MANUFACTURER_SPECIFIC = range(0x2000, 0x6000)
+"""CiA 301 7.4.1, table 38."""
 ABSENT = b"absent"
 """In the evidence of `identify`: the node refused the object as not existing (0602 0000)."""
 
@@ -168,6 +170,40 @@ def lookalikes(
         if len(fitting) > 1:
             return fitting
     return []
+
+
+def suspects(
+    known: Mapping[Key, int | bytes], folders: tuple[Path, ...] | None = None
+) -> list[Device]:
+    """Devices that a node may be where what it answered proves none.
+
+    A name that others carry too ("MAGA", sheet haomiao-38, trap 14), or the kind of the device
+    together with an object of its maker's own. Empty where `identify` or `lookalikes` knows more.
+    """
+    name = _text_of(known.get((0x1008, 0)))
+    if identify(known, folders) is not None or lookalikes(known, folders):
+        return []
+    for catalog in (_own(user_folders() if folders is None else folders), _catalog(())):
+        found = [d for d in _usable(catalog.values()) if _suspected(d.identity, known, name)]
+        if found:
+            return found
+    return []
+
+
+def _suspected(
+    rules: Mapping[str, Any], known: Mapping[Key, int | bytes], name: str | None
+) -> bool:
+    needed = rules.get("needs_one_of", ())
+    if not needed:
+        return False
+    if name is not None:
+        refuted = all(rule["object"] in known for rule in needed)
+        return not refuted and _fits({**rules, "needs_one_of": ()}, known, name)
+    if any(_holds(rule, known) for rule in rules.get("excluded_by", ())):
+        return False
+    own = [rule for rule in needed if rule["object"][0] in _MANUFACTURER_SPECIFIC]
+    kind = known.get((0x1000, 0))
+    return kind in rules.get("device_type", ()) and any(_holds(rule, known) for rule in own)
 
 
 def evidence(device: Device, known: Mapping[Key, int | bytes]) -> list[Key]:

@@ -199,7 +199,9 @@ class Override:
     """A setting that a user may give per node, with the values it takes.
 
     `quirk` names the quirk that it changes, `means` the quirk's value by the text of the setting,
-    `factor` that of a number; `object` is the object whose scale it gives. "auto" changes nothing.
+    `factor` that of a number; `object` is the object whose scale it gives, `sets` the one whose
+    value it states. `loads` says that `means` names another device, `binds` that it tells whose
+    identifiers are sent. "auto" changes nothing.
     """
 
     name: str
@@ -210,6 +212,22 @@ class Override:
     means: Mapping[str, Any] = field(default_factory=dict)
     factor: int = 1
     object: Key | None = None
+    sets: Key | None = None
+    loads: bool = False
+    binds: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Contradiction:
+    """A place at which a device's manual contradicts itself or leaves something open.
+
+    `reading` is how it is read here; `override` names the setting that reads it another way, "" for
+    none.
+    """
+
+    manual: str
+    reading: str
+    override: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -261,6 +279,7 @@ class Device:
     health: Mapping[str, Key] = field(default_factory=dict)
     overrides: Mapping[str, Override] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    contradictions: tuple[Contradiction, ...] = ()
     warnings: tuple[EdsWarning, ...] = ()
     files: Mapping[str, bytes] = field(default_factory=dict)
 

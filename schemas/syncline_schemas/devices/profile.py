@@ -1,13 +1,28 @@
 """The TOML file of a device read into facts; everything wrong in it is told at once."""
 
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, cast
 
+from syncline_schemas.devices.convert import (
+    Convert,
+    integer,
+    need,
+    object_key,
+    to_bit,
+    to_list,
+    to_number,
+    to_one_of,
+    to_pair,
+    to_record,
+    to_table,
+    to_text,
+    to_truth,
+)
 from syncline_schemas.devices.model import (
     BitField,
-    Device,
+    Contradiction,
     EmcyField,
     Jump,
     Key,
@@ -15,10 +30,7 @@ from syncline_schemas.devices.model import (
     Override,
     Quirks,
 )
-from syncline_schemas.eds_repair import number
 from syncline_schemas.errors import DescriptionError
-
-Convert = Callable[[Any], Any]
 
 
 @dataclass(slots=True)
@@ -39,118 +51,19 @@ class Profile:
     limits: dict[str, float] = field(default_factory=dict)
     health: dict[str, Key] = field(default_factory=dict)
     overrides: dict[str, Override] = field(default_factory=dict)
+    contradictions: tuple[Contradiction, ...] = ()
     objects: dict[Key, dict[str, Any]] = field(default_factory=dict)
 
 
-def object_key(text: Any) -> Key:
-    """(index, sub) of "6000" or "1018:2", both hexadecimal.
-
-    >>> object_key("1018:2"), object_key("6000")
-    ((4120, 2), (24576, 0))
-    """
-    index, _, sub = str(text).strip().lower().partition(":")
-    try:
-        key = int(index.removesuffix("h"), 16), int(sub or "0", 16)
-    except ValueError:
-        raise ValueError(f'{text!r} is no object: write it as "6000" or "1018:2"') from None
-    if not (0 <= key[0] <= 0xFFFF and 0 <= key[1] <= 0xFF):
-        raise ValueError(f"{text!r} is no object: the index has four digits, the subindex two")
-    return key
-
-
-def _need(fits: bool, value: Any, what: str) -> None:
-    if not fits:
-        raise ValueError(f"{value!r} is no {what}")
-
-
-def integer(value: Any) -> int:
-    """A number, also as text ("0x10", "10h")."""
-    _need(isinstance(value, int | str) and not isinstance(value, bool), value, "whole number")
-    read = value if isinstance(value, int) else number(value)
-    _need(read is not None, value, "whole number")
-    return cast("int", read)
-
-
-def _number(value: Any) -> float:
-    _need(isinstance(value, int | float) and not isinstance(value, bool), value, "number")
-    return float(value)
-
-
-def _bit(value: Any) -> int:
-    read = integer(value)
-    _need(0 <= read < 64, value, "bit number from 0 to 63")
-    return read
-
-
-def _text(value: Any) -> str:
-    _need(isinstance(value, str), value, "text")
-    return cast("str", value)
-
-
-def _truth(value: Any) -> bool:
-    _need(isinstance(value, bool), value, "true or false")
-    return cast("bool", value)
-
-
-def _one_of(*choices: str) -> Convert:
-    def convert(value: Any) -> str:
-        if value not in choices:
-            raise ValueError(f"{value!r} is none of {', '.join(choices)}")
-        return str(value)
-
-    return convert
-
-
-def _list(item: Convert) -> Convert:
-    def convert(value: Any) -> tuple[Any, ...]:
-        _need(isinstance(value, list), value, "list")
-        return tuple(item(part) for part in value)
-
-    return convert
-
-
-def _pair(item: Convert) -> Convert:
-    def convert(value: Any) -> tuple[Any, ...]:
-        read: tuple[Any, ...] = _list(item)(value)
-        _need(len(read) == 2, value, "pair")
-        return read
-
-    return convert
-
-
-def _table(key: Convert, item: Convert) -> Convert:
-    def convert(value: Any) -> dict[Any, Any]:
-        _need(isinstance(value, dict), value, "table")
-        return {key(name): item(part) for name, part in value.items()}
-
-    return convert
-
-
-def _record(
-    required: Mapping[str, Convert], optional: Mapping[str, Convert] | None = None
-) -> Convert:
-    known = {**required, **(optional or {})}
-
-    def convert(value: Any) -> dict[str, Any]:
-        _need(isinstance(value, dict), value, "table")
-        if missing := required.keys() - value.keys():
-            raise ValueError(f"{', '.join(sorted(missing))} missing")
-        if unknown := value.keys() - known.keys():
-            raise ValueError(f"unknown key {', '.join(sorted(unknown))}")
-        return {name: known[name](part) for name, part in value.items()}
-
-    return convert
-
-
 def _bit_fields(value: Any) -> tuple[BitField, ...]:
-    table = _table(_text, _list(_bit))(value)
+    table = to_table(to_text, to_list(to_bit))(value)
     for bits in table.values():
-        _need(len(bits) > 0 and bits[0] <= bits[-1], bits, "range of bits, like [0, 15]")
+        need(len(bits) > 0 and bits[0] <= bits[-1], bits, "range of bits, like [0, 15]")
     return tuple(BitField(name, bits[0], bits[-1]) for name, bits in table.items())
 
 
 def _change(value: Any) -> str:
-    read = _text(value)
+    read = to_text(value)
     try:
         read.format(value=0, words="", unit="")
     except (LookupError, ValueError) as error:
@@ -159,67 +72,67 @@ def _change(value: Any) -> str:
 
 
 def _jump(value: Any) -> Jump:
-    read = _record({"object": object_key, "text": _text}, {"values": _list(integer)})(value)
+    read = to_record({"object": object_key, "text": to_text}, {"values": to_list(integer)})(value)
     index, sub = read["object"]
     return Jump(index, sub, read["text"], read.get("values"))
 
 
 def _side_effect(value: Any) -> tuple[Key, Key, int]:
-    read = _record({"write": object_key, "changes": object_key, "to": integer})(value)
+    read = to_record({"write": object_key, "changes": object_key, "to": integer})(value)
     return read["write"], read["changes"], read["to"]
 
 
-_REACTION = _one_of("pre-operational", "keep", "stopped")
-_KEYS = _list(object_key)
-_QUIRKS: dict[str, Convert] = {
-    "bootup_bytes": _list(integer),
-    "empty_heartbeat_after_rtr": _truth,
+_REACTION = to_one_of("pre-operational", "keep", "stopped")
+_KEYS = to_list(object_key)
+QUIRKS: dict[str, Convert] = {
+    "bootup_bytes": to_list(integer),
+    "empty_heartbeat_after_rtr": to_truth,
     "reset_quiet_ms": integer,
-    "type_0": _one_of("acyclic", "off", "once_per_change", "unknown"),
-    "event_timer_types": _list(integer),
+    "type_0": to_one_of("acyclic", "off", "once_per_change", "unknown"),
+    "event_timer_types": to_list(integer),
     "pdo_cob_id_mask": integer,
-    "fixed_mapping": _truth,
-    "repeat_counters": _table(integer, object_key),
-    "aliases": _table(object_key, object_key),
+    "fixed_mapping": to_truth,
+    "repeat_counters": to_table(integer, object_key),
+    "aliases": to_table(object_key, object_key),
     "clear_on_read": _KEYS,
-    "mute_in_stopped": _list(_one_of("sdo", "pdo", "emcy", "sync")),
-    "rtr_any_state": _truth,
-    "heartbeat_wins": _truth,
-    "consumes_heartbeat": _truth,
+    "mute_in_stopped": to_list(to_one_of("sdo", "pdo", "emcy", "sync")),
+    "rtr_any_state": to_truth,
+    "heartbeat_wins": to_truth,
+    "consumes_heartbeat": to_truth,
     "guard_toggle_restarts_on": _KEYS,
-    "life_guard_reaction": _one_of("1029h", "pre-operational"),
-    "life_guard_cleared_by_request": _truth,
-    "error_reactions": _table(integer, _REACTION),
+    "life_guard_reaction": to_one_of("1029h", "pre-operational"),
+    "life_guard_cleared_by_request": to_truth,
+    "error_reactions": to_table(integer, _REACTION),
     "error_reaction_default": integer,
-    "hardware_preset": _truth,
-    "reset_writes": _table(object_key, integer),
-    "factory_reset_writes": _table(object_key, integer),
-    "communication_reset_all": _truth,
+    "hardware_preset": to_truth,
+    "reset_writes": to_table(object_key, integer),
+    "factory_reset_writes": to_table(object_key, integer),
+    "communication_reset_all": to_truth,
     "bitrate_object": object_key,
-    "bitrates": _table(integer, integer),
+    "bitrates": to_table(integer, integer),
     "node_id_object": object_key,
-    "node_id_switches": _truth,
-    "node_id_order": _text,
-    "storage": _table(integer, _KEYS),
-    "saves_all": _truth,
+    "node_id_switches": to_truth,
+    "node_id_order": to_text,
+    "storage": to_table(integer, _KEYS),
+    "saves_all": to_truth,
     "stored_at_once": _KEYS,
-    "load_writes_storage": _truth,
-    "jumps": _list(_jump),
-    "side_effects": _list(_side_effect),
-    "settle_s": _table(object_key, _table(integer, _number)),
-    "settle_pdos": _table(object_key, integer),
+    "load_writes_storage": to_truth,
+    "jumps": to_list(_jump),
+    "side_effects": to_list(_side_effect),
+    "settle_s": to_table(object_key, to_table(integer, to_number)),
+    "settle_pdos": to_table(object_key, integer),
     "output_mode": object_key,
-    "mode_pdos": _table(integer, _list(integer)),
-    "absent": _list(lambda text: object_key(text)[0]),
-    "unused_values": _table(object_key, integer),
+    "mode_pdos": to_table(integer, to_list(integer)),
+    "absent": to_list(lambda text: object_key(text)[0]),
+    "unused_values": to_table(object_key, integer),
     "since_restart": _KEYS,
     "pending_until_reset": _KEYS,
-    "undocumented": _table(lambda text: object_key(text)[0], _text),
-    "sdo_read_specifiers": _list(integer),
-    "unspecified_size_writes": _truth,
+    "undocumented": to_table(lambda text: object_key(text)[0], to_text),
+    "sdo_read_specifiers": to_list(integer),
+    "unspecified_size_writes": to_truth,
     "termination": object_key,
 }
-_BIT = _record({"object": object_key, "bit": _bit})
+_BIT = to_record({"object": object_key, "bit": to_bit})
 _MEASUREMENT: dict[str, Convert] = {
     "position": _KEYS,
     "counts_per_turn": object_key,
@@ -235,40 +148,41 @@ _MEASUREMENT: dict[str, Convert] = {
     "zero": object_key,
     "alarms": object_key,
     "warnings": object_key,
+    "measuring_step": object_key,
     "resolution": object_key,
-    "resolution_deg": _number,
+    "resolution_deg": to_number,
     "quadrant": object_key,
     "definition": object_key,
-    "axes": _table(lambda text: object_key(text)[0], integer),
-    "definitions": _list(
-        _record(
+    "axes": to_table(lambda text: object_key(text)[0], integer),
+    "definitions": to_list(
+        to_record(
             {
                 "value": integer,
-                "name": _text,
-                "axes": _pair(_text),
-                "low": _pair(_number),
-                "high": _pair(_number),
-                "corrected": _list(integer),
+                "name": to_text,
+                "axes": to_pair(to_text),
+                "low": to_pair(to_number),
+                "high": to_pair(to_number),
+                "corrected": to_list(integer),
             },
             {
-                "singular": _text,
-                "geometry": _one_of("perpendicular", "euler", "gimbal_x", "gimbal_y"),
+                "singular": to_text,
+                "geometry": to_one_of("perpendicular", "euler", "gimbal_x", "gimbal_y"),
             },
         )
     ),
-    "defaults": _table(_text, _number),
+    "defaults": to_table(to_text, to_number),
 }
 _EMCY: dict[str, Convert] = {
-    "codes": _table(lambda text: int(text, 16), _text),
-    "groups": _table(lambda text: int(text, 16), _text),
-    "register": _table(_bit, _text),
-    "register_codes": _table(integer, _list(lambda text: int(text, 16))),
-    "fields": _list(
-        _record(
-            {"name": _text, "start": _bit, "length": _bit},
+    "codes": to_table(lambda text: int(text, 16), to_text),
+    "groups": to_table(lambda text: int(text, 16), to_text),
+    "register": to_table(to_bit, to_text),
+    "register_codes": to_table(integer, to_list(lambda text: int(text, 16))),
+    "fields": to_list(
+        to_record(
+            {"name": to_text, "start": to_bit, "length": to_bit},
             {
-                "bits": _table(_bit, _text),
-                "codes": _table(_bit, lambda text: int(text, 16)),
+                "bits": to_table(to_bit, to_text),
+                "codes": to_table(to_bit, lambda text: int(text, 16)),
             },
         )
     ),
@@ -278,49 +192,60 @@ _EMCY: dict[str, Convert] = {
 def _evidence(value: Any) -> Any:
     if value in ("present", "absent"):
         return value
-    return _list(integer)(value)
+    return to_list(integer)(value)
 
 
-_RULES = _list(_record({"object": object_key, "is": _evidence}))
+_RULES = to_list(to_record({"object": object_key, "is": _evidence}))
 _IDENTITY: dict[str, Convert] = {
-    "name": _text,
-    "device_type": _list(integer),
-    "product": _list(integer),
+    "name": to_text,
+    "device_type": to_list(integer),
+    "product": to_list(integer),
     "needs_one_of": _RULES,
     "excluded_by": _RULES,
 }
 _OBJECT: dict[str, Convert] = {
-    "name": _text,
-    "unit": _text,
-    "scale": _number,
+    "name": to_text,
+    "unit": to_text,
+    "scale": to_number,
     "scale_object": object_key,
-    "meaning": _text,
-    "values": _table(integer, _text),
-    "bits": _table(_bit, _text),
+    "meaning": to_text,
+    "values": to_table(integer, to_text),
+    "bits": to_table(to_bit, to_text),
     "fields": _bit_fields,
-    "text": _text,
+    "text": to_text,
     "change": _change,
-    "persisted": _one_of("yes", "no", "?", "-"),
+    "persisted": to_one_of("yes", "no", "?", "-"),
 }
 _OVERRIDE: dict[str, Convert] = {
     "default": lambda v: v,
     "choices": tuple,
-    "meaning": _text,
-    "quirk": _one_of(*_QUIRKS),
-    "means": _table(_text, lambda value: value),
+    "meaning": to_text,
+    "quirk": to_one_of(*QUIRKS),
+    "means": to_table(to_text, lambda value: value),
     "factor": integer,
     "object": object_key,
+    "sets": object_key,
+    "loads": to_truth,
+    "binds": to_truth,
 }
+
+
+def _contradictions(value: Any) -> tuple[Contradiction, ...]:
+    record = to_record({"manual": to_text, "reading": to_text}, {"override": to_text})
+    return tuple(Contradiction(**entry) for entry in to_list(record)(value))
+
+
 _TOP: dict[str, Convert] = {
-    "title": _text,
-    "vendor": _text,
-    "kind": _one_of("encoder", "inclinometer", "generic"),
-    "eds": _text,
+    "title": to_text,
+    "vendor": to_text,
+    "kind": to_one_of("encoder", "inclinometer", "generic"),
+    "eds": to_text,
     "default_node": integer,
     "default_bitrate": integer,
-    "notes": _list(_text),
-    "limits": _table(_text, _number),
-    "health": _table(_text, object_key),
+    "notes": to_list(to_text),
+    "limits": to_table(to_text, to_number),
+    "health": to_table(to_text, object_key),
+    "contradictions": _contradictions,
 }
 
 
@@ -376,7 +301,7 @@ def read_profile(text: str, where: str) -> Profile:
     parts = {name: data.pop(name, {}) for name in _PARTS}
     profile = Profile(**reader.table("", data, _TOP))
     profile.identity = reader.table("identity", parts["identity"], _IDENTITY)
-    profile.quirks = replace(Quirks(), **reader.table("quirks", parts["quirks"], _QUIRKS))
+    profile.quirks = replace(Quirks(), **reader.table("quirks", parts["quirks"], QUIRKS))
     profile.emcy = reader.table("emcy", parts["emcy"], _EMCY)
     profile.measurement = reader.table("measurement", parts["measurement"], _MEASUREMENT)
     profile.objects = reader.objects(parts["objects"])
@@ -385,6 +310,11 @@ def read_profile(text: str, where: str) -> Profile:
         name: Override(name, **reader.table(f"overrides.{name}", value, _OVERRIDE))
         for name, value in overrides.items()
     }
+    reader.errors += [
+        f"contradictions: there is no setting {each.override}"
+        for each in profile.contradictions
+        if each.override and each.override not in profile.overrides
+    ]
     if reader.errors:
         raise DescriptionError(f"{where}: " + "; ".join(reader.errors))
     return profile
@@ -398,68 +328,15 @@ def known_keys() -> dict[str, list[str]]:
     tables: dict[str, Mapping[str, Convert]] = {
         "identity": _IDENTITY,
         "measurement": _MEASUREMENT,
-        "quirks": _QUIRKS,
+        "quirks": QUIRKS,
         "emcy": _EMCY,
         "objects.INDEX": _OBJECT,
         "overrides.NAME": _OVERRIDE,
     }
-    head = [name for name in _TOP if name not in ("limits", "health")]
+    head = [name for name in _TOP if name not in ("limits", "health", "contradictions")]
     free = {"limits": ["max_rpm", "max_angle_deg"], "health": ["any name of a quantity"]}
-    return {"head": head, **{name: list(keys) for name, keys in tables.items()}, **free}
-
-
-def configured(device: Device, given: Mapping[str, Any]) -> Device:
-    """The device with a user's settings in its quirks, limits, scales and EMCY fields.
-
-    Raises:
-        DescriptionError: there is no such setting, or it does not take the value; all at once.
-    """
-    errors: list[str] = []
-    changed: dict[str, Any] = {}
-    facts = dict(device.facts)
-    for name, value in given.items():
-        setting = device.overrides.get(name)
-        if setting is None:
-            errors.append(f"{name}: there is no such setting, but {', '.join(device.overrides)}")
-            continue
-        try:
-            _suits(setting, value)
-            if setting.quirk and value != "auto":
-                changed[setting.quirk] = _QUIRKS[setting.quirk](_quirk_value(setting, value))
-            if setting.object in facts and value != "auto":
-                facts[setting.object] = replace(facts[setting.object], scale=float(value))
-        except (ValueError, TypeError) as error:
-            errors.append(f"{name}: {error}")
-    if errors:
-        raise DescriptionError(f"settings of {device.name}: " + "; ".join(errors))
-    numbers = {k: float(v) for k, v in given.items() if k in device.limits and v != "auto"}
-    return replace(
-        device,
-        facts=facts,
-        quirks=replace(device.quirks, **changed),
-        limits={**device.limits, **numbers},
-        emcy_fields=() if given.get("emcy_layout") == "none" else device.emcy_fields,
-    )
-
-
-def _suits(setting: Override, value: Any) -> None:
-    """Raise ValueError where the value is none that the setting takes."""
-    if setting.choices:
-        choices = ", ".join(str(choice) for choice in setting.choices)
-        if value not in setting.choices:
-            raise ValueError(f"{value!r} is none of {choices}")
-    elif isinstance(setting.default, bool):
-        _truth(value)
-    elif value != "auto" and (
-        isinstance(setting.default, int | float) or setting.default == "auto"
-    ):
-        _number(value)
-
-
-def _quirk_value(setting: Override, value: Any) -> Any:
-    if setting.means:
-        return setting.means[str(value).lower()]
-    return int(value * setting.factor) if setting.factor != 1 else value
+    own = {"[contradictions]": ["manual", "reading", "override"]}
+    return {"head": head, **{name: list(keys) for name, keys in tables.items()}, **free, **own}
 
 
 def with_profile(facts: dict[Key, ObjectFacts], profile: Profile) -> dict[Key, ObjectFacts]:

@@ -3,17 +3,20 @@
 from functools import cache
 from importlib.resources import files as package_files
 
-from syncline_schemas.devices.model import Device, Key, ObjectFacts
+from syncline_schemas.devices.model import Device, Jump, Key, ObjectFacts
 from syncline_schemas.devices.profile import Profile, read_profile
 
 _INTEGER16, _INTEGER32, _UNSIGNED32 = 0x03, 0x04, 0x07
-_POSITIONS: dict[int, dict[int, tuple[str, int]]] = {
-    406: {0x6004: ("Position value", _UNSIGNED32)},
+_CHANNELS = range(1, 9)
+"""Channels of encoders with several sensors that are looked for."""
+_POSITIONS: dict[int, dict[Key, tuple[str, int]]] = {
+    406: {(0x6004, 0): ("Position value", _UNSIGNED32)}
+    | {(0x6020, sub): (f"Position value of channel {sub}", _INTEGER32) for sub in _CHANNELS},
     410: {
-        0x6010: ("Slope longitudinal 16 bit", _INTEGER16),
-        0x6020: ("Slope lateral 16 bit", _INTEGER16),
-        0x6110: ("Slope longitudinal 32 bit", _INTEGER32),
-        0x6120: ("Slope lateral 32 bit", _INTEGER32),
+        (0x6010, 0): ("Slope longitudinal 16 bit", _INTEGER16),
+        (0x6020, 0): ("Slope lateral 16 bit", _INTEGER16),
+        (0x6110, 0): ("Slope longitudinal 32 bit", _INTEGER32),
+        (0x6120, 0): ("Slope lateral 32 bit", _INTEGER32),
     },
 }
 """Name and data type of the objects that hold positions, by CiA profile number."""
@@ -41,8 +44,8 @@ def standard_device(number: int) -> Device | None:
     from canopen import ObjectDictionary
 
     facts: dict[Key, ObjectFacts] = {
-        (index, 0): ObjectFacts(index, 0, name, data_type, "ro", mappable=True)
-        for index, (name, data_type) in _POSITIONS.get(number, {}).items()
+        key: ObjectFacts(*key, name, data_type, "ro", mappable=True)
+        for key, (name, data_type) in _POSITIONS.get(number, {}).items()
     }
     return Device(
         f"cia{number}",
@@ -72,9 +75,20 @@ def standard_of(index: int, sub: int) -> int | None:
 
     >>> standard_of(0x6004, 0), standard_of(0x6120, 0), standard_of(0x6064, 0)
     (406, 410, None)
+    >>> standard_of(0x6020, 0), standard_of(0x6020, 2)
+    (410, 406)
     """
-    if sub == 0:
-        for number, objects in _POSITIONS.items():
-            if index in objects:
-                return number
-    return None
+    return next((n for n, objects in _POSITIONS.items() if (index, sub) in objects), None)
+
+
+@cache
+def standard_jumps(number: int | None) -> tuple[Jump, ...]:
+    """Writes that move a position without motion, by a CiA profile; by all where it is not known.
+
+    >>> [jump.text for jump in standard_jumps(410)][0], len(standard_jumps(402))
+    ('resolution', 0)
+    """
+    profiles = standard_profiles()
+    if number:
+        return profiles[number].quirks.jumps if number in profiles else ()
+    return tuple(jump for profile in profiles.values() for jump in profile.quirks.jumps)

@@ -19,7 +19,7 @@ class Frame(_message.Message):
     def __init__(self, can_id: _Optional[int] = ..., flags: _Optional[int] = ..., dlc: _Optional[int] = ..., data: _Optional[bytes] = ...) -> None: ...
 
 class BusStatus(_message.Message):
-    __slots__ = ("state", "tx_errors", "rx_errors", "frames_received", "error_frames", "dropped_kernel", "dropped_controller", "dropped_queue", "adapter_present", "text")
+    __slots__ = ("state", "tx_errors", "rx_errors", "frames_received", "error_frames", "dropped_kernel", "dropped_controller", "dropped_queue", "adapter_present", "text", "dropped_disk")
     STATE_FIELD_NUMBER: _ClassVar[int]
     TX_ERRORS_FIELD_NUMBER: _ClassVar[int]
     RX_ERRORS_FIELD_NUMBER: _ClassVar[int]
@@ -30,6 +30,7 @@ class BusStatus(_message.Message):
     DROPPED_QUEUE_FIELD_NUMBER: _ClassVar[int]
     ADAPTER_PRESENT_FIELD_NUMBER: _ClassVar[int]
     TEXT_FIELD_NUMBER: _ClassVar[int]
+    DROPPED_DISK_FIELD_NUMBER: _ClassVar[int]
     state: str
     tx_errors: int
     rx_errors: int
@@ -40,7 +41,8 @@ class BusStatus(_message.Message):
     dropped_queue: int
     adapter_present: bool
     text: str
-    def __init__(self, state: _Optional[str] = ..., tx_errors: _Optional[int] = ..., rx_errors: _Optional[int] = ..., frames_received: _Optional[int] = ..., error_frames: _Optional[int] = ..., dropped_kernel: _Optional[int] = ..., dropped_controller: _Optional[int] = ..., dropped_queue: _Optional[int] = ..., adapter_present: _Optional[bool] = ..., text: _Optional[str] = ...) -> None: ...
+    dropped_disk: int
+    def __init__(self, state: _Optional[str] = ..., tx_errors: _Optional[int] = ..., rx_errors: _Optional[int] = ..., frames_received: _Optional[int] = ..., error_frames: _Optional[int] = ..., dropped_kernel: _Optional[int] = ..., dropped_controller: _Optional[int] = ..., dropped_queue: _Optional[int] = ..., adapter_present: _Optional[bool] = ..., text: _Optional[str] = ..., dropped_disk: _Optional[int] = ...) -> None: ...
 
 class Gap(_message.Message):
     __slots__ = ("start_ns", "end_ns", "reason", "lost_frames", "bus")
@@ -57,18 +59,44 @@ class Gap(_message.Message):
     def __init__(self, start_ns: _Optional[int] = ..., end_ns: _Optional[int] = ..., reason: _Optional[str] = ..., lost_frames: _Optional[int] = ..., bus: _Optional[int] = ...) -> None: ...
 
 class ClockSample(_message.Message):
-    __slots__ = ("utc_ns", "monotonic_ns", "adapter_ns", "bus", "step_ns")
+    __slots__ = ("utc_ns", "monotonic_ns", "adapter_ns", "bus", "step_ns", "boot_ns", "slept_ns", "uncertainty_ns", "mapped_ns", "rate_ppb", "residual_ns", "offset_ns")
     UTC_NS_FIELD_NUMBER: _ClassVar[int]
     MONOTONIC_NS_FIELD_NUMBER: _ClassVar[int]
     ADAPTER_NS_FIELD_NUMBER: _ClassVar[int]
     BUS_FIELD_NUMBER: _ClassVar[int]
     STEP_NS_FIELD_NUMBER: _ClassVar[int]
+    BOOT_NS_FIELD_NUMBER: _ClassVar[int]
+    SLEPT_NS_FIELD_NUMBER: _ClassVar[int]
+    UNCERTAINTY_NS_FIELD_NUMBER: _ClassVar[int]
+    MAPPED_NS_FIELD_NUMBER: _ClassVar[int]
+    RATE_PPB_FIELD_NUMBER: _ClassVar[int]
+    RESIDUAL_NS_FIELD_NUMBER: _ClassVar[int]
+    OFFSET_NS_FIELD_NUMBER: _ClassVar[int]
     utc_ns: int
     monotonic_ns: int
     adapter_ns: int
     bus: int
     step_ns: int
-    def __init__(self, utc_ns: _Optional[int] = ..., monotonic_ns: _Optional[int] = ..., adapter_ns: _Optional[int] = ..., bus: _Optional[int] = ..., step_ns: _Optional[int] = ...) -> None: ...
+    boot_ns: int
+    slept_ns: int
+    uncertainty_ns: int
+    mapped_ns: int
+    rate_ppb: int
+    residual_ns: int
+    offset_ns: int
+    def __init__(self, utc_ns: _Optional[int] = ..., monotonic_ns: _Optional[int] = ..., adapter_ns: _Optional[int] = ..., bus: _Optional[int] = ..., step_ns: _Optional[int] = ..., boot_ns: _Optional[int] = ..., slept_ns: _Optional[int] = ..., uncertainty_ns: _Optional[int] = ..., mapped_ns: _Optional[int] = ..., rate_ppb: _Optional[int] = ..., residual_ns: _Optional[int] = ..., offset_ns: _Optional[int] = ...) -> None: ...
+
+class Mark(_message.Message):
+    __slots__ = ("t_ns", "reason", "bus", "node")
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    REASON_FIELD_NUMBER: _ClassVar[int]
+    BUS_FIELD_NUMBER: _ClassVar[int]
+    NODE_FIELD_NUMBER: _ClassVar[int]
+    t_ns: int
+    reason: str
+    bus: int
+    node: int
+    def __init__(self, t_ns: _Optional[int] = ..., reason: _Optional[str] = ..., bus: _Optional[int] = ..., node: _Optional[int] = ...) -> None: ...
 
 class Nmt(_message.Message):
     __slots__ = ("command", "command_name", "node")

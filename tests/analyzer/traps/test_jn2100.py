@@ -286,6 +286,16 @@ def test_trap_17_vibration_mode() -> None:
     assert told.accusations == []
 
 
+def test_trap_17_the_user_may_say_the_mode() -> None:
+    told = Script("jn2100", 10, overrides='output = "vibration"').heartbeat(0, 3000)
+    told = (
+        told.sync(1, 3000)
+        .every(2, 3000, 20, "18A#C8006400")
+        .every(3, 3000, 20, "38A#" + "7D000000D5030000")
+    )
+    assert sorted(told.told().traced()) == [0x5C10, 0x5C11]
+
+
 def test_trap_17_angle_mode() -> None:
     """And TPDO3 in angle mode."""
     script = running(settings(tilt(), res=100), 0, 2000).read(-3, 0x2047, 0, 0, size=1)
@@ -369,6 +379,14 @@ def test_trap_23_identifiers_of_another_node() -> None:
     assert found.severity in ("info", "warning")
     assert says(found.text, "node 12", "18Ah", "node 10")
     assert says(found.check_next, "1800:1")
+
+
+def test_trap_23_the_user_binds_them() -> None:
+    """Sheet 8: pdo_owner = {18A: 12}."""
+    bound = Script("jn2100", 12, overrides="pdo_owner = { 18A = 12 }").heartbeat(0, 5000)
+    told = bound.sync(1, 5000).every(2, 5000, 20, "18A#C8006400").told()
+    assert told.trace(0x6010).value[0] == 20.0
+    assert "device.foreign_identifiers" not in told.ids
 
 
 @pytest.mark.near_miss("device.foreign_identifiers")

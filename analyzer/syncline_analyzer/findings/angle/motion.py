@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from syncline_analyzer.findings.angle.words import (
     events_of,
     evidence_of,
+    number,
     rests_on,
     scale_of,
     stepped,
@@ -39,6 +40,31 @@ def _steps(facts: Facts) -> Iterator[Finding]:
                 " without a message in this capture.",
                 "Compare with the true position of the shaft; look at coupling, shielding and EMCY"
                 " messages of the encoder.",
+                evidence_of(group),
+                assumed=scale_of(trace),
+            )
+
+
+def _unsure_steps(facts: Facts) -> Iterator[Finding]:
+    """Positions that left their line so near to the end that nothing more can be told."""
+    for trace in _judged(facts):
+        for group in together(events_of(facts.analysis, trace, "unsure step")):
+            first = group[0]
+            more = f" ({len(group)} times)" if len(group) > 1 else ""
+            yield Finding(
+                "angle.step_unsure",
+                "info",
+                trace.bus,
+                trace.node,
+                first.t_ns,
+                group[-1].t_ns + 1,
+                f"{trace.name} of {facts.inside(trace.bus, trace.node)} went from"
+                f" {number(first.before)} to {number(first.after)} {trace.unit}{facts.at(first.t_ns)}"
+                f" within one sample{more}; the trace ends or is cut so soon after it that it cannot"
+                f" be told whether the shaft began to turn or the position was lost: {first.text}."
+                f"{rests_on(trace)}",
+                "The shaft was set in motion very hard, or the encoder lost its position.",
+                "Look at what comes after it: the next capture, or the position after the cut.",
                 evidence_of(group),
                 assumed=scale_of(trace),
             )
@@ -89,7 +115,7 @@ def _fast(facts: Facts) -> Iterator[Finding]:
                 first.t_ns,
                 group[-1].t_ns + 1,
                 f"{facts.who(trace.bus, trace.node)} turned too fast{facts.at(first.t_ns)}:"
-                f" {first.text}{more}.{rests_on(trace)}",
+                f" {first.text}{more}{_beyond(facts, trace, max(tops, default=0.0))}.{rests_on(trace)}",
                 "The machine ran faster than the encoder is made for; or the counts per turn or the"
                 " speed limit are not those of this encoder.",
                 "Compare with the speed of the machine; state the encoder's limit (override"
@@ -97,6 +123,15 @@ def _fast(facts: Facts) -> Iterator[Finding]:
                 evidence_of(group),
                 assumed=scale_of(trace),
             )
+
+
+def _beyond(facts: Facts, trace: TraceRow, top_rpm: float) -> str:
+    """Says so where even the mechanical limit was passed."""
+    device = facts.context.shadow.device(facts.number(trace.bus), trace.node)
+    limit = device.limits.get("max_rpm_mech") if device else None
+    if limit is None or top_rpm <= limit:
+        return ""
+    return f"; even its mechanical limit is {limit:.6g} rpm"
 
 
 def _seldom(facts: Facts) -> Iterator[Finding]:
@@ -191,6 +226,43 @@ def _parted(facts: Facts) -> Iterator[Finding]:
         )
 
 
+def _followers(facts: Facts) -> Iterator[Finding]:
+    """Encoders that follow one another although nobody says that they sit on one shaft."""
+    for row in facts.analysis.followers:
+        seconds = (row.end_ns - row.start_ns) / 1e9
+        ratio = f" and ratio = {row.ratio:.6g}" if row.ratio != 1 else ""
+        how = "as far as" if row.ratio == 1 else f"{row.ratio:.6g} times as far as"
+        yield Finding(
+            "angle.follow_one_another",
+            "info",
+            row.bus,
+            row.node,
+            row.start_ns,
+            row.end_ns,
+            f"{facts.who(row.bus, row.node)} follows {facts.inside(row.bus, row.other)}: for"
+            f" {seconds:.4g} s it turned {how} the other one, over {row.moved_deg:.4g} deg and never"
+            f" evenly, and hardly ever more than {max(row.spread_deg, 0.1):.2g} deg off; these two"
+            " may sit on one shaft, or be geared to one another.",
+            "Nobody said in the bus description what belongs together.",
+            f"If it is so, say same_shaft_as = {row.other}{ratio} at node {row.node} in the bus"
+            " description: then they are compared, and told if they ever part.",
+            [],
+            assumed=_scales_of(facts, row.bus, (row.node, row.other)),
+        )
+
+
+def _scales_of(facts: Facts, bus: str, nodes: tuple[int, int]) -> list[str]:
+    """Settings of both scales that were only assumed, in words."""
+    return sorted(
+        {
+            f"{words} of node {trace.node}"
+            for trace in facts.analysis.traces
+            if trace.unit == "counts" and trace.bus == bus and trace.node in nodes
+            for words in scale_of(trace)
+        }
+    )
+
+
 def _parting(facts: Facts, shaft: ShaftRow) -> str:
     assert shaft.parted_ns is not None
     assert shaft.parted_deg is not None
@@ -222,6 +294,17 @@ RULES: tuple[Rule, ...] = (
             "Writes that explain it, resets, gaps and silences cut the trace instead.",
         ),
         _steps,
+    ),
+    Rule(
+        "angle.step_unsure",
+        "A position left its line so near to the end of the trace that it cannot be judged.",
+        "The sample after the step.",
+        (
+            "Only a step that no machine begins with: 1000 rev/s^2.",
+            "Steps that a write or a restart explains are none.",
+            "It is a note: less than half a second follows, so that nobody is accused.",
+        ),
+        _unsure_steps,
     ),
     Rule(
         "angle.spike",
@@ -277,5 +360,17 @@ RULES: tuple[Rule, ...] = (
             "Single samples do not count: it must last half a second.",
         ),
         _parted,
+    ),
+    Rule(
+        "angle.follow_one_another",
+        "Two encoders follow one another over a long time: they may sit on one shaft.",
+        "No single frame: both traces on a common grid of time.",
+        (
+            "At least a minute together, and each must turn by 45 deg and more.",
+            "Even turning does not count: two even motions follow one another in any case.",
+            "Not told of pairs that the bus description already places on one shaft.",
+            "Only encoders of one bus whose counts per turn and range are known.",
+        ),
+        _followers,
     ),
 )

@@ -189,8 +189,14 @@ def _scale_assumed(facts: Facts) -> Iterator[Finding]:
             trace.node,
             capture.begin_ns,
             capture.end_ns,
-            f"The degrees of {facts.inside(trace.bus, trace.node)} rest on an assumed scale ({trace.shows}):"
-            f" {objects} {'were' if len(guessed) > 1 else 'was'} not seen in this capture.",
+            (
+                f"The position of {facts.inside(trace.bus, trace.node)} is shown without degrees"
+                f" ({trace.shows}):"
+                if trace.unwrapped_min_deg is None
+                else f"The degrees of {facts.inside(trace.bus, trace.node)} rest on an assumed scale"
+                f" ({trace.shows}):"
+            )
+            + f" {objects} {'were' if len(guessed) > 1 else 'was'} not seen in this capture.",
             "The recorder started after the settings were read, or nobody reads them.",
             f"Read {objects} from the device, or state {'them' if len(guessed) > 1 else 'it'} in the bus"
             " description.",

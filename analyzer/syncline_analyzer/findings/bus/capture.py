@@ -2,10 +2,10 @@
 
 from collections.abc import Iterator
 
-from syncline_analyzer.deafness import RECORDER_OFF, RECORDER_OVERFLOW
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import seconds
 from syncline_analyzer.results import Finding, GapRow
+from syncline_schemas.can_errors import RECORDER_OFF, RECORDER_OVERFLOW
 from syncline_schemas.wording import counted
 
 MAX_GAPS = 10

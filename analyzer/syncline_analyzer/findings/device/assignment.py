@@ -5,9 +5,17 @@ from typing import NamedTuple
 
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.pdo_binding import PdoBindings
-from syncline_analyzer.results import Finding, NodeRow, TraceRow
+from syncline_analyzer.results import Finding, NodeRow, PdoRow, TraceRow
 from syncline_schemas.canopen.sdo import abort_meaning
-from syncline_schemas.devices import ABSENT, Device, excluded, identify
+from syncline_schemas.devices import (
+    ABSENT,
+    Device,
+    evidence,
+    excluded,
+    identify,
+    standard_device,
+    suspects,
+)
 from syncline_schemas.wording import counted
 
 MIN_FRAMES = 3
@@ -110,6 +118,8 @@ def _identity(facts: Facts, bus: int, row: NodeRow, device: Device) -> Iterator[
             seqs(TYPE),
         )
     vendor, product = known.get(VENDOR), known.get(PRODUCT)
+    if isinstance(vendor, int) and vendor not in device.identity.get("vendors", (vendor,)):
+        yield Contradiction(f"its vendor number is {vendor:X}h (1018h)", True, seqs(VENDOR))
     if "vendor" in device.identity and isinstance(vendor, int) and vendor:
         if vendor != device.identity["vendor"]:
             yield Contradiction(f"its vendor number is {vendor:X}h (1018h)", True, seqs(VENDOR))
@@ -201,6 +211,10 @@ def _looks_like(facts: Facts) -> Iterator[Finding]:
             continue
         capture = facts.analysis.capture
         devices = " or ".join(row.device_guess)
+        if row.device is not None:
+            yield _one_of_several(facts, row)
+            continue
+        seqs = _suspicion_seqs(facts, row)
         yield Finding(
             "device.looks_like",
             "info",
@@ -208,12 +222,96 @@ def _looks_like(facts: Facts) -> Iterator[Finding]:
             row.node,
             capture.begin_ns,
             capture.end_ns,
-            f"Nobody says what {facts.inside(row.bus, row.node)} is; its PDOs look like those of"
-            f" {devices}: {row.device_reason.partition(': as')[0]}.",
-            "The recorder started after the node was asked for its name, or nobody asks it.",
+            f"{facts.who(row.bus, row.node)} may be a {devices}: {row.device_reason}."
+            if seqs
+            else f"Nobody says what {facts.inside(row.bus, row.node)} is; its PDOs look like those"
+            f" of {devices}: {row.device_reason.partition(': as')[0]}.",
+            "What would prove it was not read while the recorder listened."
+            if seqs
+            else "The recorder started after the node was asked for its name, or nobody asks it.",
             f"If it is one, name it: --device {row.node}={row.device_guess[0]}. Its values are not"
             " shown before that, since other devices may send the same.",
-            [],
+            seqs,
+        )
+
+
+def _one_of_several(facts: Facts, row: NodeRow) -> Finding:
+    """A node whose name several devices have, and that behaves as one of them."""
+    capture = facts.analysis.capture
+    learned = facts.context.shadow.learned(facts.number(row.bus), row.node)
+    name = learned.get(NAME)
+    return Finding(
+        "device.looks_like",
+        "info",
+        row.bus,
+        row.node,
+        capture.begin_ns,
+        capture.end_ns,
+        f"{facts.who(row.bus, row.node)} is a {row.device}, more likely a"
+        f" {' or '.join(row.device_guess)}: {row.device_reason}.",
+        "Both answer the same name; what would prove it was not read while the recorder listened.",
+        f"If it is one, name it: --device {row.node}={row.device_guess[0]}. Only what both have in"
+        " common is told of it before that.",
+        [name.seq] if name is not None and name.seq is not None else [],
+    )
+
+
+def _suspicion_seqs(facts: Facts, row: NodeRow) -> list[int]:
+    """Answers that fit a device without proving it; empty where only the PDOs do."""
+    bus = facts.number(row.bus)
+    known = facts.context.shadow.identity(bus, row.node)
+    learned = facts.context.shadow.learned(bus, row.node)
+    keys = {key for device in suspects(known) for key in evidence(device, known)}
+    found = (learned[key].seq for key in keys if key in learned)
+    return sorted(seq for seq in found if seq is not None)
+
+
+def _unmapped(facts: Facts, row: NodeRow) -> list[PdoRow]:
+    """TPDOs of a node, if nobody says of any what it holds."""
+    bus = facts.number(row.bus)
+    bindings = PdoBindings(facts.context.shadow)
+    bindings.refresh(bus)
+    sent = [
+        pdo
+        for pdo in facts.analysis.pdos
+        if (pdo.bus, pdo.node) == (row.bus, row.node)
+        and (pdo.pdo or "").startswith("TPDO")
+        and pdo.frames >= MIN_FRAMES
+    ]
+    owners = [bindings.owner(bus, pdo.cob_id) for pdo in sent]
+    mapped = any(owner is not None and bindings.mapping(owner) for owner in owners)
+    return [] if mapped else sent
+
+
+def _not_shown(facts: Facts) -> Iterator[Finding]:
+    """Encoders and inclinometers by their own word, of whose PDOs nobody says what they hold."""
+    traced = {(trace.bus, trace.node) for trace in facts.analysis.traces}
+    for row in facts.analysis.nodes:
+        if row.device is not None or row.device_guess or (row.bus, row.node) in traced:
+            continue
+        known = facts.context.shadow.learned(facts.number(row.bus), row.node).get(TYPE)
+        kind = known.value if known is not None else None
+        standard = standard_device(kind & 0xFFFF) if isinstance(kind, int) else None
+        sent = _unmapped(facts, row)
+        if standard is None or not isinstance(kind, int) or not sent:
+            continue
+        assert known is not None
+        capture = facts.analysis.capture
+        listed = ", ".join(f"{pdo.cob_id:03X}h" for pdo in sent)
+        yield Finding(
+            "device.position_not_shown",
+            "info",
+            row.bus,
+            row.node,
+            capture.begin_ns,
+            capture.end_ns,
+            f"{facts.who(row.bus, row.node)} says that it is a {standard.title} (1000h ="
+            f" {kind:08X}h), but what its PDOs hold ({listed}) was not read or stated: its position"
+            " is not shown.",
+            "The recorder started after the mapping (1A0xh) was read, or nobody reads it.",
+            f"Name its device or its EDS: --device {row.node}=NAME or --device"
+            f" {row.node}=FILE.eds; or record while its mapping is read.",
+            [known.seq] if known.seq is not None else [],
         )
 
 
@@ -234,12 +332,24 @@ RULES: tuple[Rule, ...] = (
     ),
     Rule(
         "device.looks_like",
-        "Nobody says what a node is, and its PDOs look like the factory settings of a known device.",
-        "No single frame: identifiers, lengths and rhythm of its PDOs.",
+        "Nobody says what a node is, and it looks like a known device: its PDOs, or what it told of itself.",
+        "What it told of itself; else identifiers, lengths and rhythm of its PDOs, no single frame.",
         (
             "All its PDOs must fit in identifier and length, and several in their rhythm.",
             "It is a hint only: nothing is decoded by it.",
+            "A name that several makers use is a hint until an object of the maker's own was read.",
         ),
         _looks_like,
+    ),
+    Rule(
+        "device.position_not_shown",
+        "An encoder or inclinometer sends PDOs of which nobody says what they hold.",
+        "The answer to 1000h.",
+        (
+            "Only where the node itself names its profile (CiA 406 or 410) in 1000h.",
+            "Not told where its device or any of its mappings is known, or its position was read.",
+        ),
+        _not_shown,
+        untimed=True,
     ),
 )

@@ -89,7 +89,8 @@ def _shared(facts: Facts) -> Shared:
 def _alone_until(nmt: NodeNmt, sign: _Sign) -> int:
     """Until when one device sent every heartbeat of a number, before a sign of two; 0 if unknown.
 
-    A heartbeat of the other one would have parted the even intervals of a single one.
+    A heartbeat of the other one would have parted the even intervals of a single one, and what is
+    no state between them may be that heartbeat.
     """
     slow = max(sign.alone_ns, default=0)
     found = [
@@ -98,6 +99,7 @@ def _alone_until(nmt: NodeNmt, sign: _Sign) -> int:
         if even.last_ns <= sign.start_ns
         and even.last_ns - even.first_ns >= ALONE_PERIODS * slow
         and any(abs(even.period_ns - each) <= ALIKE * each for each in sign.alone_ns)
+        and not any(even.first_ns < odd.t_ns < even.last_ns for odd in nmt.odd)
     ]
     return max(found, default=0)
 

@@ -47,7 +47,8 @@ def _pdo_missed(facts: Facts) -> Iterator[Finding]:
         holes = [
             hole
             for hole in holes_of(analysis, "pdo", row)
-            if not any(p.start_ns <= hole.start_ns < p.end_ns for p in stopped)
+            if hole.held_back < hole.missing
+            and not any(p.start_ns <= hole.start_ns < p.end_ns for p in stopped)
             and not (hole.missing >= _MANY_PERIODS and _was_set(facts, row, hole.start_ns))
         ]
         for group in together(holes):
@@ -298,6 +299,7 @@ RULES = (
                 "Not over a capture gap or a step of the clock, nor where others are as late, nor where a"
                 " PDO that only seems to answer SYNC comes as often as ever, before a SYNC or after."
             ),
+            "Not where error frames may have kept the bus busy up to the next SYNC.",
             (
                 "An RPDO, or a TPDO that only seems to answer every n-th SYNC, counts only where its"
                 " frames waver with the SYNC; a TPDO also where its value stands still."

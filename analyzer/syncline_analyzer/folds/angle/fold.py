@@ -10,6 +10,7 @@ import numpy as np
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.fold import IndexedBatch
+from syncline_analyzer.folds.angle.followers import Followers
 from syncline_analyzer.folds.angle.frozen import with_frozen
 from syncline_analyzer.folds.angle.notes import (
     cut_where_lost,
@@ -31,12 +32,14 @@ from syncline_analyzer.folds.angle.samples import (
 from syncline_analyzer.folds.angle.scales import Scales, scale_objects
 from syncline_analyzer.folds.angle.shafts import Shafts
 from syncline_analyzer.folds.angle.silence import held_by_design
-from syncline_analyzer.folds.angle.state import TraceState
+from syncline_analyzer.folds.angle.state import MOVES, TraceState
 from syncline_analyzer.folds.angle.trace import Converter, Derived, Encoder, Tilt
 from syncline_analyzer.folds.timing.block import BLOCK_FRAMES, Block, Blocks
 from syncline_analyzer.pdo_binding import PdoBindings
 from syncline_analyzer.results import (
+    FollowerRow,
     ShaftRow,
+    ShaftTrace,
     TiltRow,
     TiltTrace,
     Trace,
@@ -45,19 +48,16 @@ from syncline_analyzer.results import (
 )
 from syncline_schemas.batch import Gap
 from syncline_schemas.decoder import decode_nmt
-from syncline_schemas.devices import Device, Jump, quirks
+from syncline_schemas.devices import Device, quirks, standard_jumps
 from syncline_schemas.measurement import (
     measured_by,
     tilt_axis,
 )
 
-_MOVES = ("jump", "step", "spike", "preset")
-"""Events in which a position moves as no shaft does."""
 STOOD_COUNTS = 2
 """A value that differs by no more has stood."""
 WRITE_NS = 500_000_000
 """A jump this near to a write that explains it is the write's doing."""
-GENERIC_JUMPS = (Jump(0x6003, 0, "preset"), Jump(0x6000, 0, "operating parameters"))
 _RESETS = (0x81, 0x82)
 _RECENT_WRITES = 1000
 
@@ -84,6 +84,8 @@ class AngleTables:
     tilts: list[TiltRow] = field(default_factory=list)
     tilt_data: list[TiltTrace] = field(default_factory=list)
     shafts: list[ShaftRow] = field(default_factory=list)
+    followers: list[FollowerRow] = field(default_factory=list)
+    shaft_data: list[ShaftTrace] = field(default_factory=list)
 
 
 class AngleFold:
@@ -102,9 +104,9 @@ class AngleFold:
         self._writes: dict[tuple[int, int], deque[Cut]] = {}
         self._seen: dict[int, int] = {}
         self._scales = Scales(context)
-        self._jump_from_ns: dict[tuple[Key, int], int] = {}
         self._poses = Poses(context)
         self._shafts = Shafts(context)
+        self._followers = Followers(context)
 
     def update(self, batch: IndexedBatch) -> None:
         """Take in the next frames."""
@@ -134,10 +136,14 @@ class AngleFold:
         """
         self._flush()
         tables = AngleTables(
-            tilts=self._poses.rows(), tilt_data=self._poses.traces(), shafts=self._shafts.rows()
+            tilts=self._poses.rows(),
+            tilt_data=self._poses.traces(),
+            shafts=self._shafts.rows(),
+            shaft_data=self._shafts.traces(),
         )
         for key, state in sorted(self._states.items()):
             bus, node, _ = key
+            state.end()
             note_fast(state)
             note_ambiguous(state)
             note_gray(state)
@@ -150,10 +156,11 @@ class AngleFold:
             writes = list(self._writes.get((bus, node), ()))
             own = [t for name, n, t in starts if (name, n) == (state.bus, node)]
             for event in state.events:
-                since_ns = self._jump_from_ns.get((key, event.seq), event.t_ns)
+                since_ns = state.moved_from_ns.get(event.seq, event.t_ns)
                 if not _explained(event, writes) and not _restarted(event, since_ns, own):
                     tables.events.append(event)
         tables.events.extend(self._shafts.events())
+        tables.followers.extend(self._followers.rows())
         return tables
 
     def _flush(self) -> None:
@@ -254,6 +261,7 @@ class AngleFold:
         elif isinstance(converter, Encoder):
             line = derived.columns["unwrapped_deg"]
             self._shafts.take(key, piece, line, state.segment, converter)
+            self._followers.take(key, piece, line, state.segment, converter)
         self._note_jumps(state, key, piece, derived, converter)
         if isinstance(converter, Encoder) and self._context.timed:
             self._note_leaps(state, key, piece, converter)
@@ -277,7 +285,7 @@ class AngleFold:
             text = self._jump_text(key, jump.after, converter, int(piece.seq[jump.row]))
             limit = converter.scale.max_rpm if isinstance(converter, Encoder) else None
             seq, t_ns = int(piece.seq[jump.row]), int(piece.t_ns[jump.row])
-            self._jump_from_ns[key, seq] = t_ns - jump.span_ns
+            state.moved("jump", seq, t_ns - jump.span_ns)
             state.note(
                 "jump",
                 seq,
@@ -292,7 +300,7 @@ class AngleFold:
             follow_fast(state, piece, derived, converter.scale.max_rpm)
 
     def _note_leaps(self, state: TraceState, key: Key, piece: Samples, converter: Encoder) -> None:
-        """Steps and spikes that the speed limit lets pass; each source shows them, one is told."""
+        """Steps and spikes that the speed limit lets pass, source by source."""
         bus, node, _ = key
         shadow, last = self._context.shadow, int(piece.seq[-1])
         wired = quirks(shadow.device(bus, node)).hardware_preset
@@ -300,19 +308,7 @@ class AngleFold:
         for source in (np.flatnonzero(np.bincount(piece.source + 1)) - 1).tolist():
             rows = np.flatnonzero((piece.source == source) & piece.valid)
             columns = (piece.seq[rows], piece.t_ns[rows], piece.raw[rows])
-            for leap in state.leaps.add(source, columns, converter.scale, preset):
-                since_ns = leap.t_ns - leap.span_ns
-                told = [e.t_ns for e in state.events if e.kind in _MOVES]
-                if any(since_ns - leap.span_ns <= t_ns <= leap.t_ns for t_ns in told):
-                    continue
-                self._jump_from_ns[key, leap.seq] = since_ns
-                text = (
-                    f"{leap.span_ns / 1e6:.4g} ms apart, the shaft turning as slowly before as"
-                    f" after; it would have to speed up and brake with {leap.rev_s2:.0f} rev/s^2"
-                )
-                if leap.kind == "preset":
-                    text += f"; it landed at the preset value {preset}"
-                state.note(leap.kind, leap.seq, leap.t_ns, leap.before, leap.after, text)
+            state.leapt(state.leaps.add(source, columns, converter.scale, preset))
 
     def _jump_text(self, key: Key, after: float, converter: Converter, seq: int) -> str:
         """Hint at the wire that sets the position of some devices without a bus message."""
@@ -332,7 +328,8 @@ class AngleFold:
         outside = derived.flags >> 4 & 1
         starts = np.flatnonzero(np.diff(outside.astype(np.int8), prepend=int(state.outside)) > 0)
         state.outside = bool(outside[-1])
-        assumed = f"assumed: {', '.join(state.assumed)}" if state.assumed else "scale as read"
+        doubtful = sorted(state.assumed - {"direction"})
+        assumed = f"assumed: {', '.join(doubtful)}" if doubtful else "scale as read"
         for row in starts.tolist():
             state.note(
                 "out of range",
@@ -364,7 +361,8 @@ class AngleFold:
         self, bus: int, node: int, device: Device | None, first: int, last: int
     ) -> Iterator[Cut]:
         shadow = self._context.shadow
-        for jump in quirks(device).jumps or GENERIC_JUMPS:
+        device_type = shadow.number(bus, node, 0x1000) or 0
+        for jump in quirks(device).jumps or standard_jumps(device_type & 0xFFFF):
             key = (jump.index, jump.sub)
             for known in changes_within(shadow, bus, node, key, first, last):
                 fits = jump.values is None or known.value in jump.values
@@ -375,7 +373,7 @@ class AngleFold:
 
 def _restarted(event: TraceEventRow, since_ns: int, starts: Sequence[int]) -> bool:
     """Whether the device started anew between the two samples of a jump."""
-    return event.kind in _MOVES and any(since_ns <= start <= event.t_ns for start in starts)
+    return event.kind in MOVES and any(since_ns <= start <= event.t_ns for start in starts)
 
 
 def _cut(state: TraceState, cut: Cut) -> None:
@@ -403,7 +401,7 @@ def _resets(block: Block, bus: int, node: int) -> Iterator[Cut]:
 
 def _explained(event: TraceEventRow, writes: list[Cut]) -> bool:
     """Whether a jump is the doing of a write near it."""
-    return event.kind in _MOVES and any(abs(w.t_ns - event.t_ns) <= WRITE_NS for w in writes)
+    return event.kind in MOVES and any(abs(w.t_ns - event.t_ns) <= WRITE_NS for w in writes)
 
 
 def _piece(samples: Samples, begin: int, stop: int) -> Samples:

@@ -1,6 +1,6 @@
 """Steps and spikes of an encoder that no speed limit shows, but that no shaft can follow."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -30,15 +30,21 @@ ALONE_SAMPLES = 128
 """At most so many samples."""
 ALONE_TIMES = 3
 """A step of a third counts as another one."""
+OFTEN = 0.9
+"""Share of the steps before that are none of zero, from which on it measures as often as it sends."""
+LeapKind = Literal["step", "spike", "preset", "unsure step"]
 
 Integers = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
 class Leap:
-    """A position that leaves its line between two samples."""
+    """A position that leaves its line between two samples.
 
-    kind: Literal["step", "spike", "preset"]
+    "unsure step": too little follows to tell whether the shaft began to turn.
+    """
+
+    kind: LeapKind
     seq: int
     t_ns: int
     span_ns: int
@@ -46,6 +52,8 @@ class Leap:
     after: float
     rev_s2: float
     """What the shaft would have to do, from standstill to standstill."""
+    preset: int | None = None
+    """Value of 6003h on devices that a wire can set."""
 
 
 @dataclass(slots=True)
@@ -56,10 +64,19 @@ class Leaps:
     """(seq, t_ns, position) of the last samples by source."""
     _judged: dict[int, int] = field(default_factory=dict)
     """`seq` of the last sample by source that is done with."""
+    _scale: EncoderScale | None = None
+    _preset: int | None = None
 
-    def cut(self) -> None:
-        """What comes next does not go on from here."""
+    def end(self) -> list[Leap]:
+        """Leaps near the end of what was added; what comes next does not go on from here."""
+        found: list[Leap] = []
+        for source, samples in self._tails.items():
+            if self._scale is not None and len(samples[0]) > STEADY + 1:
+                judged = self._judged.get(source, -1)
+                found += _near_the_end(samples, judged, self._scale, self._preset)
+                self._judged[source] = int(samples[0][-1])
         self._tails.clear()
+        return sorted(found, key=lambda leap: leap.seq)
 
     def add(
         self,
@@ -71,6 +88,7 @@ class Leaps:
         """Leaps among (seq, t_ns, position) of one source, each (n,)."""
         if scale.range_counts is None or scale.counts_per_turn is None:
             return []
+        self._scale, self._preset = scale, preset
         tail = self._tails.get(source)
         if tail is not None:
             samples = (
@@ -84,8 +102,7 @@ class Leaps:
         if len(seq) <= _WIDTH:
             return []
         steps = count_steps(position, scale.range_counts)
-        usual_ns = max(float(np.median(np.diff(t_ns))), 1.0)
-        around = int(np.clip(ALONE_NS / usual_ns, STEADY + 1, ALONE_SAMPLES))
+        around = _around(t_ns)
         rows = _standing_out(steps, scale.counts_per_turn)
         landed = rows + STEADY + 1
         last = len(seq) - 1 - around
@@ -95,6 +112,85 @@ class Leaps:
         rows = rows[_alone(steps, rows + STEADY, around)]
         found = (_leap(samples, steps, int(row), scale, preset) for row in rows)
         return [leap for leap in found if leap is not None]
+
+
+def _around(t_ns: Integers) -> int:
+    """Number of samples before and after that are looked at."""
+    usual_ns = max(float(np.median(np.diff(t_ns))), 1.0)
+    return int(np.clip(ALONE_NS / usual_ns, STEADY + 1, ALONE_SAMPLES))
+
+
+def _near_the_end(
+    samples: tuple[Integers, Integers, Integers],
+    judged: int,
+    scale: EncoderScale,
+    preset: int | None,
+) -> list[Leap]:
+    """Leaps that are followed by less than is looked at else.
+
+    Only a spike, a step of a shaft that turned before, and one onto the preset value are sure.
+    """
+    seq, t_ns, position = samples
+    assert scale.range_counts is not None
+    assert scale.counts_per_turn is not None
+    steps = count_steps(position, scale.range_counts)
+    around = _around(t_ns)
+    least = _least(scale.counts_per_turn)
+    size = np.abs(steps)
+    for at in (np.flatnonzero(size[STEADY:] >= least) + STEADY).tolist():
+        whole = at + STEADY + 1 < len(steps)
+        alone = (
+            size[at] > TIMES * size[at - STEADY : at].max()
+            and (_alone(np.append(steps, 0), np.array([at]), around)[0])
+        )
+        if seq[at + 1] <= judged or not alone:
+            continue
+        if whole and not _stands_out(size, at):
+            continue
+        found = (
+            _leap(samples, steps, at - STEADY, scale, preset)
+            if whole
+            else _cut_short(samples, steps, at, scale)
+        )
+        if found is None:
+            continue
+        often = np.count_nonzero(steps[max(at - around, 0) : at]) >= OFTEN * min(at, around)
+        if found.kind == "step" and not often:
+            found = replace(found, kind="unsure step")
+        return [found]
+    return []
+
+
+def _cut_short(
+    samples: tuple[Integers, Integers, Integers],
+    steps: Integers,
+    at: int,
+    scale: EncoderScale,
+) -> Leap | None:
+    """A leap so near to the end that it is only seen to begin."""
+    seq, t_ns, position = samples
+    spans = np.diff(t_ns[at - STEADY : at + 2])
+    if (spans < 0).any():
+        return None
+    assert scale.counts_per_turn is not None
+    span_ns = max(int(spans[-1]), int(np.median(spans)), 1)
+    # It may have to speed up only, which takes half of what a stop in the same time takes.
+    rev_s2 = 2 * abs(int(steps[at])) / scale.counts_per_turn / (span_ns / _S) ** 2
+    if rev_s2 < HARD_REV_S2:
+        return None
+    before, after = float(position[at]), float(position[at + 1])
+    return Leap("unsure step", int(seq[at + 1]), int(t_ns[at + 1]), span_ns, before, after, rev_s2)
+
+
+def _least(per_turn: int) -> float:
+    """The least step [counts] that is looked at."""
+    return max(LEAST_COUNTS, LEAST_DEG / 360.0 * per_turn)
+
+
+def _stands_out(size: Integers, at: int) -> bool:
+    """Whether a step is far bigger than those before, and than those after the next one."""
+    near = np.concatenate((size[at - STEADY : at], size[at + 2 : at + 2 + STEADY]))
+    return bool(size[at] > TIMES * near.max())
 
 
 def _alone(steps: Integers, at: NDArray[np.intp], around: int) -> NDArray[np.bool_]:
@@ -112,7 +208,7 @@ def _alone(steps: Integers, at: NDArray[np.intp], around: int) -> NDArray[np.boo
 def _standing_out(steps: Integers, per_turn: int) -> NDArray[np.intp]:
     """Starts of windows of steps whose middle one is far bigger than those around it."""
     size = np.abs(steps)
-    least = max(LEAST_COUNTS, LEAST_DEG / 360.0 * per_turn)
+    least = _least(per_turn)
     big = np.flatnonzero(size[STEADY : len(size) - STEADY - 1] >= least)
     if not len(big):
         return big
@@ -158,6 +254,7 @@ def _leap(
         float(position[at]),
         float(landed),
         rev_s2,
+        preset,
     )
 
 

@@ -10,6 +10,7 @@ from syncline_analyzer.object_history import Known, ObjectHistory
 from syncline_schemas.devices import Device, quirks
 from syncline_schemas.measurement import (
     encoder_scale,
+    linear_scale,
     measured_by,
     position_objects,
     sent_in,
@@ -70,7 +71,11 @@ class Scales:
             zeroed = self._zeroed(bus, node, device, seq)
             return Tilt(tilt, tilt.axes[axis], piece.entry.bits, reference=reference, zeroed=zeroed)
         if by is not None:
-            encoder = sent_in(encoder_scale(by, lookup, overrides), piece.entry.bits)
+            way = linear_scale(by, device_type, lookup)
+            if way is not None:
+                return Plain(*way)
+            signed = piece.entry.kind == "signed"
+            encoder = sent_in(encoder_scale(by, lookup, overrides), piece.entry.bits, signed=signed)
             return Encoder(replace(encoder, assumed=(*encoder.assumed, *profile)))
         return Plain(piece.entry.scale, piece.entry.unit)
 

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from syncline_analyzer.context import Context
 from syncline_analyzer.folds.angle.samples import Key, Samples
 from syncline_analyzer.folds.angle.trace import Encoder
-from syncline_analyzer.results import ShaftRow, TraceEventRow
+from syncline_analyzer.results import ShaftRow, ShaftTrace, TraceEventRow
+from syncline_analyzer.series import Thinner
 from syncline_schemas.measurement import EncoderScale
 
 TOLERANCE_DEG = 2.0
@@ -24,6 +25,8 @@ FOR_GOOD_NS = 500_000_000
 MAX_WAITING = 200_000
 """Samples of one encoder that wait for the other one."""
 MAX_EVENTS = 1000
+MAX_SAMPLES = 100_000
+"""Differences that are kept for plots; beyond, the extremes of runs of them."""
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -108,6 +111,8 @@ class _Pair:
     own: _Encoder = field(default_factory=_Encoder)
     foreign: _Encoder = field(default_factory=_Encoder)
     object: int = 0
+    """index << 8 | sub of what is compared, the first position heard; 0 before."""
+    other_object: int = 0
     done_ns: int | None = None
     compared: int = 0
     left_out: int = 0
@@ -123,6 +128,9 @@ class _Pair:
     """(t_ns, seq, distance) of the samples too far off since the last good one, the first ones."""
     parted: list[tuple[int, int, float]] = field(default_factory=list)
     count: int = 0
+    stretches: int = 0
+    """Stretches so far in which neither line breaks."""
+    kept: Thinner = field(default_factory=lambda: Thinner("difference", MAX_SAMPLES))
 
     @property
     def heard(self) -> bool:
@@ -205,15 +213,29 @@ class _Pair:
             now = int(segments[0, part[0]]), int(segments[1, part[0]])
             if now != self.segments:
                 self.segments, self.offset = now, None
+                self.stretches += 1
                 self.learned.clear()
                 self.off.clear()
             self.compared += len(part)
+            self._keep(t_ns[part], seq[part], difference[part], circle[part])
             at = 0
             while at < len(part):
                 rows = part[at:]
                 at += self._stretch(
                     t_ns[rows], seq[rows], difference[rows], allowed[rows], circle[rows]
                 )
+
+    def _keep(self, t_ns: Integers, seq: Integers, difference: Floats, circle: Floats) -> None:
+        """Keep differences for the plot."""
+        self.kept.add(
+            {
+                "t_ns": t_ns,
+                "seq": seq,
+                "difference": difference,
+                "circle": circle,
+                "segment": np.full(len(seq), self.stretches, np.int32),
+            }
+        )
 
     def _stretch(
         self, t_ns: Integers, seq: Integers, difference: Floats, allowed: Floats, circle: Floats
@@ -310,10 +332,11 @@ class Shafts:
         if not self._context.timed or scale.range_counts is None or scale.counts_per_turn is None:
             return
         for pair in self._all():
-            if key[:2] == pair.member:
+            if key[:2] == pair.member and pair.object in (0, key[2]):
                 pair.object = key[2]
                 pair.own.add(piece, unwrapped_deg, segment, scale)
-            elif key[:2] == pair.other:
+            elif key[:2] == pair.other and pair.other_object in (0, key[2]):
+                pair.other_object = key[2]
                 pair.foreign.add(piece, unwrapped_deg, segment, scale)
 
     def join(self) -> None:
@@ -324,6 +347,10 @@ class Shafts:
     def rows(self) -> list[ShaftRow]:
         """What came of each pair of which both were heard."""
         return [self._row(pair) for pair in self._all() if pair.heard]
+
+    def traces(self) -> list[ShaftTrace]:
+        """The differences over time of each pair that could be compared."""
+        return [self._trace(pair) for pair in self._all() if pair.compared]
 
     def events(self) -> list[TraceEventRow]:
         """Every parting, at the encoder whose entry names the other one."""
@@ -361,6 +388,21 @@ class Shafts:
             t_ns,
             seq,
             distance,
+        )
+
+    def _trace(self, pair: _Pair) -> ShaftTrace:
+        columns = pair.kept.columns()
+        difference = columns["difference"]
+        base = float(difference[0]) if pair.first_deg is None else pair.first_deg
+        return ShaftTrace(
+            self._context.bus_name(pair.member[0]),
+            pair.member[1],
+            self._context.bus_name(pair.other[0]),
+            pair.other[1],
+            columns["t_ns"],
+            columns["seq"],
+            base + _around(difference - base, columns["circle"]),
+            columns["segment"],
         )
 
     def _all(self) -> list[_Pair]:

@@ -1,12 +1,13 @@
 """One angle trace from block to block: its segments, its events and what its row is made of."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.folds.angle.gray import GrayTest
-from syncline_analyzer.folds.angle.leaps import Leaps
+from syncline_analyzer.folds.angle.leaps import Leap, Leaps
 from syncline_analyzer.folds.angle.samples import SDO_SOURCE, Samples
 from syncline_analyzer.folds.angle.silence import Pauses
 from syncline_analyzer.folds.angle.statistics import Statistics
@@ -19,6 +20,7 @@ from syncline_analyzer.folds.angle.trace import (
     SILENCE,
     Converter,
     Derived,
+    Encoder,
     Floats,
     Link,
     Tilt,
@@ -26,6 +28,8 @@ from syncline_analyzer.folds.angle.trace import (
 from syncline_analyzer.results import TRACE_FLAGS, EventKind, Trace, TraceEventRow, TraceRow
 from syncline_analyzer.series import Columns, Thinner
 
+MOVES = ("jump", "step", "spike", "preset", "unsure step")
+"""Events in which a position moves as no shaft does."""
 MAX_SAMPLES = 250_000
 """Samples of a trace that are kept; beyond, the extremes of runs of samples."""
 
@@ -87,12 +91,33 @@ class TraceState:
     """Steps of which the other way round may be as likely."""
     sources: dict[int, int] = field(default_factory=dict)
     """Samples by COB-ID, or `SDO_SOURCE`."""
+    moved_from_ns: dict[int, int] = field(default_factory=dict)
+    """Stamp of the sample before a move by the `seq` of the one after."""
+
+    def end(self) -> None:
+        """Judge what waited for the samples after it."""
+        self.leapt(self.leaps.end())
+
+    def leapt(self, leaps: Iterable[Leap]) -> None:
+        """Steps and spikes that the speed limit lets pass; each source shows them, one is told."""
+        for leap in leaps:
+            since_ns = leap.t_ns - leap.span_ns
+            told = [e.t_ns for e in self.events if e.kind in MOVES]
+            if any(since_ns - leap.span_ns <= t_ns <= leap.t_ns for t_ns in told):
+                continue
+            self.moved(leap.kind, leap.seq, since_ns)
+            self.note(leap.kind, leap.seq, leap.t_ns, leap.before, leap.after, _way(leap))
+
+    def moved(self, kind: EventKind, seq: int, since_ns: int) -> None:
+        """Remember since when a move that is noted may have happened."""
+        if self.noted.get(kind, 0) < MAX_EVENTS:
+            self.moved_from_ns[seq] = since_ns
 
     def cut(self, seq: int, t_ns: int, text: str) -> None:
         """Begin a new segment; nothing is joined over it."""
+        self.end()
         self.link.cut()
         self.statistics.cut()
-        self.leaps.cut()
         if not self.begun:
             return
         self.begun = False
@@ -231,6 +256,7 @@ class TraceState:
             self.top_rpm,
             self.told_below_rpm,
             self.untold_speeds,
+            self.converter.scale.clockwise if isinstance(self.converter, Encoder) else None,
         )
 
     def trace(self) -> Trace:
@@ -256,6 +282,18 @@ class TraceState:
             derived,
             sorted(self.assumed),
         )
+
+
+def _way(leap: Leap) -> str:
+    """What is odd about a leap, in words."""
+    apart = f"{leap.span_ns / 1e6:.4g} ms apart"
+    if leap.kind == "unsure step":
+        return f"{apart}; speeding up so would take {leap.rev_s2:.0f} rev/s^2"
+    landed = f"; it landed at the preset value {leap.preset}" if leap.kind == "preset" else ""
+    return (
+        f"{apart}, the shaft turning as slowly before as after; it would have to speed up and brake"
+        f" with {leap.rev_s2:.0f} rev/s^2{landed}"
+    )
 
 
 def _rounded(value: float | None) -> float | None:

@@ -368,7 +368,8 @@ def _speeds(
         too_fast = np.flatnonzero(beyond & ~turning)
         # A jump is no turning, and frames handed over in a bundle are too near for a speed.
         speed[target[too_fast]] = np.nan
-        speed[target[np.abs(speed[target]) > _NO_SPEED * scale.max_rpm]] = np.nan
+        no_speed = np.abs(speed[target]) > _NO_SPEED * scale.max_rpm
+        speed[target[no_speed & ~(turning & (2 * span >= usual_ns))]] = np.nan
         jumps += [
             Jump(int(target[k]), values[k], values[k + 1], int(span[k]), float(fastest[k]))
             for k in too_fast[:MAX_EVENTS].tolist()

@@ -9,11 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.context import Context
-from syncline_analyzer.deafness import RECORDER_OFF, RECORDER_OVERFLOW
 from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.results import BusErrorRow, BusStateRow
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
-from syncline_schemas.can_errors import PASSIVE_COUNT, WARNING_COUNT, CanError, can_error
+from syncline_schemas.can_errors import (
+    PASSIVE_COUNT,
+    RECORDER_OFF,
+    RECORDER_OVERFLOW,
+    WARNING_COUNT,
+    CanError,
+    can_error,
+)
 
 MAX_EVENTS = 10_000
 MAX_KINDS = 200

@@ -32,8 +32,12 @@ _REGISTER: Seen = "register"
 _TAKEN: Seen = "cleared by read"
 
 
-def _seq_of(row: EmcyRow) -> int:
+def _seq_of(row: EmcyRow | SdoRow) -> int:
     return row.seq
+
+
+def _time_of(row: EmcyRow | SdoRow) -> int:
+    return row.t_ns if isinstance(row, EmcyRow) else row.end_ns
 
 
 @dataclass(slots=True)
@@ -44,8 +48,8 @@ class _Node:
     switched_off: bool = False
     """Whether 1014h was ever seen to switch its EMCYs off."""
     reads: list[SdoRow] = field(default_factory=list)
-    clears: list[int] = field(default_factory=list)
-    """`seq` of writes of 0 to 1003h:0, and of reads that say it is empty."""
+    clears: list[SdoRow] = field(default_factory=list)
+    """Writes of 0 to 1003h:0, and reads that say it is empty."""
     emcy: list[EmcyRow] = field(default_factory=list)
     """EMCYs of eight bytes."""
     boot_ups: list[BootUp] = field(default_factory=list)
@@ -100,9 +104,9 @@ def _nodes(control: ControlTables, context: Context) -> dict[tuple[str, int], _N
         if row.direction == "upload":
             nodes[key].reads.append(row)
             if (row.index, row.sub or 0) == (ERROR_FIELD, 0) and not _raw(row) & 0xFF:
-                nodes[key].clears.append(row.seq)
+                nodes[key].clears.append(row)
         elif row.index == ERROR_FIELD and row.sub == 0:
-            nodes[key].clears.append(row.seq)
+            nodes[key].clears.append(row)
     for emcy in control.emcy.rows if nodes else ():
         node = nodes.get((emcy.bus, emcy.node))
         if node is not None and emcy.transition not in ("malformed", "reset"):
@@ -127,7 +131,7 @@ def _history(node: _Node, gaps: Sequence[GapRow]) -> Iterable[ErrorHistoryRow]:
     listed = [row for row in node.reads if row.index == ERROR_FIELD and row.sub]
     for entries in _readings(node, listed):
         yield from _entries(node, entries, gaps)
-    yield from _counts([r for r in node.reads if r.index == ERROR_FIELD and not r.sub], node)
+    yield from _counts([r for r in node.reads if r.index == ERROR_FIELD and not r.sub], node, gaps)
     yield from _registers([r for r in node.reads if r.index == ERROR_REGISTER], node)
 
 
@@ -149,7 +153,7 @@ def _readings(node: _Node, rows: Sequence[SdoRow]) -> list[list[SdoRow]]:
 def _goes_on(node: _Node, last: SdoRow, row: SdoRow) -> bool:
     changed = (
         node.emcy_between(last.seq, row.seq) > 0
-        or any(last.seq < seq < row.seq for seq in node.clears)
+        or any(last.seq < clear.seq < row.seq for clear in node.clears)
         or node.started_between(last.seq, row.seq)
     )
     apart = not 0 <= row.start_ns - last.start_ns <= MAX_LIST_READ_NS
@@ -161,21 +165,29 @@ def _entries(
 ) -> Iterable[ErrorHistoryRow]:
     """Entries of one reading, newest first (CiA 301 7.5.2.3), each with the EMCY that told it."""
     first = rows[0].seq
-    cleared = max((seq for seq in node.clears if seq < first), default=None)
+    cleared = max((row for row in node.clears if row.seq < first), key=_seq_of, default=None)
     raised = [row for row in node.emcy_before(first) if (row.code or 0) >> 8]
     if cleared is not None:
-        raised = [row for row in raised if row.seq > cleared]
+        raised = [row for row in raised if row.seq > cleared.seq]
     found, ordered = _matches([_raw(row) & 0xFFFF for row in rows], raised)
     told = [place for place, emcy in enumerate(found) if emcy is not None]
     mute = _mute(node, gaps, rows[0].start_ns)
     for place, row in enumerate(rows):
         emcy = found[place]
-        between = ordered and any(later > place for later in told)
+        older = next((found[n] for n in told if ordered and n > place), cleared)
         seen: Seen = "seen"
-        if emcy is None:
-            during = between or cleared is not None
-            seen = "missed" if during else "unknown" if mute or not ordered else "older"
+        if emcy is None and older is not None:
+            newer = next((found[n] for n in reversed(told) if ordered and n < place), row)
+            hidden = _blind(gaps, _time_of(older), _time_of(newer or row))
+            seen = "unknown" if hidden else "missed"
+        elif emcy is None:
+            seen = "unknown" if mute or not ordered else "older"
         yield _entry(node, row, seen, emcy, mute)
+
+
+def _blind(gaps: Sequence[GapRow], since_ns: int, until_ns: int) -> bool:
+    """Whether the recorder did not hear all that came between two moments."""
+    return any(gap.start_ns < until_ns and gap.end_ns > since_ns for gap in gaps)
 
 
 def _matches(codes: Sequence[int], raised: Sequence[EmcyRow]) -> tuple[list[EmcyRow | None], bool]:
@@ -228,8 +240,13 @@ def _entry(
     return _row(row, code, info, meaning, seen, emcy.seq if emcy else None, notes[seen])
 
 
-def _counts(rows: Sequence[SdoRow], node: _Node) -> Iterable[ErrorHistoryRow]:
-    """Reads of 1003h:0; more new entries than EMCYs between two reads mean some were not sent."""
+def _counts(
+    rows: Sequence[SdoRow], node: _Node, gaps: Sequence[GapRow]
+) -> Iterable[ErrorHistoryRow]:
+    """Reads of 1003h:0; more new entries than EMCYs between two reads mean some were not sent.
+
+    Not where a capture gap lies between the two: it may hide them.
+    """
     before: SdoRow | None = None
     for row in rows:
         number = _raw(row) & 0xFF
@@ -237,7 +254,7 @@ def _counts(rows: Sequence[SdoRow], node: _Node) -> Iterable[ErrorHistoryRow]:
         if before is not None and not _emptied(node, before.seq, row.seq):
             grown = number - (_raw(before) & 0xFF)
             told = node.raised_between(before.seq, row.seq)
-            if grown > told:
+            if grown > told and not _blind(gaps, before.start_ns, row.end_ns):
                 note = f"{counted(grown, 'error')} more than at the read before; EMCYs told {told}"
         entries = "entry" if number == 1 else "entries"
         yield _row(row, None, None, f"{number} {entries}", "count", None, note)
@@ -245,7 +262,9 @@ def _counts(rows: Sequence[SdoRow], node: _Node) -> Iterable[ErrorHistoryRow]:
 
 
 def _emptied(node: _Node, first: int, last: int) -> bool:
-    return any(first < seq < last for seq in node.clears) or node.started_between(first, last)
+    return any(first < clear.seq < last for clear in node.clears) or node.started_between(
+        first, last
+    )
 
 
 def _registers(rows: Sequence[SdoRow], node: _Node) -> Iterable[ErrorHistoryRow]:

@@ -21,6 +21,8 @@ HURRIED_NS = 20_000_000
 """A request this soon after another is no new one: the node had no time to answer [ns]."""
 MAX_EVENTS = 100_000
 KEPT_DOUBLES = 10
+KNOWN_AGAIN = 2
+"""Unasked messages after a gap that show a node to send heartbeats as it did before."""
 
 _NONE = np.zeros(0, np.int64)
 
@@ -121,7 +123,8 @@ class Guarding:
         self._asked = (_NONE, _NONE)
         self._close_run()
         self._before, self._accepted = self._before.rows(slice(0)), self._accepted[:0]
-        self.in_row = 0
+        # Of a guarded node one answer may follow whose request lies in the gap.
+        self.in_row = MIN_PERIODS - KNOWN_AGAIN if self.in_row >= MIN_PERIODS else 0
 
     def _accept(self, talk: Talk, held: int) -> Mask:
         """The message right after a request, soon enough; a heartbeat may come there by chance.

@@ -18,7 +18,7 @@ from syncline_analyzer.folds.nmt.events import KeptWaiting, Lost
 from syncline_analyzer.folds.nmt.table import NodeKey
 from syncline_analyzer.folds.nmt.timeline import Timeline
 from syncline_analyzer.folds.timing.block import Block
-from syncline_analyzer.folds.timing.waiting import noise_of
+from syncline_analyzer.folds.timing.on_wire import OnWire
 from syncline_analyzer.results import NmtStateRow
 from syncline_schemas.batch import FrameBatch, FrameFlag
 from syncline_schemas.canopen.nmt import NmtState
@@ -92,7 +92,6 @@ class _Bus:
     """One bus from block to block."""
 
     before: _Frames | None = None
-    noise_ns: float = 0.0
     beat_ns: dict[int, int] = field(default_factory=dict)
     """Time of each node's last heartbeat."""
     recent_ns: dict[int, Ints] = field(default_factory=dict)
@@ -102,28 +101,21 @@ class _Bus:
 class HeartbeatWaits:
     """Fills `Context.kept_waiting` on every bus whose bit rate is known."""
 
-    def __init__(self, context: Context) -> None:
+    def __init__(self, context: Context, on_wire: OnWire) -> None:
         self._context = context
+        self._on_wire = on_wire
         self._buses: dict[int, _Bus] = {}
 
     def update(self, block: Block, bus: int) -> None:
-        """Take in the frames of one bus of a block."""
-        bitrate = self._context.bitrates.get(self._context.bus_name(bus))
-        if not bitrate:
+        """Take in the frames of one bus of a block, which `OnWire` has taken in before."""
+        bit_ns = self._on_wire.bit_ns(bus)
+        if bit_ns is None:
             return
-        bit_ns = 1e9 / bitrate
         state = self._buses.setdefault(bus, _Bus())
         fresh = self._frames(block, bus, bit_ns)
-        state.noise_ns = noise_of(
-            fresh.t_ns,
-            fresh.least_ns,
-            bit_ns=bit_ns,
-            resolution_ns=self._context.resolution_ns,
-            before_ns=state.noise_ns,
-        )
         begin = len(state.before.t_ns) if state.before is not None else 0
         frames = fresh.after(state.before)
-        traffic = _Traffic(frames, bit_ns, self._context.resolution_ns - 1 + state.noise_ns)
+        traffic = _Traffic(frames, bit_ns, self._slack_ns(bus))
         rows = begin + np.flatnonzero(fresh.node > 0)
         for node in np.unique(frames.node[rows]).tolist():
             self._judge((bus, node), state, traffic, rows[frames.node[rows] == node])
@@ -140,15 +132,18 @@ class HeartbeatWaits:
 
     def _close(self, bus: int) -> None:
         state = self._buses.pop(bus, None)
-        bitrate = self._context.bitrates.get(self._context.bus_name(bus))
-        if state is None or state.before is None or not bitrate:
+        bit_ns = self._on_wire.bit_ns(bus)
+        if state is None or state.before is None or bit_ns is None:
             return
-        slack_ns = self._context.resolution_ns - 1 + state.noise_ns
-        traffic = _Traffic(state.before, 1e9 / bitrate, slack_ns)
+        traffic = _Traffic(state.before, bit_ns, self._slack_ns(bus))
         for node, beat_ns in state.beat_ns.items():
             found = traffic.waited(node, len(state.before.t_ns), beat_ns)
             if found is not None:
                 self._keep((bus, node), found)
+
+    def _slack_ns(self, bus: int) -> float:
+        """What stamps may be off."""
+        return self._context.resolution_ns - 1 + self._on_wire.noise_ns(bus)
 
     def _judge(self, key: NodeKey, state: _Bus, traffic: "_Traffic", rows: Ints) -> None:
         """Look at the heartbeats of a node before which the bus was full for long."""
@@ -175,15 +170,18 @@ class HeartbeatWaits:
     def _frames(self, block: Block, bus: int, bit_ns: float) -> _Frames:
         places = block.by_bus[bus]
         frames = block.frames[places]
-        fast = block.data_phase_bits[places]
-        nominal_ns = (block.wire_bits[places] - fast) * bit_ns
-        rate = self._context.data_bitrates.get(self._context.bus_name(bus))
-        most = nominal_ns + fast * (1e9 / rate if rate else bit_ns)
+        least = most = self._on_wire.times_ns(block, bus, bit_ns)
+        unknown = np.isnan(least)
+        if unknown.any():
+            bits, fast = block.wire_bits[places], block.data_phase_bits[places]
+            least = np.where(unknown, (bits - fast) * bit_ns, least)
+            at_most = np.where(block.error[places], _ERROR_BITS, bits) * bit_ns
+            most = np.where(unknown, at_most, most)
         return _Frames(
             frames.t_ns.astype(np.int64),
             frames.can_id.astype(np.int64),
-            np.where(block.error[places], _ERROR_BITS * bit_ns, most),
-            nominal_ns + fast * (1e9 / rate if rate else 0.0),
+            most,
+            least,
             _beating(frames),
         )
 

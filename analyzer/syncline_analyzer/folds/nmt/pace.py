@@ -52,7 +52,7 @@ class Pace:
 
 
 class Even(NamedTuple):
-    """Periods in a row of about one length, their mean `period_ns`."""
+    """Periods in a row of about one length, from heartbeat to heartbeat; their mean `period_ns`."""
 
     first_ns: int
     last_ns: int
@@ -70,8 +70,12 @@ class Halved(NamedTuple):
 
 @dataclass(slots=True)
 class _Run:
-    """Periods in a row of about one length, the last of them `length_ns`."""
+    """Periods in a row of about one length, the last of them `length_ns`.
 
+    The first of them begins at `begin_ns` and ends at `first_ns`.
+    """
+
+    begin_ns: int
     first_seq: int
     first_ns: int
     last_seq: int = 0
@@ -185,7 +189,8 @@ class HeartbeatPeriods:
                 self._end_run()
             if begin and stop - begin < MIN_PERIODS and stop < len(passed):
                 continue
-            run = self._run = self._run or _Run(int(seq[begin]), int(t_ns[begin]))
+            begin_ns = int(t_ns[begin]) - int(passed[begin])
+            run = self._run = self._run or _Run(begin_ns, int(seq[begin]), int(t_ns[begin]))
             run.last_seq, run.last_ns = int(seq[stop - 1]), int(t_ns[stop - 1])
             run.length_ns = int(passed[stop - 1])
             run.number += stop - begin
@@ -197,7 +202,7 @@ class HeartbeatPeriods:
             return
         mean = run.total_ns // run.number
         if len(self.even) < MAX_PACES:
-            self.even.append(Even(run.first_ns, run.last_ns, mean))
+            self.even.append(Even(run.begin_ns, run.last_ns, mean))
         if run.number < ENOUGH or len(self.stretches) >= MAX_PACES:
             return
         last = self.stretches[-1].median_ns if self.stretches else 0

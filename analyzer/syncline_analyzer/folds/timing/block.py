@@ -10,10 +10,14 @@ from numpy.typing import NDArray
 from syncline_analyzer.echo import COPY
 from syncline_analyzer.fold import IndexedBatch
 from syncline_schemas.batch import FrameBatch, FrameFlag
-from syncline_schemas.wire_length import data_phase_bits, wire_bits
+from syncline_schemas.wire_length import data_phase_bits, longest_bits, wire_bits
 
 BLOCK_FRAMES = 1 << 16
 """Frames that make a block worth its fixed cost, and enough of them to learn a rhythm from."""
+UNKNOWN_BITS = 1 << 24
+"""What an error frame counts as in a sum of bits: nothing is known of the bus then."""
+LONGEST_ERROR = longest_bits(8, extended=True) + 20
+"""Bits that an error may take: a frame that breaks at its end, error flags and delimiter."""
 
 
 class Blocks:
@@ -52,6 +56,7 @@ class Block:
 
     def __init__(self, batch: IndexedBatch) -> None:
         self.batch = batch
+        self._wire_ns: dict[tuple[int, float, float | None], NDArray[np.float64]] = {}
 
     @property
     def frames(self) -> FrameBatch:
@@ -87,6 +92,25 @@ class Block:
         bits = data_phase_bits(self.frames)
         bits[(self.frames.flags & COPY) != 0] = 0
         return bits
+
+    def wire_ns(
+        self, bus: int, bit_ns: float, data_bit_ns: float | None = None
+    ) -> NDArray[np.float64]:
+        """(k,) time on the wire of the frames of a bus with intermission, as in `by_bus` [ns].
+
+        NaN for error frames, and for FD frames whose data bit rate is not known.
+        """
+        key = bus, bit_ns, data_bit_ns
+        if key not in self._wire_ns:
+            places = self.by_bus[bus]
+            fast = self.data_phase_bits[places]
+            found = (self.wire_bits[places] - fast).astype(np.float64) * bit_ns
+            if fast.any():
+                each_ns = np.nan if data_bit_ns is None else data_bit_ns
+                found = np.where(fast > 0, found + fast * each_ns, found)
+            found[self.error[places]] = np.nan
+            self._wire_ns[key] = found
+        return self._wire_ns[key]
 
     @cached_property
     def by_bus(self) -> dict[int, NDArray[np.intp] | slice]:

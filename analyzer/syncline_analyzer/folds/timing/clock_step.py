@@ -38,13 +38,15 @@ class Crossing(NamedTuple):
     """How a witness that ran when a silence began went on after it.
 
     `across_ns` is what the stamps say passed between its frames around the silence, None where it
-    did not come again; `left_ns` from the former to the end of what was heard.
+    did not come again; `left_ns` from the former to the end of what was heard. `pending` is what the
+    silence met behind a SYNC and what came again before the next one: it did not wait for that.
     """
 
     can_id: int
     witness: Witness
     across_ns: int | None
     left_ns: int
+    pending: bool = False
 
 
 class Step(NamedTuple):
@@ -108,7 +110,8 @@ def _was_due(each: Crossing, by_ns: float) -> bool:
 def _excludes_silence(known: Sequence[Crossing], by_ns: float) -> bool:
     """Whether the devices cannot have gone on unheard for that long.
 
-    What follows SYNC tells no more than SYNC itself, the PDOs of a node no more than its heartbeat.
+    What follows SYNC tells no more than SYNC itself, unless it was on its way already; the PDOs of a
+    node tell no more than its heartbeat.
     """
     tightest = min(each.witness.spread_ns for each in known)
     if sum(each.can_id in HEARTBEATS for each in known) >= 2 and _SURE_DRIFT * by_ns > 4 * tightest:
@@ -116,7 +119,8 @@ def _excludes_silence(known: Sequence[Crossing], by_ns: float) -> bool:
     sync_ns = next((each.witness.period_ns for each in known if each.can_id == SYNC), 0.0)
     clocks: dict[int, bool] = {}
     for each in known:
-        clock = SYNC if _follows(each, sync_ns) else each.can_id & 0x7F
+        waits = _follows(each, sync_ns) and not each.pending
+        clock = SYNC if waits else each.can_id & 0x7F
         clocks[clock] = clocks.get(clock, False) or _out_of_phase(each)
     misses = sum(clocks.values())
     return misses >= max(2, len(clocks) / 3)

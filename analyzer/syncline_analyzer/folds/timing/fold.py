@@ -11,6 +11,7 @@ from syncline_analyzer.folds.nmt.table import NodeNmt
 from syncline_analyzer.folds.timing.block import BLOCK_FRAMES, Block, Blocks
 from syncline_analyzer.folds.timing.error_control_periods import ErrorControlPeriods
 from syncline_analyzer.folds.timing.load import LoadFold
+from syncline_analyzer.folds.timing.on_wire import OnWire
 from syncline_analyzer.folds.timing.pdo import PdoFold
 from syncline_analyzer.folds.timing.pdo_judge import PdoJudge
 from syncline_analyzer.folds.timing.silence import Silence, SilenceFold
@@ -38,11 +39,12 @@ class TimingFold:
         self._blocks = Blocks(block_frames)
         self._bindings = PdoBindings(context.shadow)
         self._sync = SyncFold(context)
-        self._waiting = WaitingFold(context, self._bindings)
-        self._pdo = PdoFold(context, self._bindings, self._sync, self._waiting)
+        self._on_wire = OnWire(context)
+        self._waiting = WaitingFold(context, self._bindings, self._on_wire)
+        self._pdo = PdoFold(context, self._bindings, self._sync, self._waiting, self._on_wire)
         self._load = LoadFold(context)
         self._error_control = ErrorControlPeriods(context)
-        self._heartbeat_waits = HeartbeatWaits(context)
+        self._heartbeat_waits = HeartbeatWaits(context, self._on_wire)
         self._silence = SilenceFold()
         self._gap_starts: set[int] = set()
 
@@ -161,22 +163,21 @@ class TimingFold:
             self._take(block)
 
     def _take(self, block: Block) -> None:
-        self._waiting.listen(block)
-        for part in block.parts(self._turns(block)):
-            for bus in part.by_bus:
-                self._pdo.update(part, bus)
+        self._on_wire.listen(block)
         for bus in block.by_bus:
+            for part in block.parts(self._turns(block, bus)):
+                if bus in part.by_bus:
+                    self._pdo.update(part, bus)
             self._load.update(block, bus)
             if self._context.timed:
                 self._silence.update(block, bus)
                 self._error_control.update(block, bus)
                 self._heartbeat_waits.update(block, bus)
 
-    def _turns(self, block: Block) -> list[int]:
-        """Where PDOs or SYNC moved or got another timing: nothing is told over such a frame."""
+    def _turns(self, block: Block, bus: int) -> list[int]:
+        """Where PDOs or SYNC of a bus moved or got another timing: nothing is told over such a frame."""
         first, last = block.batch.seq0, block.batch.seq0 + len(block.batch) - 1
-        turns = {turn for bus in block.by_bus for turn in self._bindings.turns(bus, first, last)}
-        return sorted(turns)[:MAX_TURNS]
+        return self._bindings.turns(bus, first, last)[:MAX_TURNS]
 
 
 def _summed(parts: Iterable[tuple[str, int]]) -> dict[str, int]:

@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.context import Context
-from syncline_analyzer.folds.timing.block import Block
+from syncline_analyzer.folds.timing.block import UNKNOWN_BITS, Block
 from syncline_analyzer.folds.timing.lateness import others_as_late
+from syncline_analyzer.folds.timing.on_wire import OnWire
 from syncline_analyzer.folds.timing.overdue import lacking_after
 from syncline_analyzer.folds.timing.pdo_state import Pause, PdoState
 from syncline_analyzer.folds.timing.phase import UNTOLD, Phase
@@ -23,8 +24,6 @@ MAX_EVIDENCE = 20
 PAUSE_NS = 5_000_000_000
 PAUSE_PERIODS = 20
 """A PDO that stays away for so long, and so many of its periods, has stopped."""
-UNKNOWN_BITS = 1 << 24
-"""What an error frame counts as between a SYNC and its answer: nothing is known of the bus then."""
 _BY_EVENTS = (0xFE, 0xFF)
 """Transmission types of a PDO that answers no SYNC, so that none can have kept it waiting."""
 DEADLINE = 1.1
@@ -46,9 +45,15 @@ class PdoFold:
     """Follows every PDO identifier by `seq`; durations only in captures with times."""
 
     def __init__(
-        self, context: Context, bindings: PdoBindings, sync: SyncFold, waiting: WaitingFold
+        self,
+        context: Context,
+        bindings: PdoBindings,
+        sync: SyncFold,
+        waiting: WaitingFold,
+        on_wire: OnWire,
     ) -> None:
         self._context = context
+        self._on_wire = on_wire
         self._bindings = bindings
         self._sync = sync
         self._waiting = waiting
@@ -64,12 +69,12 @@ class PdoFold:
         for can_id, state in self._states_of(bus):
             self._rebind(state, bus, can_id, first_seq, last_seq)
         requests = self._requests(block, bus)
-        bitrate = self._context.bitrates.get(self._context.bus_name(bus))
+        bit_ns = self._on_wire.bit_ns(bus)
         sent = self._sent_bits(block, bus)
         syncs = {
             cob: self._sync.update(block, bus, cob, sent) for cob in self._sync_ids(bus, last_seq)
         }
-        passing = _Pass(block, bus, sent, 1e9 / bitrate if bitrate else None, syncs)
+        passing = _Pass(block, bus, sent, bit_ns, syncs)
         self._waiting.begin(block, bus, passing.bit_ns)
         for can_id, state in self._states_of(bus):
             rows = block.batch.rows(bus, can_id)
@@ -403,7 +408,7 @@ class PdoFold:
         block = passing.block
         busy = passing.sent[rows] - sync.bits[position]
         own = block.wire_bits[rows] - INTERMISSION_BITS
-        step_ns = self._context.resolution_ns - 1 + self._waiting.noise_ns(passing.bus)
+        step_ns = self._context.resolution_ns - 1 + self._on_wire.noise_ns(passing.bus)
         low = np.floor(response - busy * passing.bit_ns) - step_ns
         high = np.ceil(response - own * passing.bit_ns) + step_ns
         return np.maximum(low, 0.0), np.maximum(high, 0.0)

@@ -77,7 +77,8 @@ class PdoJudge:
         tables.pdos.append(row)
         tables.worst.extend(worst(row, state))
         tables.pdo_pauses.extend(self._pauses(bus, row, state, how, missed))
-        tables.holes.extend(pdo_holes(row, missed, due_step_ns(state, how, sync_ns)))
+        filled = self.sync.filled(bus, state.sync_cob_id) if how.synchronous else []
+        tables.holes.extend(pdo_holes(row, missed, due_step_ns(state, how, sync_ns), filled))
         if how.synchronous and state.response.count:
             tables.responses.append(responses(row, state))
 

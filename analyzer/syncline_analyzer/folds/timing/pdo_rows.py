@@ -1,5 +1,6 @@
 """Rows of a PDO: its statistics, its responses and the stretches in which it stayed away."""
 
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -83,18 +84,31 @@ def responses(row: PdoRow, state: PdoState) -> Responses:
     )
 
 
-def pdo_holes(row: PdoRow, missed: MissedList, step_ns: float) -> list[HoleRow]:
-    """Missed moments that follow one another, joined."""
+def pdo_holes(
+    row: PdoRow, missed: MissedList, step_ns: float, filled: Sequence[int] = ()
+) -> list[HoleRow]:
+    """Missed moments that follow one another, joined; `filled` are SYNCs that errors followed."""
     if not len(missed.t_ns):
         return []
     apart = np.diff(missed.t_ns)
     cuts = np.flatnonzero((apart > 1.5 * step_ns) | (apart < 0)) + 1
     edges = [0, *cuts[: MAX_HOLES - 1].tolist(), len(missed.t_ns)]
-    return [_hole(row, missed, step_ns, a, b) for a, b in pairwise(edges)]
+    held = np.isin(missed.seq, filled)
+    return [_hole(row, missed, held, step_ns, a, b) for a, b in pairwise(edges)]
 
 
-def _hole(row: PdoRow, missed: MissedList, step_ns: float, first: int, stop: int) -> HoleRow:
+def _hole(
+    row: PdoRow,
+    missed: MissedList,
+    held: NDArray[np.bool_],
+    step_ns: float,
+    first: int,
+    stop: int,
+) -> HoleRow:
     t_ns: NDArray[np.int64] = missed.t_ns
     end_ns = int(t_ns[stop - 1]) + round(step_ns)
     evidence = sorted(set(missed.seq[first : min(stop, first + MAX_EVIDENCE)].tolist()))
-    return HoleRow(row.bus, row.cob_id, "pdo", int(t_ns[first]), end_ns, stop - first, evidence)
+    held_back = int(np.count_nonzero(held[first:stop]))
+    return HoleRow(
+        row.bus, row.cob_id, "pdo", int(t_ns[first]), end_ns, stop - first, evidence, held_back
+    )

@@ -25,6 +25,8 @@ _STRAY = 0.005
 """Share of steps that are no multiple of n: more of them, and a timer of its own sends the PDO."""
 _STRAY_BY_DEFAULT = 0.1
 """The same where the device answers every n-th SYNC by default: it counted anew a few times."""
+_QUEUED = 16
+"""Answers that may wait in a node's queue, and follow one another by SYNC afterwards."""
 UNSEEN_NS = 10_000_000_000
 """So long before it was seen to have left OPERATIONAL, a node's silence may be the leaving."""
 
@@ -264,8 +266,11 @@ class Rhythm:
 def _syncs_before(index: SyncIndex, position: NDArray[np.int64], every: int) -> NDArray[np.int64]:
     """Stamps of the SYNCs `every` before: a node that starts after them counts from another one."""
     before = position - every
+    if not len(position):
+        return before
+    # Those before the first one that is known are estimated from it: a pause may follow it.
     cycle_ns = index.cycle_ns if index.cycle_ns > 0 else 0.0
-    estimate = index.t_ns[position] - round(every * cycle_ns)
+    estimate = index.t_ns[index.first] - np.rint((index.first - before) * cycle_ns).astype(np.int64)
     return np.where(before >= index.first, index.t_ns[np.maximum(before, 0)], estimate)
 
 
@@ -273,6 +278,8 @@ def _soon_after_silence(
     answered: NDArray[np.int64], extra: NDArray[np.int64], every: int
 ) -> NDArray[np.bool_]:
     """(m,) which frames come no later after unanswered SYNCs than these lasted, by SYNC numbers.
+
+    A queue is short, and what waits in it comes as soon as it can: after a long silence, too.
 
     >>> _soon_after_silence(np.array([0, 1, 6, 7, 8, 9, 10, 11]), np.array([1, 9, 11]), 1).tolist()
     [False, True, False]
@@ -282,8 +289,9 @@ def _soon_after_silence(
     if not len(silent):
         return np.zeros(len(extra), np.bool_)
     last = np.searchsorted(answered[silent + 1], extra, side="right") - 1
-    until = answered[silent + 1] + steps[silent] - every
-    return (last >= 0) & (extra < until[np.maximum(last, 0)])
+    until = answered[silent + 1] + np.minimum(steps[silent] - every, _QUEUED * every)
+    soon: NDArray[np.bool_] = (last >= 0) & (extra < until[np.maximum(last, 0)])
+    return soon
 
 
 def _one_based(counts: NDArray[np.int64]) -> NDArray[np.int64]:

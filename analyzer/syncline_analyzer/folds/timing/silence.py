@@ -329,5 +329,16 @@ def _crossings(silence: Silence, witnesses: dict[int, Witness]) -> list[Crossing
         steady = abs(last.pace_ns - each.period_ns) <= 2 * each.spread_ns
         if steady and silence.start_ns - last.t_ns <= RUNNING * each.period_ns + each.spread_ns:
             across = silence.across.get(can_id)
-            found.append(Crossing(can_id, each, across, silence.until_ns - last.t_ns))
+            left_ns = silence.until_ns - last.t_ns
+            pending = can_id != SYNC and _between_syncs(silence, can_id)
+            found.append(Crossing(can_id, each, across, left_ns, pending))
     return found
+
+
+def _between_syncs(silence: Silence, can_id: int) -> bool:
+    """Whether a silence parts a SYNC from a frame that came before the next SYNC."""
+    last, sync = silence.before[can_id], silence.before.get(SYNC)
+    if sync is None or can_id not in silence.across or SYNC not in silence.across:
+        return False
+    again_ns, next_ns = last.t_ns + silence.across[can_id], sync.t_ns + silence.across[SYNC]
+    return last.t_ns < sync.t_ns and again_ns < next_ns

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from syncline_analyzer.context import Context
 from syncline_analyzer.distribution import Distribution
 from syncline_analyzer.folds.timing.backlog import PAUSE, TOO_SHORT, backlog
-from syncline_analyzer.folds.timing.block import Block
+from syncline_analyzer.folds.timing.block import LONGEST_ERROR, UNKNOWN_BITS, Block
 from syncline_analyzer.folds.timing.bundles import bundled, lacking, paced
 from syncline_analyzer.folds.timing.catching_up import catching_up
 from syncline_analyzer.folds.timing.double_sync import DoubleSync
@@ -34,6 +34,8 @@ from syncline_schemas.wire_length import longest_bits
 
 MAX_HOLES = 1000
 """Stretches without SYNC that are kept one by one."""
+MAX_FILLED = 100_000
+"""SYNCs kept one by one after which error frames filled the bus."""
 MAX_POINTS = 20_000
 """Points of the SYNC period over time."""
 _LEARN = 16
@@ -154,6 +156,8 @@ class _State:
     holes: list[SyncHole] = field(default_factory=list)
     unsteady: Unsteady = field(default_factory=Unsteady)
     double: DoubleSync = field(default_factory=DoubleSync)
+    filled: list[int] = field(default_factory=list)
+    """`seq` of the SYNCs after which error frames may have kept the bus up to the next one."""
     over_time: Thinner = field(default_factory=lambda: Thinner("value", MAX_POINTS))
     steps: list[ClockStepRow] = field(default_factory=list)
 
@@ -218,6 +222,11 @@ class SyncFold:
         state = self._states.get((bus, cob_id))
         return state.period.quantile(0.5) if state and state.period.count else 0.0
 
+    def filled(self, bus: int, cob_id: int) -> list[int]:
+        """`seq` of the SYNCs after which error frames may have kept the bus up to the next one."""
+        state = self._states.get((bus, cob_id))
+        return state.filled if state else []
+
     def counter_end(self, bus: int, cob_id: int) -> int | None:
         """Number after which the counter of a SYNC begins again, as far as it is known."""
         state = self._states.get((bus, cob_id))
@@ -254,6 +263,7 @@ class SyncFold:
             bundled[1 + each.sync] = True
             if len(state.steps) < MAX_HOLES:
                 state.steps.append(_step(block, self._context.bus_name(bus), each))
+        self._note_errors(state, bus, apart, bits, block.batch.seq0 + rows)
         usable = ~bundled
         if median > 0:
             usable[:-1] &= (apart >= TOO_SHORT * median) & (apart <= PAUSE * median)
@@ -291,6 +301,23 @@ class SyncFold:
             bit_ns=1e9 / bitrate if bitrate else None,
             resolution_ns=self._context.resolution_ns,
         )
+
+    def _note_errors(
+        self,
+        state: _State,
+        bus: int,
+        periods: NDArray[np.int64],
+        bits: NDArray[np.int64],
+        seq: NDArray[np.int64],
+    ) -> None:
+        """Keep the SYNCs after which errors, as long as they can be, leave no time until the next."""
+        errors, sent = np.divmod(np.diff(bits), UNKNOWN_BITS)
+        filled = errors > 0
+        bitrate = self._context.bitrates.get(self._context.bus_name(bus))
+        if bitrate:
+            filled &= (sent + errors * LONGEST_ERROR) * (1e9 / bitrate) >= periods
+        begun = np.concatenate(([state.last_seq], seq))[:-1][filled]
+        state.filled.extend(begun[: MAX_FILLED - len(state.filled)].tolist())
 
     def _measure(self, state: _State, bus: int, index: SyncIndex, in_bundles: bool) -> None:
         """Periods, and their jitter where the stamps are not those of bundles."""

@@ -6,17 +6,11 @@ from numpy.typing import NDArray
 from syncline_analyzer.context import Context
 from syncline_analyzer.folds.timing.block import Block
 from syncline_analyzer.folds.timing.delays import Delays
+from syncline_analyzer.folds.timing.on_wire import OnWire
 from syncline_analyzer.folds.timing.senders import Senders
 from syncline_analyzer.folds.timing.sync import SyncIndex
 from syncline_analyzer.folds.timing.tables import TimingTables
-from syncline_analyzer.folds.timing.waiting import (
-    ENOUGH_CLOSE,
-    MASTER,
-    Arbitration,
-    close_ns,
-    noise_of,
-    rank,
-)
+from syncline_analyzer.folds.timing.waiting import MASTER, Arbitration, rank
 from syncline_analyzer.folds.timing.waiting_bus import BusBlock, Carried, sender_of
 from syncline_analyzer.folds.timing.waiting_pdo import Answers, Waits, named
 from syncline_analyzer.pdo_binding import Pdo, PdoBindings
@@ -36,49 +30,18 @@ Bools = NDArray[np.bool_]
 class WaitingFold:
     """Follows what went ahead of the synchronous PDOs on the wire (analysis.md section 5).
 
-    `listen` comes first, `begin` for each bus, and then the answers of its PDOs. Without a bit rate,
-    without times, and where stamps are too coarse, nothing is told.
+    `begin` comes first for each bus, and then the answers of its PDOs. Without a bit rate, without
+    times, and where stamps are too coarse, nothing is told.
     """
 
-    def __init__(self, context: Context, bindings: PdoBindings) -> None:
+    def __init__(self, context: Context, bindings: PdoBindings, on_wire: OnWire) -> None:
         self._context = context
+        self._on_wire = on_wire
         self._senders = Senders(context, bindings)
-        self._noise_ns: dict[int, float] = {}
-        self._close: dict[int, int] = {}
         self._now: BusBlock | None = None
-        self._measured: dict[int, tuple[Block, Floats]] = {}
-        """The last block of each bus, and its frames' time on the wire."""
         self._before: dict[int, Carried] = {}
         self._waits: dict[tuple[int, int], Waits] = {}
         self._delays: dict[str, Delays] = {}
-
-    def listen(self, block: Block) -> None:
-        """Learn from a whole block how exact the stamps of each bus are, ahead of its parts."""
-        for bus, places in block.by_bus.items():
-            bitrate = self._context.bitrates.get(self._context.bus_name(bus))
-            if bitrate and self._context.timed:
-                bit_ns, t_ns = 1e9 / bitrate, block.frames.t_ns[places]
-                wire_ns = self._wire_ns(block, bus, places, bit_ns)
-                self._count_close(bus, t_ns, wire_ns, bit_ns)
-                self._noise_ns[bus] = noise_of(
-                    t_ns,
-                    wire_ns,
-                    bit_ns=bit_ns,
-                    resolution_ns=self._context.resolution_ns,
-                    before_ns=self._noise_ns.get(bus, 0.0),
-                )
-
-    def _count_close(self, bus: int, t_ns: Ints, wire_ns: Floats, bit_ns: float) -> None:
-        """Note on which buses too few frames follow one another to tell how exact the stamps are."""
-        close = self._close.get(bus, 0)
-        if close < ENOUGH_CLOSE:
-            close = self._close[bus] = close + len(close_ns(t_ns, wire_ns, bit_ns))
-        name, unproven = self._context.bus_name(bus), self._context.unproven_stamps
-        (unproven.add if close < ENOUGH_CLOSE else unproven.discard)(name)
-
-    def noise_ns(self, bus: int) -> float:
-        """What the stamps of a bus are off beyond their step."""
-        return self._noise_ns.get(bus, 0.0)
 
     def begin(self, block: Block, bus: int, bit_ns: float | None) -> None:
         """Take in the frames of one bus of a block, or of a part of it."""
@@ -94,7 +57,7 @@ class WaitingFold:
             carried.sender,
             bit_ns=bit_ns,
             resolution_ns=self._context.resolution_ns,
-            noise_ns=self.noise_ns(bus),
+            noise_ns=self._on_wire.noise_ns(bus),
         )
         if arbitration.usable:
             self._now = BusBlock(bus, carried, arbitration, self._senders)
@@ -185,26 +148,10 @@ class WaitingFold:
             frames.t_ns,
             frames.can_id,
             frames.flags,
-            self._wire_ns(block, bus, places, bit_ns),
+            self._on_wire.times_ns(block, bus, bit_ns),
             rank(frames),
             self._senders.nodes(frames, bus, int(seq[-1])),
         )
-
-    def _wire_ns(
-        self, block: Block, bus: int, places: NDArray[np.intp] | slice, bit_ns: float
-    ) -> Floats:
-        """(n,) time on the wire; NaN for error frames, and FD frames of an unknown data bit rate."""
-        measured = self._measured.get(bus)
-        if measured is not None and measured[0] is block:
-            return measured[1]
-        fast, error = block.data_phase_bits[places], block.error[places]
-        wire_ns = (block.wire_bits[places] - fast).astype(np.float64) * bit_ns
-        if fast.any():
-            rate = self._context.data_bitrates.get(self._context.bus_name(bus))
-            wire_ns = np.where(fast > 0, wire_ns + fast * (1e9 / rate if rate else np.nan), wire_ns)
-        wire_ns[error] = np.nan
-        self._measured[bus] = block, wire_ns
-        return wire_ns
 
     def _found(
         self,

@@ -1,0 +1,363 @@
+"""The files of one recording: segment after segment, also over troubles of the disk."""
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+
+from syncline_logger.capture_file import Block, CaptureFile
+from syncline_logger.content import Content
+from syncline_logger.disk import Disk
+from syncline_logger.disk_trouble import DiskTrouble, is_trouble
+from syncline_logger.finishing import Finisher
+from syncline_logger.manifest import Manifest, MarkNote, Segment
+from syncline_logger.recording_folder import RecordingFolder
+from syncline_logger.retention import Keep
+from syncline_logger.segments import SegmentNames, Split
+from syncline_logger.waiting_room import WaitingRoom
+from syncline_schemas.batch import Gap
+from syncline_schemas.capture.chunk import ZSTD_LEVEL
+from syncline_schemas.capture.layout import (
+    MARK_METADATA_NAME,
+    Attachment,
+    BusInfo,
+    CaptureMetadata,
+    Compression,
+)
+from syncline_schemas.errors import UsageError
+
+HOUSEKEEPING_NS = 10_000_000_000
+"""How often the free space and the budget are looked at."""
+LAST_FINISH_S = 5.0
+NEEDED_BYTES = 1 << 20
+"""Must be free, beside what waits, for a new file on a disk that was full."""
+
+
+@dataclass(frozen=True, slots=True)
+class StorePlan:
+    """How the files of a recording are made; `metadata` is that of the first one."""
+
+    names: SegmentNames
+    metadata: CaptureMetadata
+    buses: Sequence[BusInfo]
+    compression: Compression = "zstd"
+    zstd_level: int = ZSTD_LEVEL
+    sync: bool = True
+    split: Split = field(default_factory=Split)
+    keep: Keep = field(default_factory=Keep)
+    disk: Disk = field(default_factory=Disk)
+
+
+@dataclass(slots=True)
+class _Open:
+    """The segment that is being written."""
+
+    file: CaptureFile
+    segment: Segment
+
+
+class CaptureStore:
+    """Takes contents in order of log time; what the disk does is no reason to raise.
+
+    While the disk refuses, contents wait in memory; what has no room there is counted as lost, and
+    a new file is tried at growing intervals. Each segment begins with all attachments and metadata
+    records that were given so far.
+
+    Attributes:
+        path: of the file that was begun last.
+        first_path: of the first one.
+        trouble: what the disk refuses and since when; None while all is well.
+        waiting: what waits and what was lost.
+        file_count: files that hold something.
+        notes: what happened to the files, in words; the reader takes them out.
+
+    Raises:
+        UsageError: the first file exists. OSError: it cannot be made, for a reason that is no
+            trouble of the disk but a mistake (no right to write there).
+    """
+
+    def __init__(
+        self,
+        plan: StorePlan,
+        start_ns: int,
+        *,
+        folder: RecordingFolder | None = None,
+        attachments: Sequence[Attachment] = (),
+        finishes: bool = False,
+    ) -> None:
+        self._plan = plan
+        self._folder = folder
+        self._manifest = _manifest(plan, start_ns)
+        self._attachments = {each.name: each for each in attachments}
+        self._metadata: dict[str, Mapping[str, str]] = {}
+        self.waiting = WaitingRoom()
+        self.trouble: DiskTrouble | None = None
+        self.notes: list[str] = []
+        self.file_count = self._number = self._closed_bytes = 0
+        self._open: _Open | None = None
+        self._marks: list[MarkNote] = []
+        self._cut: list[tuple[str, Segment]] = []
+        self._ends_ns = plan.split.ends_after(start_ns)
+        self._housekeeping_ns = start_ns + HOUSEKEEPING_NS
+        self.path = self.first_path = plan.names.written(0, start_ns)
+        self._finisher: Finisher | None = None
+        if folder and finishes:
+            self._finisher = Finisher(folder.path, plan.disk, plan.keep.reserve_bytes or 0)
+            self._finisher.add(
+                (each.recording_id, segment) for each, segment in folder.unfinished()
+            )
+        if folder:
+            folder.add(self._manifest)
+        self._make_room(start_ns)
+        self._begin(start_ns)
+
+    @property
+    def bytes_written(self) -> int:
+        """Of all files of the recording."""
+        return self._closed_bytes + (self._open.file.bytes_written if self._open else 0)
+
+    def attach(self, attachment: Attachment) -> None:
+        """Attach a file to this segment and all that follow."""
+        self._attachments[attachment.name] = attachment
+        self._beside(lambda file: file.attach(attachment))
+
+    def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
+        """Write a metadata record into this segment and all that follow."""
+        self.carry(name, values)
+        self._beside(lambda file: file.add_metadata(name, values))
+
+    def carry(self, name: str, values: Mapping[str, str]) -> None:
+        """Write a metadata record into the segments that follow."""
+        self._metadata[name] = values
+
+    def mark(self, note: MarkNote) -> None:
+        """Keep the running segment for good."""
+        if self._open is None:
+            self._marks.append(note)
+            return
+        if not self._open.segment.marks:
+            values = {"t_ns": str(note.t_ns), "reason": note.reason}
+            self._beside(lambda file: file.add_metadata(MARK_METADATA_NAME, values))
+        self._open.segment.mark(note)
+        self._save()
+
+    def write(self, content: Content, now_ns: int) -> None:
+        """Write what was taken until `now_ns`, in the segments to which it belongs."""
+        self._look_after(now_ns)
+        while self._ends_ns is not None and content and content.last_ns >= self._ends_ns:
+            before, content = content.split(self._ends_ns)
+            self._put(before, now_ns)
+            self._ends_ns = self._plan.split.ends_after(content.first_ns)
+            self._go_on(content.first_ns, now_ns)
+        self._put(content, now_ns)
+
+    def retry(self, now_ns: int) -> None:
+        """Try the disk again when it is time to."""
+        if self.trouble and self.trouble.is_due(now_ns):
+            self._try_again(now_ns)
+
+    def take_missed(self) -> tuple[list[Gap], list[Block]]:
+        """Once the disk is back: what was lost meanwhile, and the notes that were to be written."""
+        return ([], []) if self.trouble else self.waiting.take_missed()
+
+    def finish(self, name: str, values: Callable[[], Mapping[str, str]], end_ns: int) -> None:
+        """Write a last metadata record and close the file, after one more try at the disk.
+
+        What cannot be written even then is lost; `values` is asked after that.
+        """
+        if self.trouble is not None:
+            self._try_again(end_ns)
+            if self.trouble is not None:
+                self.waiting.give_up(self.trouble.text)
+        record = values()
+        self._beside(lambda file: file.add_metadata(name, record))
+        if self._open:
+            self._close(self._open)
+        if self._finisher:
+            for done in self._finisher.close(LAST_FINISH_S):
+                self._take_finished(done.recording_id, done.segment, done.text)
+        self._manifest.end_ns = end_ns
+        self._manifest.reason = record.get("reason", "")
+        self._manifest.lost_frames = int(record.get("lost_frames", 0))
+        self._save()
+
+    def abandon(self) -> None:
+        """Leave the files as they are; they can be read up to the last chunk."""
+        if self._open:
+            self._open.file.abandon()
+
+    def _put(self, content: Content, now_ns: int) -> None:
+        if not content:
+            return
+        file = self._open.file if self._open else None
+        if file and self._plan.split.is_full(file.bytes_written, file.last_chunk_bytes):
+            self._go_on(content.first_ns, now_ns)
+        if self._open:
+            try:
+                self._open.file.write(content.frames, content.log_ns, content.blocks)
+                return
+            except OSError as error:
+                self._fail(error, self._open, now_ns)
+        assert self.trouble is not None
+        self.waiting.add(content, self.trouble.text)
+
+    def _go_on(self, start_ns: int, now_ns: int) -> None:
+        """Open the next segment, then close the last one; that goes on where no other can be."""
+        last = self._open
+        if last is None or last.file.start_ns is None:
+            return
+        self._make_room(now_ns)
+        with suppress(OSError):
+            self._open = self._begun(start_ns)
+            self._close(last)
+
+    def _begin(self, start_ns: int) -> None:
+        """Begin the first file; a disk that refuses is trouble, everything else a mistake."""
+        try:
+            self._plan.names.folder.mkdir(parents=True, exist_ok=True)
+            self._open = self._begun(start_ns)
+            self.first_path = self.path
+        except FileExistsError as error:
+            raise UsageError(f"{self.path} exists; recordings never overwrite a file") from error
+        except OSError as error:
+            if not is_trouble(error):
+                raise
+            self._note_trouble(DiskTrouble.first(error, start_ns))
+
+    def _begun(self, start_ns: int) -> _Open:
+        """A new file with all that every segment carries. Raises OSError."""
+        plan = self._plan
+        path = plan.names.written(self._number, start_ns)
+        try:
+            file = CaptureFile(
+                path,
+                replace(plan.metadata, segment=self._number, created_ns=start_ns),
+                plan.buses,
+                attachments=list(self._attachments.values()),
+                metadata=self._metadata,
+                compression=plan.compression,
+                zstd_level=plan.zstd_level,
+                sync=plan.sync,
+                disk=plan.disk,
+            )
+        except FileExistsError:
+            # A file that could not be taken away, or a stranger's: the next number is free.
+            self._number += self._number > 0
+            raise
+        segment = Segment(self._number, path.name)
+        self._manifest.segments.append(segment)
+        self._number += 1
+        self.path = path
+        self._save()
+        return _Open(file, segment)
+
+    def _close(self, last: _Open) -> None:
+        """Finish a file; one that cannot be is cut, and finished later."""
+        try:
+            last.file.finish()
+        except OSError:
+            self._leave(last)
+            return
+        self._describe(last)
+        last.segment.state = "closed"
+        if self._open is last:
+            self._open = None
+        self._save()
+
+    def _leave(self, last: _Open) -> None:
+        """Abandon a file; it is finished when the disk is back, and gone where nothing is in it."""
+        last.file.abandon()
+        self._describe(last)
+        last.segment.state = "cut"
+        if last.file.start_ns is None:
+            self._manifest.segments.remove(last.segment)
+        else:
+            self._cut.append((self._manifest.recording_id, last.segment))
+        if self._open is last:
+            self._open = None
+
+    def _describe(self, last: _Open) -> None:
+        segment, file = last.segment, last.file
+        self.path = self.path if self._open is not last else file.path
+        if self.first_path == file.begun_as:
+            self.first_path = file.path
+        segment.file, segment.bytes = file.path.name, file.bytes_on_disk
+        segment.frames = file.frames
+        segment.start_ns, segment.end_ns = file.start_ns, file.end_ns
+        self.file_count += file.start_ns is not None
+        self._closed_bytes += segment.bytes
+
+    def _fail(self, error: OSError, last: _Open, now_ns: int) -> None:
+        """The disk refused: leave the file as it is; a new one is tried later."""
+        self._leave(last)
+        self._note_trouble(DiskTrouble.first(error, now_ns))
+        self._save()
+
+    def _note_trouble(self, trouble: DiskTrouble) -> None:
+        self.trouble = trouble
+        self.notes.append(trouble.text)
+
+    def _try_again(self, now_ns: int) -> None:
+        assert self.trouble is not None
+        waiting = self.waiting.contents
+        self._make_room(now_ns, NEEDED_BYTES)
+        try:
+            self._open = self._begun(waiting[0].first_ns if waiting else now_ns)
+            while waiting:
+                first = waiting[0]
+                self._open.file.write(first.frames, first.log_ns, first.blocks)
+                waiting.popleft()
+        except OSError as error:
+            if self._open:
+                self._leave(self._open)
+            self.trouble = self.trouble.again(error, now_ns)
+            return
+        self.notes.append(self.trouble.over(now_ns))
+        self.trouble = None
+        marks, self._marks = self._marks, []
+        for note in marks:
+            self.mark(note)
+        if self._finisher:
+            self._finisher.add(self._cut)
+            self._cut = []
+
+    def _beside(self, act: Callable[[CaptureFile], None]) -> None:
+        """Write something between the chunks; a refusal shows at the next chunk."""
+        if self._open:
+            with suppress(OSError):
+                act(self._open.file)
+
+    def _look_after(self, now_ns: int) -> None:
+        """What is done beside the writing: cut files, budget, free space."""
+        for done in self._finisher.done() if self._finisher else ():
+            self._take_finished(done.recording_id, done.segment, done.text)
+        if now_ns >= self._housekeeping_ns:
+            self._housekeeping_ns = now_ns + HOUSEKEEPING_NS
+            self._make_room(now_ns)
+
+    def _make_room(self, now_ns: int, needed_bytes: int = 0) -> None:
+        if self._folder and self._plan.keep:
+            writing = self._open.file.bytes_written if self._open else 0
+            self._folder.make_room(self._plan.keep, now_ns, writing, needed_bytes)
+
+    def _take_finished(self, recording_id: str, finished: Segment, text: str) -> None:
+        self.notes += [text] if text else []
+        for manifest in self._folder.recordings if self._folder else ():
+            for n, segment in enumerate(manifest.segments):
+                if (manifest.recording_id, segment.segment) == (recording_id, finished.segment):
+                    manifest.segments[n] = finished
+                    self._save(manifest)
+
+    def _save(self, manifest: Manifest | None = None) -> None:
+        if self._folder:
+            self._folder.save(manifest or self._manifest)
+
+
+def _manifest(plan: StorePlan, start_ns: int) -> Manifest:
+    return Manifest(
+        recording_id=plan.metadata.recording_id,
+        version=plan.metadata.version,
+        host=plan.metadata.host,
+        source=plan.metadata.source,
+        created_ns=start_ns,
+        buses=[bus.name for bus in plan.buses],
+    )

@@ -1,0 +1,247 @@
+"""The folder of a recorder: what it recorded there, by the manifests and the files themselves."""
+
+import re
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from syncline_logger.disk import PARTIAL, Disk, is_being_written
+from syncline_logger.manifest import SUFFIX as MANIFEST_SUFFIX
+from syncline_logger.manifest import Manifest, MarkNote, Segment
+from syncline_logger.retention import Keep, Surplus, surplus
+from syncline_logger.segments import is_part, whole_path
+from syncline_schemas.capture.layout import MARK_METADATA_NAME, PROFILE
+from syncline_schemas.capture.record_file import RecordFile
+from syncline_schemas.capture.recover import is_whole
+from syncline_schemas.capture.scan import CaptureScan
+from syncline_schemas.errors import CaptureError
+
+_OWN_NAME = re.compile(r"\d{8}T\d{6}Z_(?P<id>[^_]+)(?:_(?P<segment>\d{4,}))?(?:\.part)?\.mcap")
+"""Names that a recorder gives; a file that somebody renamed is not its own any more."""
+RECOVERING = ".recovering"
+"""Ending of a regular file that is being made of a cut one."""
+
+
+@dataclass(slots=True)
+class RecordingFolder:
+    """Recordings of this machine in one folder; nothing that lies there makes a method raise.
+
+    Attributes:
+        recordings: in the order in which they were made; the running one is the last.
+        running: id of the recording that this recorder is writing.
+        busy: ids of recordings that another recorder, which still runs, is writing.
+    """
+
+    path: Path
+    host: str
+    disk: Disk = field(default_factory=Disk)
+    recordings: list[Manifest] = field(default_factory=list)
+    busy: set[str] = field(default_factory=set)
+    running: str | None = None
+    _unsaved: dict[str, Manifest] = field(default_factory=dict)
+
+    def load(self) -> None:
+        """Look at what is there; manifests that are missing are made anew from the files."""
+        try:
+            files = {path.name: path for path in self.path.iterdir()}
+        except OSError:
+            return
+        for name, path in files.items():
+            if name.endswith((RECOVERING, RECOVERING + PARTIAL)) and ".mcap" in name:
+                with suppress(OSError):
+                    self.disk.remove(path)
+            elif name.endswith(MANIFEST_SUFFIX) and (manifest := _read(path)):
+                self.recordings.append(manifest)
+        self._reconcile(set(files))
+        self._adopt(files)
+        self.recordings.sort(key=lambda each: (each.number, each.created_ns))
+
+    def add(self, manifest: Manifest) -> None:
+        """Take in a recording that begins."""
+        manifest.number = max((each.number for each in self.recordings), default=0) + 1
+        self.recordings.append(manifest)
+        self.running = manifest.recording_id
+
+    def save(self, manifest: Manifest) -> None:
+        """Write a manifest; what the disk refuses is written with the next one."""
+        self._unsaved[manifest.recording_id] = manifest
+        for each in list(self._unsaved.values()):
+            target = self.path / each.file_name
+            try:
+                if each.segments or each.recording_id == self.running:
+                    self.disk.write_text(target, each.to_json())
+                else:
+                    self.disk.remove(target)
+                del self._unsaved[each.recording_id]
+            except OSError:
+                return
+
+    def unfinished(self) -> Iterator[tuple[Manifest, Segment]]:
+        """Segments of earlier recordings that have no end."""
+        for manifest in self.recordings:
+            for segment in manifest.segments:
+                if segment.state == "cut" and manifest.recording_id not in self.busy:
+                    yield manifest, segment
+
+    def make_room(
+        self, keep: Keep, now_ns: int, writing_bytes: int, needed_bytes: int = 0
+    ) -> list[Surplus]:
+        """Delete what `keep` does not allow any more; what was deleted."""
+        own = [each for each in self.recordings if each.recording_id not in self.busy]
+        chosen = surplus(
+            own,
+            keep,
+            now_ns=now_ns,
+            writing_bytes=writing_bytes,
+            free_bytes=self._free_bytes(),
+            needed_bytes=needed_bytes,
+        )
+        deleted = [each for each in chosen if self._delete(each, now_ns)]
+        for manifest in {each.manifest.recording_id: each.manifest for each in deleted}.values():
+            self.save(manifest)
+        return deleted
+
+    def last_end_ns(self, buses: Iterable[str]) -> int | None:
+        """Until when the last recording of the same buses heard them; None without one."""
+        wanted = set(buses)
+        for manifest in reversed(self.recordings):
+            if set(manifest.buses) == wanted and manifest.recording_id not in self.busy:
+                ends = [self._end_ns(segment) for segment in manifest.segments[-2:]]
+                known = [end for end in (manifest.end_ns, *ends) if end is not None]
+                if known:
+                    return max(known)
+        return None
+
+    def _end_ns(self, segment: Segment) -> int | None:
+        if segment.end_ns is not None:
+            return segment.end_ns
+        try:
+            with (self.path / segment.file).open("rb") as file:
+                return RecordFile(file).last_chunk_end_ns()
+        except OSError:
+            return None
+
+    def _delete(self, chosen: Surplus, now_ns: int) -> bool:
+        """Delete a file, if it is still the one that its manifest tells of."""
+        path = self.path / chosen.segment.file
+        try:
+            if path.exists() and not _is_of(path, chosen.manifest.recording_id):
+                chosen.manifest.segments.remove(chosen.segment)
+                return False
+            self.disk.remove(path)
+        except OSError:
+            return False
+        chosen.manifest.delete(chosen.segment, now_ns, chosen.why)
+        return True
+
+    def _free_bytes(self) -> int | None:
+        try:
+            return self.disk.free_bytes(self.path)
+        except OSError:
+            return None
+
+    def _reconcile(self, names: set[str]) -> None:
+        """Segments as they are on the disk: renamed by the recorder's last step, or gone."""
+        for manifest in self.recordings:
+            for segment in list(manifest.segments):
+                whole = whole_path(Path(segment.file)).name
+                if segment.file not in names and whole in names:
+                    segment.file = whole
+                if segment.file not in names:
+                    manifest.segments.remove(segment)
+                elif segment.state == "writing":
+                    self._look_at(manifest, segment)
+
+    def _look_at(self, manifest: Manifest, segment: Segment) -> None:
+        """What became of a segment that was being written when the manifest was."""
+        path = self.path / segment.file
+        segment.state = "cut"
+        with suppress(OSError):
+            if is_being_written(path):
+                segment.state = "writing"
+                self.busy.add(manifest.recording_id)
+            elif not is_part(path) and is_whole(path):
+                self._describe(segment, path)
+
+    def _adopt(self, files: dict[str, Path]) -> None:
+        """Take in own files that no manifest names."""
+        named = {segment.file for each in self.recordings for segment in each.segments}
+        by_id = {each.recording_id: each for each in self.recordings}
+        changed: dict[str, Manifest] = {}
+        for name in sorted(files.keys() - named):
+            match = _OWN_NAME.fullmatch(name)
+            found = _manifest_of(files[name], self.host) if match else None
+            if found is None or match is None or found.recording_id != match["id"]:
+                continue
+            manifest = by_id.setdefault(found.recording_id, found)
+            if manifest is found:
+                self.recordings.append(found)
+            segment = Segment(int(match["segment"] or 0), name)
+            manifest.segments.append(segment)
+            manifest.segments.sort(key=lambda each: each.segment)
+            self._look_at(manifest, segment)
+            changed[manifest.recording_id] = manifest
+        for manifest in changed.values():
+            if manifest.recording_id not in self.busy:
+                self.save(manifest)
+
+    def _describe(self, segment: Segment, path: Path) -> None:
+        """Take from a whole file what the manifest tells of it."""
+        with path.open("rb") as file:
+            records = RecordFile(file)
+            describe_segment(segment, records)
+
+
+def describe_segment(segment: Segment, records: RecordFile) -> None:
+    """Fill in what a whole file's summary tells: times, frames, size, marks."""
+    summary = records.summary()
+    if summary is None:
+        return
+    segment.state = "closed"
+    segment.bytes = records.size
+    counts = summary.statistics
+    frame_channels = {each.id for each in summary.channels if each.topic.endswith("/frames")}
+    if counts is not None and counts.message_count:
+        segment.start_ns, segment.end_ns = counts.message_start_time, counts.message_end_time
+        segment.frames = sum(
+            number
+            for channel, number in counts.channel_message_counts.items()
+            if channel in frame_channels
+        )
+    if not segment.marks and any(each.name == MARK_METADATA_NAME for each in summary.metadata):
+        segment.mark(MarkNote(segment.start_ns or 0, "marked"))
+
+
+def _read(path: Path) -> Manifest | None:
+    try:
+        return Manifest.from_json(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError):
+        return None
+
+
+def _manifest_of(path: Path, host: str) -> Manifest | None:
+    """What a file tells of its recording; None unless this machine recorded it."""
+    try:
+        facts = CaptureScan(path).facts
+    except CaptureError:
+        return None
+    about = facts.metadata
+    if about is None or facts.profile != PROFILE or about.host != host:
+        return None
+    return Manifest(
+        recording_id=about.recording_id,
+        version=about.version,
+        host=about.host,
+        source=about.source,
+        created_ns=about.created_ns,
+        buses=[bus.name for bus in facts.buses],
+    )
+
+
+def _is_of(path: Path, recording_id: str) -> bool:
+    try:
+        about = CaptureScan(path).facts.metadata
+    except CaptureError:
+        return False
+    return about is not None and about.recording_id == recording_id

@@ -1,0 +1,103 @@
+"""Which segments are deleted to make room: the oldest that are whole and not marked."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from syncline_logger.manifest import Manifest, Segment
+
+SPLITS_OF_KEEP = 20
+"""A budget without a split size is kept in so many segments."""
+SMALLEST_SPLIT = 1_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Keep:
+    """How much a recorder may leave in its folder; None = no limit.
+
+    Attributes:
+        size_bytes: of all its recordings there, the running one with them.
+        age_ns: segments that ended longer ago are deleted.
+        reserve_bytes: what is left free on the disk for others.
+    """
+
+    size_bytes: int | None = None
+    age_ns: int | None = None
+    reserve_bytes: int | None = None
+
+    def __bool__(self) -> bool:
+        return any(
+            limit is not None for limit in (self.size_bytes, self.age_ns, self.reserve_bytes)
+        )
+
+    @property
+    def split_bytes(self) -> int | None:
+        """Size of segments where the user says none: only whole ones can be deleted."""
+        if self.size_bytes is None:
+            return None
+        return max(self.size_bytes // SPLITS_OF_KEEP, SMALLEST_SPLIT)
+
+
+@dataclass(frozen=True, slots=True)
+class Surplus:
+    """A segment that goes, and why."""
+
+    manifest: Manifest
+    segment: Segment
+    why: str
+
+
+def surplus(
+    recordings: Sequence[Manifest],
+    keep: Keep,
+    *,
+    now_ns: int,
+    writing_bytes: int = 0,
+    free_bytes: int | None = None,
+    needed_bytes: int = 0,
+) -> list[Surplus]:
+    """The segments to delete, the oldest first; never more than the limits ask for.
+
+    Args:
+        recordings: own ones alone, in the order in which they were made.
+        now_ns: log time.
+        writing_bytes: size of the file that is being written; it counts and stays.
+        free_bytes: free on the disk now; None where nobody knows.
+        needed_bytes: must be free whatever the user says, because the disk refused a write.
+    """
+    total = writing_bytes + sum(
+        segment.bytes for each in recordings for segment in each.segments if _stands(segment)
+    )
+    reserve = max(keep.reserve_bytes or 0, needed_bytes)
+    chosen = []
+    for manifest in recordings:
+        for segment in sorted(manifest.segments, key=lambda each: each.segment):
+            if segment.state != "closed" or segment.marks:
+                continue
+            why = _why(segment, keep, total, now_ns, free_bytes, reserve)
+            if why:
+                chosen.append(Surplus(manifest, segment, why))
+                total -= segment.bytes
+                free_bytes = None if free_bytes is None else free_bytes + segment.bytes
+    return chosen
+
+
+def _stands(segment: Segment) -> bool:
+    return segment.state != "writing"
+
+
+def _why(
+    segment: Segment,
+    keep: Keep,
+    total: int,
+    now_ns: int,
+    free_bytes: int | None,
+    reserve_bytes: int,
+) -> str:
+    if keep.size_bytes is not None and total > keep.size_bytes:
+        return "the recordings are larger than allowed"
+    if free_bytes is not None and free_bytes < reserve_bytes:
+        return "the disk is nearly full"
+    ended_ns = segment.end_ns
+    if keep.age_ns is not None and ended_ns is not None and now_ns - ended_ns > keep.age_ns:
+        return "it is older than allowed"
+    return ""

@@ -1,0 +1,142 @@
+"""A recording that was split tells the same as one that was not; each part of it opens alone."""
+
+import random
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from syncline_analyzer.capture import CaptureFacts
+from syncline_analyzer.merge import Merge
+from syncline_analyzer.session import open_session
+from syncline_analyzer.views.json_view import to_object
+from syncline_logger.recorder import record_batches
+from syncline_logger.recording import RecordOptions
+from syncline_logger.segments import Split
+from syncline_samples.machine import Run
+from syncline_samples.scenarios import bad_day
+from syncline_schemas.batch import FrameBatch, Gap
+from syncline_schemas.capture.gap_message import DID_NOT_RUN
+from syncline_schemas.capture.layout import BusInfo
+from syncline_schemas.description import BusDescription
+
+S = 1_000_000_000
+
+
+@cache
+def day() -> Run:
+    return bad_day(110).start()
+
+
+def recorded(target: Path, split: Split, recording_id: str = "day") -> None:
+    run = day()
+    options = RecordOptions(
+        description=BusDescription.loads(run.description_toml),
+        sync=False,
+        recording_id=recording_id,
+        split=split,
+    )
+    bus = BusInfo(
+        run.scenario.bus_name,
+        0,
+        run.scenario.bitrate,
+        interface="simulated",
+        clock="simulated",
+        resolution_ns=run.scenario.stamp_resolution_ns,
+    )
+    record_batches(run.stream(), [bus], target, options)
+
+
+def told(*paths: Path) -> dict[str, Any]:
+    """Everything that the analysis tells, but for the files' names."""
+    found = to_object(open_session(list(paths)).analysis)
+    found["capture"].pop("files")
+    return found
+
+
+@pytest.mark.parametrize(
+    "split", [Split(size_bytes=150_000), Split(time_ns=7 * S), Split(100_000, 10 * S)]
+)
+def test_a_split_recording_tells_what_the_whole_one_tells(tmp_path: Path, split: Split) -> None:
+    recorded(tmp_path / "whole.mcap", Split())
+    folder = tmp_path / "split"
+    recorded(folder, split)
+    parts = sorted(folder.glob("*.mcap"))
+    assert len(parts) > 4
+    random.Random(1).shuffle(parts)
+    whole, joined = told(tmp_path / "whole.mcap"), told(*parts)
+    for table in whole:
+        assert joined[table] == whole[table], table
+
+
+def test_each_segment_opens_alone(tmp_path: Path) -> None:
+    recorded(tmp_path, Split(time_ns=20 * S))
+    parts = sorted(tmp_path.glob("*.mcap"))
+    alone = [told(path) for path in parts]
+    assert all(not each["capture"]["gaps"] or each is not alone[0] for each in alone)
+    names = {node["name"] for each in alone for node in each["nodes"]}
+    assert "boom sensor" in names or len(names) > 3
+    total = sum(each["capture"]["frames"] for each in alone)
+    assert total == told(*parts)["capture"]["frames"]
+
+
+class Recorded:
+    """A segment in memory: frames at these times on one bus, after gaps."""
+
+    def __init__(
+        self, segment: int, *times: int, recording: str = "r", gap: Gap | None = None
+    ) -> None:
+        metadata = {"recording_id": recording, "segment": str(segment)}
+        self.facts = CaptureFacts(
+            Path(f"{recording}{segment}"), "test", ["can0"], metadata=metadata
+        )
+        self._times = times
+        self._gap = gap
+
+    def batches(self) -> Iterator[FrameBatch | Gap]:
+        if self._gap:
+            yield self._gap
+        yield FrameBatch.from_rows((t, 0, 0x701, 0, 1, b"\x05") for t in self._times)
+
+
+def items(*segments: Recorded) -> tuple[list[int], list[Gap]]:
+    found = list(Merge(segments).stream())
+    times = [int(t) for each in found if isinstance(each, FrameBatch) for t in each.t_ns]
+    return times, [each for each in found if isinstance(each, Gap)]
+
+
+def test_segments_join_by_number_without_a_gap() -> None:
+    assert items(Recorded(1, 30, 40), Recorded(0, 10, 20)) == ([10, 20, 30, 40], [])
+
+
+def test_stamps_that_overlap_at_the_border_are_no_second_bus() -> None:
+    merge = Merge([Recorded(0, 10, 31), Recorded(1, 30, 40)])
+    assert len(list(merge.stream())) == 2
+    assert merge.buses == ["can0"]
+
+
+def test_a_segment_that_was_deleted_is_a_gap() -> None:
+    times, gaps = items(Recorded(4, 10, 20), Recorded(7, 90))
+    assert times == [10, 20, 90]
+    assert gaps == [Gap(20, 90, "segments 5 to 6 of the recording are missing")]
+
+
+def test_the_oldest_segments_are_not_missed() -> None:
+    assert items(Recorded(8, 10), Recorded(9, 20)) == ([10, 20], [])
+
+
+def test_a_segment_and_its_copy_stay_apart() -> None:
+    times, _ = items(Recorded(0, 10, 20), Recorded(0, 10, 20))
+    assert times == [10, 10, 20, 20]
+
+
+def test_the_pause_between_two_recordings_is_told_once() -> None:
+    pause = Gap(21, 100, DID_NOT_RUN)
+    first, second = Recorded(0, 10, 20), Recorded(0, 100, recording="s", gap=pause)
+    assert items(first, second) == ([10, 20, 100], [Gap(20, 100, DID_NOT_RUN, None, 0)])
+
+
+def test_the_time_before_a_recording_is_no_part_of_it() -> None:
+    assert items(Recorded(0, 100, gap=Gap(21, 100, DID_NOT_RUN))) == ([100], [])

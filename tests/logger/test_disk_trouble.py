@@ -1,0 +1,261 @@
+"""A disk that is full, read-only or broken: the recorder goes on, and every frame is accounted for."""
+
+import errno
+import json
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from syncline_logger import waiting_room
+from syncline_logger.finishing import finish_file
+from syncline_logger.manifest import Manifest
+from syncline_logger.segments import Split
+from syncline_schemas.batch import Gap
+from tests.logger.capture_contents import doctor_complaints, read_capture
+from tests.logger.store_runs import (
+    FULL,
+    FailingDisk,
+    Run,
+    S,
+    files_of,
+    gaps_in,
+    is_sorted,
+    lost_in,
+    numbers_in,
+)
+
+
+@pytest.fixture(autouse=True)
+def small_room(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Only 500 frames may wait."""
+    monkeypatch.setattr(waiting_room.WaitingRoom.__init__, "__defaults__", _small_defaults())
+
+
+def _small_defaults() -> tuple[object, ...]:
+    defaults = waiting_room.WaitingRoom.__init__.__defaults__
+    assert defaults is not None
+    return tuple(500 if each == waiting_room.MAX_WAITING_FRAMES else each for each in defaults)
+
+
+def in_trouble(
+    number: int, operation: str, run_steps: int, target: Path
+) -> tuple[Run, FailingDisk]:
+    """A recording on a disk that refuses from its fourth step on."""
+    disk = FailingDisk()
+    run = Run(target, disk=disk).step(3)
+    disk.refusal = lambda what, path: number if what == operation else 0
+    run.step(run_steps)
+    return run, disk
+
+
+@pytest.mark.parametrize("operation", ["write", "sync"])
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EIO, errno.EROFS])
+def test_a_short_trouble_costs_no_frame(tmp_path: Path, operation: str, number: int) -> None:
+    run, disk = in_trouble(number, operation, 3, tmp_path)
+    disk.refusal = lambda what, path: 0
+    result = run.step(20).finish()
+    files = files_of(tmp_path)
+    assert numbers_in(*files) == list(range(run.sent))
+    assert (result.lost_frames, result.files) == (0, 2)
+    assert any("disk cannot be written" in text for text in result.problems)
+    assert any("can be written again" in text for text in result.problems)
+
+
+@pytest.mark.parametrize("operation", ["write", "sync", "create"])
+def test_a_long_trouble_is_a_gap_with_its_count(tmp_path: Path, operation: str) -> None:
+    disk = FailingDisk()
+    run = Run(tmp_path, disk=disk).step(3)
+    disk.refusal = lambda what, path: (
+        FULL if what == operation or (operation == "create" and what == "write") else 0
+    )
+    run.step(100)
+    assert run.recording.store.waiting.frames <= 500
+    disk.refusal = lambda what, path: 0
+    result = run.step(40).finish()
+    files = files_of(tmp_path)
+    found = numbers_in(*files)
+    assert is_sorted(found)
+    assert len(found) + lost_in(*files) == run.sent
+    assert result.lost_frames == lost_in(*files) > 8000
+    [gap] = gaps_in(*files)
+    assert gap.bus == 0
+    assert gap.reason == "the disk cannot be written: No space left on device"
+    missing = sorted(set(range(run.sent)) - set(found))
+    assert missing == list(range(missing[0], missing[-1] + 1))
+    assert read_capture(files[-1]).values("/can/a/status")[-1].dropped_disk == result.lost_frames
+
+
+def test_the_status_says_so(tmp_path: Path) -> None:
+    run, disk = in_trouble(FULL, "write", 2, tmp_path)
+    snapshot = run.recording.snapshot(run.now_ns)
+    assert snapshot.trouble == "the disk cannot be written: No space left on device"
+    disk.refusal = lambda what, path: 0
+    assert run.step(3).recording.snapshot(run.now_ns).trouble == ""
+
+
+def test_it_tries_again_at_growing_intervals(tmp_path: Path) -> None:
+    run, disk = in_trouble(FULL, "write", 0, tmp_path)
+    disk.done.clear()
+    run.step(200)
+    tries = sum(what == "create" for what, _ in disk.done)
+    assert 5 < tries < 20
+
+
+def test_tries_leave_no_files_behind(tmp_path: Path) -> None:
+    in_trouble(FULL, "sync", 200, tmp_path)
+    assert len(files_of(tmp_path)) == 1
+
+
+def test_a_file_that_cannot_be_taken_away_is_not_in_the_way(tmp_path: Path) -> None:
+    disk = FailingDisk()
+    run = Run(tmp_path, disk=disk).step(3)
+    disk.refusal = lambda what, path: FULL if what in ("write", "remove") else 0
+    run.step(30)
+    disk.refusal = lambda what, path: 0
+    run.step(70).finish()
+    files = [path for path in files_of(tmp_path) if path.stat().st_size > 0]
+    assert len(numbers_in(*files)) + lost_in(*files) == run.sent
+
+
+def test_what_was_written_before_is_kept_to_the_last_chunk(tmp_path: Path) -> None:
+    run, _ = in_trouble(errno.EIO, "write", 1, tmp_path)
+    [path] = files_of(tmp_path)
+    assert numbers_in(path) == list(range(300))
+    assert run.sent == 400
+
+
+def test_a_disk_that_is_full_to_the_end_is_said_in_the_result(tmp_path: Path) -> None:
+    run, _ = in_trouble(FULL, "write", 50, tmp_path)
+    result = run.finish()
+    assert result.lost_frames + len(numbers_in(*files_of(tmp_path))) == run.sent
+    assert any("the disk" in text for text in result.problems)
+
+
+def test_a_disk_that_is_full_from_the_start_does_not_keep_it_from_recording(tmp_path: Path) -> None:
+    disk = FailingDisk(lambda what, path: FULL if what == "write" else 0)
+    run = Run(tmp_path, disk=disk).step(2)
+    disk.refusal = lambda what, path: 0
+    run.step(3).finish()
+    assert numbers_in(*files_of(tmp_path)) == list(range(500))
+
+
+def test_a_folder_without_the_right_to_write_is_an_error(tmp_path: Path) -> None:
+    disk = FailingDisk(lambda what, path: errno.EACCES if what == "create" else 0)
+    with pytest.raises(PermissionError):
+        Run(tmp_path, disk=disk)
+
+
+def test_a_segment_that_cannot_be_opened_lets_the_last_one_go_on(tmp_path: Path) -> None:
+    disk = FailingDisk()
+    run = Run(tmp_path, disk=disk, split=Split(size_bytes=6_000)).step(1)
+    disk.refusal = lambda what, path: errno.EMFILE if what == "create" else 0
+    run.step(20)
+    assert len(files_of(tmp_path)) == 1
+    disk.refusal = lambda what, path: 0
+    run.step(5).finish()
+    assert numbers_in(*files_of(tmp_path)) == list(range(2600))
+
+
+def test_a_segment_that_cannot_be_closed_is_cut_and_loses_nothing(tmp_path: Path) -> None:
+    disk = FailingDisk()
+    run = Run(tmp_path, disk=disk, split=Split(size_bytes=6_000)).step(5)
+    first = files_of(tmp_path)[-1].name
+    failing = iter([errno.EIO])
+    seen: set[str] = set()
+
+    def refuse(what: str, path: Path) -> int:
+        closing = path.name == first and len({n for w, n in disk.done if w == "create"}) > 1
+        seen.add(path.name)
+        return next(failing, 0) if what == "sync" and closing and len(seen) > 1 else 0
+
+    disk.refusal = refuse
+    run.step(20).finish()
+    assert numbers_in(*files_of(tmp_path)) == list(range(2500))
+
+
+def test_a_cut_segment_is_finished_where_the_disk_confirmed_it(tmp_path: Path) -> None:
+    """The chunk whose sync failed stands in the next file; it must not come back from the first."""
+    disk = FailingDisk()
+    run = Run(tmp_path, disk=disk).step(3)
+    disk.refusal = lambda what, path: errno.EIO if what in ("sync", "truncate") else 0
+    run.step(1)
+    disk.refusal = lambda what, path: 0
+    run.step(5).finish()
+    manifest = Manifest.from_json((tmp_path / "id.json").read_text(encoding="utf-8"))
+    assert manifest is not None
+    cut = manifest.segments[0]
+    assert cut.state == "cut"
+    finish_file("id", cut, tmp_path, disk)
+    assert numbers_in(*files_of(tmp_path)) == list(range(run.sent))
+    assert doctor_complaints(files_of(tmp_path)[0]) == []
+
+
+def test_gaps_of_the_time_of_trouble_are_written_later(tmp_path: Path) -> None:
+    run, disk = in_trouble(FULL, "write", 20, tmp_path)
+    unplugged = Gap(run.now_ns, run.now_ns + S, "unplugged", None, 0)
+    run.recording.add_gap(unplugged, run.now_ns)
+    run.recording.mark("somebody pressed a button", run.now_ns)
+    run.step(10)
+    disk.refusal = lambda what, path: 0
+    run.step(40).finish()
+    assert unplugged in gaps_in(*files_of(tmp_path))
+    marks = read_capture(files_of(tmp_path)[-1]).values("/recorder/mark")
+    assert [mark.reason for mark in marks] == ["somebody pressed a button"]
+
+
+def test_a_manifest_that_cannot_be_written_is_written_later(tmp_path: Path) -> None:
+    disk = FailingDisk(lambda what, path: errno.EIO if what == "text" else 0)
+    run = Run(tmp_path, disk=disk, split=Split(size_bytes=6_000)).step(10)
+    assert not (tmp_path / "id.json").exists()
+    disk.refusal = lambda what, path: 0
+    run.finish()
+    manifest = json.loads((tmp_path / "id.json").read_text(encoding="utf-8"))
+    assert sum(each["frames"] for each in manifest["segments"]) == 1000
+
+
+OPERATIONS = ("create", "write", "sync", "truncate", "close", "replace", "remove", "text")
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    troubles=st.lists(
+        st.tuples(
+            st.sets(st.sampled_from(OPERATIONS), max_size=4),
+            st.sampled_from([errno.ENOSPC, errno.EIO, errno.EROFS]),
+            st.integers(1, 40),
+        ),
+        max_size=6,
+    ),
+    split=st.sampled_from([None, 8_000]),
+    healed=st.booleans(),
+)
+def test_whatever_the_disk_does_every_frame_is_recorded_or_reported(
+    tmp_path_factory: pytest.TempPathFactory,
+    troubles: list[tuple[set[str], int, int]],
+    split: int | None,
+    healed: bool,
+) -> None:
+    folder = tmp_path_factory.mktemp("trouble")
+    disk = FailingDisk()
+    run = Run(folder, disk=disk, split=Split(split), sync=True).step(2)
+    for operations, number, steps in troubles:
+        disk.refusal = lambda what, path, o=operations, n=number: n if what in o else 0  # type: ignore[misc]
+        run.step(steps)
+    if healed:
+        disk.refusal = lambda what, path: 0
+        run.step(40)
+    result = run.finish()
+    disk.refusal = lambda what, path: 0
+    manifest = Manifest.from_json((folder / "id.json").read_text(encoding="utf-8"))
+    if healed:
+        assert manifest is not None
+        for segment in [each for each in manifest.segments if each.state == "cut"]:
+            finish_file("id", segment, folder, disk)
+    files = [path for path in files_of(folder) if path.stat().st_size > 0]
+    found = numbers_in(*files)
+    assert len(set(found)) + result.lost_frames == run.sent
+    if healed:
+        assert is_sorted(found)
+        assert lost_in(*files) == result.lost_frames

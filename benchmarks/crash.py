@@ -60,7 +60,11 @@ def child(folder: Path, recording_id: str, rate: float) -> None:
     from syncline_logger.segments import Split
 
     with (folder / f"{recording_id}.given").open("wb", buffering=0) as sidecar:
-        source = NumberedSource(rate, lambda t_ns, given: sidecar.write(_ROW.pack(t_ns, given)))
+
+        def told(t_ns: int, given: int) -> None:
+            sidecar.write(_ROW.pack(t_ns, given))
+
+        source = NumberedSource(rate, told)
         record(
             [source],
             folder,

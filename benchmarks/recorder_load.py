@@ -242,7 +242,9 @@ def report(runs: dict[str, list[dict[str, Any]]], rate: int) -> int:
         cost[name] = statistics.median(run["cpu_s"] / run["frames"] * 1e6 for run in found)
         peak = max(run["peak_mb"] or 0 for run in found)
         size = found[0].get("bytes", 0) / found[0]["frames"]
-        print(f"  {name:16}{cost[name]:>14.2f}{cost[name] * rate / 1e6:>16.1%}{peak:>9.0f}{size:>13.1f}")
+        print(
+            f"  {name:16}{cost[name]:>14.2f}{cost[name] * rate / 1e6:>16.1%}{peak:>9.0f}{size:>13.1f}"
+        )
     ours = runs["syncline"]
     share = statistics.median(run["cpu_s"] / run["wall_s"] for run in ours)
     peak = max(run["peak_mb"] or 0 for run in ours)

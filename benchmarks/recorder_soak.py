@@ -75,7 +75,9 @@ class Memory:
             print(f"  {self.hours[at]:8.2f} h {self.mb[at]:8.1f} MB")
         slope = self.slope_mb_per_day()
         grown = max(self.mb[len(self.mb) // 2 :]) - self.mb[len(self.mb) // 2]
-        print(f"  slope of the second half {slope:+.2f} MB a day, highest {grown:+.1f} MB over its start")
+        print(
+            f"  slope of the second half {slope:+.2f} MB a day, highest {grown:+.1f} MB over its start"
+        )
         # A short run cannot tell a slope: then what it really grew by is judged.
         return 0 if slope < MAX_GROWTH_MB_PER_DAY or grown < 2.0 else 1
 

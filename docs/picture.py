@@ -88,7 +88,8 @@ def photograph(tool: Path, recording: Path, picture: Path) -> None:
     shown = whole.crop((0, _MENU, whole.width, whole.height))
     height = round(shown.height * _WIDTH / shown.width)
     small = shown.resize((_WIDTH, height), Image.Resampling.LANCZOS)
-    small.quantize(192, dither=Image.Dither.NONE).save(picture, optimize=True)
+    few_colours = small.quantize(method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+    few_colours.save(picture, optimize=True)
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from syncline_analyzer.capture import TimeBase
+from syncline_analyzer.clock_repair import repair_clocks
 from syncline_analyzer.readers import open_capture
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
 
@@ -80,6 +81,7 @@ def inspect(path: str | Path) -> CaptureInfo:
     """
     path = Path(path)
     reader = open_capture(path)
+    repair_clocks([reader])
     info = CaptureInfo(path, reader.facts.format, path.stat().st_size)
     counts = np.zeros(256, np.int64)
     previous_ns: int | None = None

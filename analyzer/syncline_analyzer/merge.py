@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from syncline_analyzer.capture import CaptureReader
+from syncline_analyzer.clock_repair import repair_clocks
 from syncline_analyzer.segments import chained
 from syncline_schemas.batch import FrameBatch, Gap
 from syncline_schemas.capture.gap_message import DID_NOT_RUN
@@ -55,6 +56,7 @@ class Merge:
     """
 
     def __init__(self, readers: Sequence[CaptureReader]) -> None:
+        repair_clocks(readers)
         self.buses: list[str] = []
         self._open = [_Open(reader, reader.batches(), None, {}) for reader in chained(readers)]
         for source in self._open:

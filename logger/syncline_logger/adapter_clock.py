@@ -12,6 +12,7 @@ which is some 0.1 ms to 1 ms of USB.
 """
 
 from bisect import bisect_right
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -165,7 +166,7 @@ class AdapterClock:
     def __init__(self, clock: RecorderClock, resolution_ns: int = 1) -> None:
         self._clock = clock
         self._resolution_ns = resolution_ns
-        self._knots: list[Knot] = []
+        self._knots: deque[Knot] = deque()
         self._knot: Knot | None = None
         self._mapped_ns = 0
         self.restarts = 0
@@ -200,9 +201,8 @@ class AdapterClock:
         return t_ns
 
     def take_knots(self) -> list[Knot]:
-        """The knots made since the last call."""
-        taken, self._knots = self._knots, []
-        return taken
+        """The knots made since the last call; from any thread."""
+        return [self._knots.popleft() for _ in range(len(self._knots))]
 
     def _forget(self) -> None:
         self._points: list[_Bucket] = []

@@ -40,6 +40,8 @@ LossPlace = Literal["kernel", "controller", "adapter", "queue"]
 
 JOIN_NS = 100_000_000
 """Losses of one bus and place that follow each other closer than this are told as one."""
+WHOLE_FRAMES = 128
+"""Batches of so many frames are kept as they are; smaller ones are copied into rows."""
 MAX_LOSSES = 1000
 """Kept of one bus and place until they are taken."""
 
@@ -98,6 +100,17 @@ class Collected:
         return len(self.frames)
 
 
+def _batch_of(rows: NDArray[np.void]) -> FrameBatch:
+    """Rows as columns, no wider than they must be."""
+    columns = {
+        name: np.ascontiguousarray(rows[name])
+        for name in ("t_ns", "bus", "can_id", "flags", "dlc", "data")
+    }
+    if columns["data"].shape[1] == FD_BYTES and not (columns["dlc"] > CLASSIC_BYTES).any():
+        columns["data"] = np.ascontiguousarray(columns["data"][:, :CLASSIC_BYTES])
+    return FrameBatch(**columns)
+
+
 class FrameBuffer:
     """The bounded queue between the threads that read buses and the one that writes.
 
@@ -115,6 +128,9 @@ class FrameBuffer:
         self.filled = threading.Event()
         """Set when `notify_rows` frames wait to be taken."""
         self._losses: dict[tuple[int, LossPlace, bool], list[Loss]] = {}
+        self._whole: list[tuple[int, FrameBatch, int]] = []
+        """Batches as they came, each with the number of rows before it and its log time."""
+        self._kept_whole = 0
         self._allocate(CLASSIC_BYTES)
 
     def _allocate(self, width: int) -> None:
@@ -131,7 +147,7 @@ class FrameBuffer:
         with self._lock:
             log_ns = self._clock_ns()
             count = self._count
-            if count == self._capacity:
+            if count + self._kept_whole >= self._capacity:
                 self._keep(Loss(bus, "queue", 1, log_ns, log_ns, log_ns))
                 return
             if len(data) > self._width:
@@ -147,31 +163,36 @@ class FrameBuffer:
                 dlc,
                 data,
             )
-            self._count = count = count + 1
-        if count == self._notify_rows:
-            self.filled.set()
+            self._count = count + 1
+            if self._count + self._kept_whole == self._notify_rows:
+                self.filled.set()
 
     def extend(self, batch: FrameBatch) -> None:
-        """Add the frames of a batch, all taken now."""
+        """Add the frames of a batch, all taken now; its arrays must not change afterwards."""
         with self._lock:
             log_ns = self._clock_ns()
-            room = self._capacity - self._count
+            room = self._capacity - self._count - self._kept_whole
             if len(batch) > room:
                 for bus, lost in zip(*np.unique(batch.bus[room:], return_counts=True), strict=True):
                     self._keep(Loss(int(bus), "queue", int(lost), log_ns, log_ns, log_ns))
                 batch = batch[:room]
-            if len(batch) == 0:
-                return
-            if batch.data.shape[1] > self._width:
-                self._widen()
-            rows = self._rows()[self._count : self._count + len(batch)]
-            for name in ("t_ns", "can_id", "flags", "bus", "dlc"):
-                rows[name] = getattr(batch, name)
-            rows["log_ns"] = log_ns
-            rows["data"][:, : batch.data.shape[1]] = batch.data
-            self._count += len(batch)
-            if self._count >= self._notify_rows:
+            if len(batch) >= WHOLE_FRAMES:
+                self._whole.append((self._count, batch, log_ns))
+                self._kept_whole += len(batch)
+            elif len(batch):
+                self._copy(batch, log_ns)
+            if self._count + self._kept_whole >= self._notify_rows:
                 self.filled.set()
+
+    def _copy(self, batch: FrameBatch, log_ns: int) -> None:
+        if batch.data.shape[1] > self._width:
+            self._widen()
+        rows = self._rows()[self._count : self._count + len(batch)]
+        for name in ("t_ns", "can_id", "flags", "bus", "dlc"):
+            rows[name] = getattr(batch, name)
+        rows["log_ns"] = log_ns
+        rows["data"][:, : batch.data.shape[1]] = batch.data
+        self._count += len(batch)
 
     def lose(
         self, bus: int, frames: int | None, where: LossPlace, first_ns: int, last_ns: int
@@ -187,26 +208,24 @@ class FrameBuffer:
         """Everything that waits; the buffer is empty afterwards."""
         with self._lock:
             rows = self._rows()[: self._count].copy()
-            kept, self._losses = self._losses, {}
-            self._count = 0
+            whole, self._whole = self._whole, []
+            losses, self._losses = self._losses, {}
+            self._count = self._kept_whole = 0
             self.filled.clear()
-        frames = FrameBatch(
-            *(
-                np.ascontiguousarray(rows[name])
-                for name in ("t_ns", "bus", "can_id", "flags", "dlc", "data")
-            )
-        )
-        if frames.data.shape[1] == FD_BYTES and not len(frames.dlc[frames.dlc > CLASSIC_BYTES]):
-            frames = FrameBatch(
-                frames.t_ns,
-                frames.bus,
-                frames.can_id,
-                frames.flags,
-                frames.dlc,
-                np.ascontiguousarray(frames.data[:, :CLASSIC_BYTES]),
-            )
-        losses = sorted((loss for alike in kept.values() for loss in alike), key=_known_at)
-        return Collected(frames, np.ascontiguousarray(rows["log_ns"]), losses)
+        batches: list[FrameBatch] = []
+        log_ns: list[NDArray[np.int64]] = []
+        begin = 0
+        for end, batch, taken_ns in whole:
+            if end > begin:
+                batches.append(_batch_of(rows[begin:end]))
+                log_ns.append(rows["log_ns"][begin:end])
+                begin = end
+            batches.append(batch)
+            log_ns.append(np.full(len(batch), taken_ns, np.int64))
+        batches.append(_batch_of(rows[begin:]))
+        log_ns.append(rows["log_ns"][begin:])
+        known = sorted((loss for alike in losses.values() for loss in alike), key=_known_at)
+        return Collected(FrameBatch.concat(batches), np.concatenate(log_ns), known)
 
     def _rows(self) -> NDArray[np.void]:
         return np.frombuffer(self._memory, _ROW_TYPE[self._width])

@@ -205,7 +205,8 @@ class CaptureStore:
         last = self._open
         if last is None or last.file.start_ns is None:
             return
-        self._make_room(now_ns)
+        following = self._plan.split.size_bytes or last.file.bytes_written
+        self._make_room(now_ns, writing_bytes=last.file.bytes_written + following)
         with suppress(OSError):
             self._open = self._begun(start_ns)
             self._close(last)
@@ -299,7 +300,7 @@ class CaptureStore:
     def _try_again(self, now_ns: int) -> None:
         assert self.trouble is not None
         waiting = self.waiting.contents
-        self._make_room(now_ns, NEEDED_BYTES)
+        self._make_room(now_ns, needed_bytes=NEEDED_BYTES)
         try:
             self._open = self._begun(waiting[0].first_ns if waiting else now_ns)
             while waiting:
@@ -334,10 +335,15 @@ class CaptureStore:
             self._housekeeping_ns = now_ns + HOUSEKEEPING_NS
             self._make_room(now_ns)
 
-    def _make_room(self, now_ns: int, needed_bytes: int = 0) -> None:
+    def _make_room(self, now_ns: int, writing_bytes: int = 0, needed_bytes: int = 0) -> None:
+        """Delete what has to go so that the open file, and what is told, has its place."""
         if self._folder and self._plan.keep:
-            writing = self._open.file.bytes_written if self._open else 0
-            self._folder.make_room(self._plan.keep, now_ns, writing, needed_bytes)
+            expected = self._plan.split.size_bytes or 0
+            if self._open:
+                expected = max(expected, self._open.file.bytes_written)
+            self._folder.make_room(
+                self._plan.keep, now_ns, max(writing_bytes, expected), needed_bytes
+            )
 
     def _take_finished(self, recording_id: str, finished: Segment, text: str) -> None:
         self.notes += [text] if text else []

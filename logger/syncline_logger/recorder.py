@@ -15,7 +15,8 @@ from syncline_logger.decode_worker import DecodeWorker
 from syncline_logger.decoding import LiveDecoder
 from syncline_logger.live_status import StatusSnapshot
 from syncline_logger.recording import Recording, RecordOptions, RecordResult
-from syncline_logger.source import Source, SourceFacts
+from syncline_logger.rehearsal import rehearse
+from syncline_logger.source import Source, SourceFacts, StampedSource
 from syncline_logger.source_thread import SourceEvent, SourceThreads
 from syncline_schemas.batch import FrameBatch, Gap
 from syncline_schemas.capture.layout import BusInfo
@@ -178,6 +179,7 @@ class LiveRecorder:
     """Opened sources and an open file; `run` records until it is told to stop."""
 
     def __init__(self, sources: Sequence[Source], target: Path, options: RecordOptions) -> None:
+        rehearse(options.compression)
         self._options = options
         self._sources = list(sources)
         self._clock = RecorderClock()
@@ -188,6 +190,9 @@ class LiveRecorder:
         )
         self._events: SimpleQueue[SourceEvent] = SimpleQueue()
         self._start_ns = self._clock.now_ns()
+        for source in self._sources:
+            if isinstance(source, StampedSource):
+                source.use_clock(self._clock)
         try:
             absent = self._open_sources()
             buses = [bus_info(source.facts, n) for n, source in enumerate(self._sources)]
@@ -249,11 +254,13 @@ class LiveRecorder:
         on_turn: Callable[[], None] | None,
     ) -> str:
         """Write a chunk each period, or when one is full, until there is a reason to stop."""
-        end_ns = None if duration_ns is None else self._start_ns + duration_ns
+        # Elapsed time: setting the machine's clock shortens no recording.
+        end_elapsed_ns = None if duration_ns is None else self._clock.elapsed_ns() + duration_ns
         next_chunk_ns = self._start_ns
         next_view_ns = self._start_ns + status_period_ns
         while True:
             now_ns = self._clock.now_ns()
+            end_ns = None if end_elapsed_ns is None else end_elapsed_ns + self._clock.offset_ns
             if stop.is_set():
                 return "stopped"
             if end_ns is not None and now_ns >= end_ns:
@@ -278,11 +285,18 @@ class LiveRecorder:
         return sum(len(each) for each in self._waiting) >= self._options.chunk_frames
 
     def _write_period(self, now_ns: int) -> None:
+        self._sample_clocks(now_ns)
+        self._write_chunk(now_ns, status=True)
+
+    def _sample_clocks(self, now_ns: int) -> None:
         reading = self._clock.sample()
         self._recording.add_clock(reading, now_ns)
+        for bus, source in enumerate(self._sources):
+            if isinstance(source, StampedSource):
+                for knot in source.clock_knots():
+                    self._recording.add_knot(bus, knot, reading, now_ns)
         if reading.step_ns > 0:
             self._clock_step_ns = self._clock.now_ns()
-        self._write_chunk(now_ns, status=True)
 
     def _take(self) -> None:
         """Count what has come in; it waits for the next chunk."""
@@ -353,7 +367,7 @@ class LiveRecorder:
 
     def _close(self, why: str) -> RecordResult:
         now_ns = self._clock.now_ns()
-        self._recording.add_clock(self._clock.sample(), now_ns)
+        self._sample_clocks(now_ns)
         self._write_chunk(now_ns, status=True, last=True)
         return self._recording.finish(self._clock.now_ns(), why)
 

@@ -11,6 +11,7 @@ import numpy as np
 from google.protobuf.message import Message
 from numpy.typing import NDArray
 
+from syncline_logger.adapter_clock import Knot
 from syncline_logger.bus_condition import BusCondition, Change
 from syncline_logger.capture_file import Block
 from syncline_logger.capture_store import CaptureStore, StorePlan
@@ -201,7 +202,27 @@ class Recording:
     def add_clock(self, reading: ClockReading, log_ns: int) -> None:
         """Note what the clocks said."""
         message = syncline_pb2.ClockSample(
-            utc_ns=reading.utc_ns, monotonic_ns=reading.monotonic_ns, step_ns=reading.step_ns
+            utc_ns=reading.utc_ns,
+            monotonic_ns=reading.monotonic_ns,
+            step_ns=reading.step_ns,
+            boot_ns=reading.boot_ns,
+            slept_ns=reading.slept_ns,
+            uncertainty_ns=reading.uncertainty_ns,
+            offset_ns=reading.offset_ns,
+        )
+        self._messages.append((CLOCK_CHANNEL, log_ns, message))
+
+    def add_knot(self, bus: int, knot: Knot, reading: ClockReading, log_ns: int) -> None:
+        """Note how the stamps of a bus's adapter become t."""
+        message = syncline_pb2.ClockSample(
+            utc_ns=reading.utc_ns,
+            monotonic_ns=reading.monotonic_ns,
+            boot_ns=reading.boot_ns,
+            bus=bus,
+            adapter_ns=knot.adapter_ns,
+            mapped_ns=knot.mapped_ns,
+            rate_ppb=knot.rate_ppb,
+            residual_ns=knot.residual_ns,
         )
         self._messages.append((CLOCK_CHANNEL, log_ns, message))
 

@@ -1,9 +1,11 @@
 """What the recorder asks of anything that frames come from."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
+from syncline_logger.adapter_clock import Knot
 from syncline_logger.batcher import FrameBuffer
+from syncline_logger.clock import RecorderClock
 from syncline_schemas.errors import SourceError
 
 
@@ -80,4 +82,17 @@ class Source(Protocol):
 
     def close(self) -> None:
         """Stop listening; never raises."""
+        ...
+
+
+@runtime_checkable
+class StampedSource(Protocol):
+    """A source whose adapter may have a clock of its own."""
+
+    def use_clock(self, clock: RecorderClock) -> None:
+        """Map stamps onto this clock; before the source is opened."""
+        ...
+
+    def clock_knots(self) -> list[Knot]:
+        """How the adapter's stamps became t since the last call, from any thread."""
         ...

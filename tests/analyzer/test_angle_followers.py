@@ -153,6 +153,18 @@ def test_single_turn_encoders_sampled_too_seldom_are_not_compared() -> None:
     assert whole(*rows, description=BusDescription.loads(text)).followers == []
 
 
+def test_a_clock_that_steps_back_repeats_no_moment() -> None:
+    """All stamps after 60 s are 5 s too early, in both encoders alike."""
+    rows = [
+        (row[0] - (5_000 * MS if row[0] > 60_000 * MS else 0), *row[1:])
+        for row in sorted(one() + other(ratio=-2.5))
+    ]
+    row = only(whole(rows, description=described(5, 6), in_order=False))
+    assert row.ratio == -2.5
+    assert row.compared == pytest.approx(1150, abs=5)
+    assert row.end_ns - T0 == pytest.approx(115e9, abs=0.3e9)
+
+
 def test_a_long_capture_is_looked_at_on_a_wider_grid(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(followers, "MAX_TICKS", 256)
     row = only(run(one(), other(ratio=-2.5)))

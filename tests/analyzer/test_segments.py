@@ -26,12 +26,14 @@ S = 1_000_000_000
 
 
 @cache
-def day() -> Run:
-    return bad_day(110).start()
+def day() -> tuple[Run, list[FrameBatch | Gap]]:
+    """A day on which everything goes wrong, and what was on the bus."""
+    run = bad_day(110).start()
+    return run, list(run.stream())
 
 
 def recorded(target: Path, split: Split, recording_id: str = "day") -> None:
-    run = day()
+    run, stream = day()
     options = RecordOptions(
         description=BusDescription.loads(run.description_toml),
         sync=False,
@@ -46,7 +48,7 @@ def recorded(target: Path, split: Split, recording_id: str = "day") -> None:
         clock="simulated",
         resolution_ns=run.scenario.stamp_resolution_ns,
     )
-    record_batches(run.stream(), [bus], target, options)
+    record_batches(stream, [bus], target, options)
 
 
 def told(*paths: Path) -> dict[str, Any]:

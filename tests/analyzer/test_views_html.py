@@ -242,7 +242,7 @@ def page_section(page: str, name: str) -> str:
 
 def test_node_section_tells_what_its_traces_rest_on() -> None:
     drum = node_part(markup(measured()), 5)
-    assert row_of(drum, "Traces", "6004h:00 Position value")["Cut at"] == "gap"
+    assert row_of(drum, "Traces", "6004h:00")["Cut at"] == "gap"
     motion = row_of(drum, "Motion of the traces", "6004h:00")
     assert (motion["Mean [deg]"], motion["Fastest [rpm]"]) == ("all round", "40")
     assert motion["Noise at rest [deg] std/peak"] == "0.012/0.05"

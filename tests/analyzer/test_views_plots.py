@@ -46,7 +46,7 @@ VALUES = arrays(
 
 
 @given(VALUES, st.integers(2, 100))
-@settings(max_examples=200)
+@settings(max_examples=200, deadline=None)
 def test_thinning_keeps_extremes_ends_of_runs_and_holes(value: np.ndarray, points: int) -> None:
     rows = extremes(value, points)
     kept = value[rows]
@@ -115,7 +115,16 @@ def test_line_is_interrupted_where_the_node_was_lost_or_silent() -> None:
 
 
 def test_a_step_of_more_than_half_a_turn_is_no_wrap_and_less_may_be_one() -> None:
-    """3 samples a turn: 0, 200, 40 (400), 240 (600), 80 (800) degrees."""
+    """From 50 to 290 it stays within the turn; from 300 to 600 it does not, though it reads 240."""
+    way = np.concatenate([np.linspace(first, first + 10, 20) for first in (40.0, 290.0, 600.0)])
+    columns = {"position": way, "angle_deg": way % 360, "unwrapped_deg": way}
+    trace = replace(turning(1, 60, 1000.0), columns=columns)
+    (line,) = panels(analysis(trace_data=[trace]))[0].lines
+    assert holes(line) == [at(40) - 1]
+
+
+def test_where_hardly_a_sample_is_in_the_turn_of_the_one_before_the_line_is_whole() -> None:
+    """Less than two samples a turn: broken at each wrap, nothing of the line would be left."""
     trace = turning(200 / 6, 30, 1000.0)
     line = panels(analysis(trace_data=[trace]))[0].lines[0]
     assert len(line.value) == 30
@@ -255,7 +264,7 @@ def test_of_many_nodes_those_that_answer_least_evenly_have_a_plot() -> None:
 
 
 @given(VALUES, st.integers(2, 100))
-@settings(max_examples=200)
+@settings(max_examples=200, deadline=None)
 def test_envelope_holds_every_value_and_is_open_at_the_holes(
     value: np.ndarray, points: int
 ) -> None:

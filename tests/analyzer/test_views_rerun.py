@@ -191,6 +191,15 @@ def test_box_is_there_only_while_there_is_a_pose(tmp_path: Path) -> None:
     assert [len(v) for v in needle["Arrows3D:vectors"] if v is not None] == [0, 1, 0]
 
 
+def test_box_is_not_there_while_nothing_is_heard_of_it(tmp_path: Path) -> None:
+    shown = still(40.0, -20.0)
+    shown.tilt_data[0].t_ns[6:] += 60 * SECOND
+    path = write_rrd(shown, tmp_path / "s.rrd")
+    sizes = columns(path, "/world/tilt/0/box/shape", "Boxes3D:half_sizes")
+    assert [t - T0 for t in sizes["utc"]] == [0, 6 * SECOND, 66 * SECOND]
+    assert [len(size) for size in sizes["Boxes3D:half_sizes"] if size is not None] == [1, 0, 1]
+
+
 def test_every_encoder_is_a_shaft_with_its_name_and_turns_the_right_way(tmp_path: Path) -> None:
     """Looking at the shaft's end, which is where z points: clockwise is a negative turn about z."""
     traces = [shaft(600), shaft(600, 6), shaft(600, 6, name="Position again")]

@@ -254,7 +254,7 @@ def test_an_estimated_bit_rate_is_said_beside_what_rests_on_it(source: Any) -> N
 
 def test_traces_say_what_they_rest_on_and_where_they_are_cut() -> None:
     text = summary(measured(), width=140)
-    assert line_with(text, "5 drum", "6004h:00 Position value", "gap", "1 jump, ", " wrap")
+    assert line_with(text, "5 drum", "6004h:00  Position value", "gap", "1 jump, ", " wrap")
     assert line_with(text, "6 brake", "preset, node lost", "9 frozen, 4 wrap")
     assert "scale assumed" not in text
     assert line_with(text, "node 5 6004h:00: measuring range only assumed")

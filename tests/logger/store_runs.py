@@ -113,10 +113,11 @@ class Run:
         resumes: bool = False,
         **options: Any,
     ) -> None:
+        all_options: dict[str, Any] = {"recording_id": "id", "decode": False} | options
         self.recording = Recording(
             target,
             [BusInfo(name, n) for n, name in enumerate(buses)],
-            RecordOptions(**{"recording_id": "id", "sync": True, "decode": False} | options),
+            RecordOptions(**all_options),
             start_ns=start_ns,
             host="here",
             resumes=resumes,

@@ -32,7 +32,9 @@ def machine(**devices: int) -> Iterator[list[can.Message]]:
         network.connect(interface="virtual", channel=CHANNEL)
         listener = can.Notifier(ear, [heard.append])
         for name, node in devices.items():
-            network.add_node(canopen.LocalNode(node, str(DEVICES / f"{name.replace('_', '-')}.eds")))
+            network.add_node(
+                canopen.LocalNode(node, str(DEVICES / f"{name.replace('_', '-')}.eds"))
+            )
         try:
             yield heard
         finally:

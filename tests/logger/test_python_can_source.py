@@ -9,7 +9,7 @@ from can.interfaces.virtual import VirtualBus
 
 from syncline_logger.batcher import FrameBuffer
 from syncline_logger.bus_options import BusOptions
-from syncline_logger.sources import python_can
+from syncline_logger.clock import RecorderClock
 from syncline_logger.sources.python_can import PythonCanSource
 from syncline_schemas.batch import FrameBatch, FrameFlag
 from syncline_schemas.errors import SourceError
@@ -18,9 +18,16 @@ UTC_NS = 1_763_780_000_123_456_789
 """A stamp of today; a float of seconds holds it to 238 ns."""
 
 
-@pytest.fixture(autouse=True)
-def _today(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(python_can, "time_ns", lambda: UTC_NS)
+class Machine:
+    """UTC and elapsed time that a test moves."""
+
+    def __init__(self) -> None:
+        self.elapsed_ns = 5_000_000_000
+
+    def clock(self) -> RecorderClock:
+        return RecorderClock(
+            lambda: UTC_NS - 5_000_000_000 + self.elapsed_ns, lambda: self.elapsed_ns
+        )
 
 
 def received(*messages: can.Message, **options: Any) -> FrameBatch:
@@ -29,6 +36,7 @@ def received(*messages: can.Message, **options: Any) -> FrameBatch:
     source = PythonCanSource(
         BusOptions("a", "virtual", channel, arguments={"preserve_timestamps": True}, **options)
     )
+    source.use_clock(Machine().clock())
     source.open()
     buffer = FrameBuffer(lambda: 42, 100)
     with VirtualBus(channel, preserve_timestamps=True) as sender:
@@ -107,8 +115,43 @@ def test_no_stamp_becomes_the_recorders_time() -> None:
 
 
 def test_stamps_since_the_adapters_start_are_moved_to_utc() -> None:
-    frames = received(message(timestamp=12.5), message(timestamp=13.75))
-    assert frames.t_ns.tolist() == [UTC_NS, UTC_NS + 1_250_000_000]
+    frames = received(message(timestamp=12.5), message(timestamp=12.75))
+    assert frames.t_ns.tolist() == [UTC_NS, UTC_NS + 250_000_000]
+
+
+def source_of_stamps(interface: str, machine: Machine) -> PythonCanSource:
+    source = PythonCanSource(BusOptions("a", interface, "x"))
+    source.use_clock(machine.clock())
+    return source
+
+
+@pytest.mark.parametrize("start_s", [0.25, UTC_NS / 1e9])
+def test_the_drift_of_an_adapter_is_followed_for_days(start_s: float) -> None:
+    machine = Machine()
+    source = source_of_stamps("kvaser", machine)
+    offsets = []
+    for minute in range(4 * 24 * 60):
+        passed_s = minute * 60.0
+        machine.elapsed_ns = 5_000_000_000 + round(passed_s * 1e9) + 300_000
+        t_ns = source._t_ns(start_s + passed_s * (1 + 50e-6))
+        offsets.append(t_ns - UTC_NS - round(passed_s * 1e9))
+    assert max(map(abs, offsets[10:])) < 1_000_000, "one offset would be 17 s off by now"
+    knots = source.clock_knots()
+    assert abs(knots[-1].rate_ppb + 50_000) < 100
+    assert source.clock_knots() == []
+
+
+def test_stamps_of_the_kernel_are_utc_even_where_the_date_was_never_set() -> None:
+    source = source_of_stamps("socketcan", Machine())
+    source.use_clock(RecorderClock(lambda: 20_000_000_000, lambda: 20_000_000_000))
+    assert source._t_ns(19.5) == 19_500_000_000
+    assert source.clock_knots() == []
+
+
+def test_stamps_near_zero_of_an_unknown_adapter_are_no_utc() -> None:
+    source = source_of_stamps("ixxat", Machine())
+    source.use_clock(RecorderClock(lambda: 20_000_000_000, lambda: 20_000_000_000))
+    assert source._t_ns(3.5) == 20_000_000_000
 
 
 def test_it_never_sends() -> None:

@@ -7,7 +7,9 @@ from typing import get_args
 from syncline_analyzer.capture import CaptureFacts, TimeBase
 from syncline_schemas.batch import FrameBatch, Gap
 from syncline_schemas.can_errors import SOCKETCAN_INTERFACES
+from syncline_schemas.capture.clock_history import ClockHistory, ClockRepair
 from syncline_schemas.capture.layout import (
+    CLOCK_TOPIC,
     DESCRIPTION_ATTACHMENT,
     DESCRIPTION_MEDIA_TYPE,
     EDS_MEDIA_TYPE,
@@ -41,6 +43,27 @@ class McapReader:
         self._take_facts()
         if self._scan.facts.closed and self._scan.facts.topics:
             self._check_schemas()
+
+    @property
+    def recording_id(self) -> str:
+        """The same in all segments of one recording; empty when the file does not tell."""
+        metadata = self._scan.facts.metadata
+        return metadata.recording_id if metadata else ""
+
+    @property
+    def segment(self) -> int:
+        """Number of the file in its recording."""
+        metadata = self._scan.facts.metadata
+        return metadata.segment if metadata else 0
+
+    def add_clock_samples(self, history: ClockHistory) -> None:
+        """Give a history the clock samples of the whole file."""
+        if not self._scan.facts.closed or CLOCK_TOPIC in self._scan.facts.topics:
+            self._scan.add_clock_samples(history)
+
+    def repair_clock(self, repair: ClockRepair) -> None:
+        """Move all stamps; before the first batch."""
+        self._scan.repair = repair
 
     def batches(self) -> Iterator[FrameBatch | Gap]:
         """Batches in file order, with a Gap between them where the recorder was blind."""
@@ -78,7 +101,8 @@ class McapReader:
         recovered = scanned.metadata_records.get(RECOVER_METADATA_NAME)
         if recovered is not None:
             damage = recovered.get("damage") or "nothing was lost"
-            self.facts.notes = [f"recovered from {recovered.get('source')}: {damage}"]
+            note = f"recovered from {recovered.get('source')}: {damage}"
+            self.facts.notes = [note, *(each for each in self.facts.notes if each != note)]
         self.facts.damage = _damage_text(scanned.damage, scanned.lost_frames)
 
     def _check_schemas(self) -> None:

@@ -244,7 +244,7 @@ def _of_shafts(pair: ShaftTrace, names: list[str], gaps: NDArray[np.int64]) -> L
     turns = np.round((pair.difference_deg[starts] - pair.difference_deg[0]) / _CIRCLE_DEG)
     lengths = np.diff(np.append(starts, len(pair.t_ns)))
     base = pair.difference_deg[0] + np.repeat(turns, lengths) * _CIRCLE_DEG
-    cuts = _cuts(pair.t_ns, gaps) | _changes(pair.segment) | _silences(pair.t_ns)
+    cuts = _cuts(pair.t_ns, gaps) | _changes(pair.segment) | silences(pair.t_ns)
     t_ns, value, seq, _ = _interrupted(pair.t_ns, pair.difference_deg - base, pair.seq, cuts)
     name = f"{names[0]} ahead of {names[1]} since the start, presets included"
     other = pair.other_bus, pair.other
@@ -254,13 +254,13 @@ def _of_shafts(pair: ShaftTrace, names: list[str], gaps: NDArray[np.int64]) -> L
 def _of_responses(responses: Responses, gaps: NDArray[np.int64], estimated: bool) -> Iterator[Line]:
     """Response of one PDO, and behind it the part of it that it can have waited."""
     name = f"{responses.pdo or 'PDO'} ({hex_code(responses.cob_id, 3)})"
-    cuts = _cuts(responses.t_ns, gaps) | _silences(responses.t_ns)
+    cuts = _cuts(responses.t_ns, gaps) | silences(responses.t_ns)
     known = np.isfinite(responses.waiting_us)
     if known.any():
         waited = f"{name} waited at most{_ESTIMATED if estimated else ''}"
         t_ns = responses.t_ns[known]
         part = replace(responses, t_ns=t_ns, seq=responses.seq[known])
-        apart = _cuts(t_ns, gaps) | _silences(t_ns)
+        apart = _cuts(t_ns, gaps) | silences(t_ns)
         yield replace(_line(part, waited, responses.waiting_us[known], apart), band=True)
     yield _line(responses, name, responses.response_us, cuts)
 
@@ -274,7 +274,7 @@ def _of_series(
     label = f"{series.bus} {name}" if several else name
     label += " in 1 s" if title in _IN_WINDOWS and name == whole else ""
     label += _ESTIMATED if estimated and series.unit == "%" else ""
-    cuts = _cuts(series.t_ns, gaps) | _silences(series.t_ns)
+    cuts = _cuts(series.t_ns, gaps) | silences(series.t_ns)
     t_ns, value, _, _ = _interrupted(series.t_ns, series.value, _NO_SEQ, cuts)
     band = name != whole
     return title, series.unit, Line(series.bus, None, label, t_ns, _NO_SEQ, value, (0, 0, 0), band)
@@ -315,7 +315,7 @@ def _cuts(t_ns: NDArray[np.int64], gaps: NDArray[np.int64]) -> NDArray[np.bool_]
     return _changes(passed)
 
 
-def _silences(t_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
+def silences(t_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Rows that come after a silence of a second and more that is long for this line."""
     step = np.diff(t_ns, prepend=t_ns[:1])
     usual = np.median(step[1:]) if len(step) > 1 else 0

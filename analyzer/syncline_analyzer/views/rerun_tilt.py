@@ -9,11 +9,14 @@ from numpy.typing import NDArray
 
 from syncline_analyzer.results import Analysis, TiltTrace
 from syncline_analyzer.views.palette import line_colour
+from syncline_analyzer.views.plots import silences
 from syncline_analyzer.views.rerun_sink import Sink
 from syncline_analyzer.views.words import names_of, node_label
 from syncline_schemas.tilt import pose_of
 
 MAX_POSES = 6_000
+SHOWN_NS = 1_000_000_000
+"""A pose is shown for so long after its sample where a silence or a cut follows."""
 _MOST = 4
 """Inclinometers that are drawn."""
 _HALF_SIZE = (0.6, 0.4, 0.15)
@@ -118,13 +121,17 @@ class _Moments:
         visible: NDArray[np.bool_],
         columns: Callable[[int], rr.ComponentColumnList],
     ) -> None:
-        """Show an entity only while it is visible."""
-        there = visible.astype(np.int64)
+        """Show an entity only while it is visible, and not long after the last sample."""
+        last = np.flatnonzero(silences(self._t_ns)) - 1
+        t_ns = np.append(self._t_ns, self._t_ns[last] + SHOWN_NS)
+        order = np.argsort(t_ns, kind="stable")
+        seq = np.append(self._seq, self._seq[last] + 1)[order]
+        there = np.append(visible.astype(np.int64), np.zeros(len(last), np.int64))[order]
         changes = np.flatnonzero(np.diff(there, prepend=-1))
         self.sink.rows(
             entity,
-            self._t_ns[changes],
-            self._seq[changes],
+            t_ns[order][changes],
+            seq[changes],
             lambda part: columns(int(there[changes[part]].sum())).partition(there[changes[part]]),
         )
 

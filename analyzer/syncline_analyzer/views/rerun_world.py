@@ -10,12 +10,10 @@ from syncline_analyzer.results import Analysis, Trace
 from syncline_analyzer.views.palette import line_colour
 from syncline_analyzer.views.rerun_layout import World
 from syncline_analyzer.views.rerun_sink import Sink
-from syncline_analyzer.views.rerun_tilt import MAX_POSES, shown_tilts, write_tilts
+from syncline_analyzer.views.rerun_tilt import MAX_POSES, SHOWN_NS, shown_tilts, write_tilts
 from syncline_analyzer.views.words import names_of, node_label
 
 MAX_SHAFTS = 6
-_APART_NS = 1_000_000_000
-"""A pose is shown for so long after its sample where a cut follows."""
 _COLUMNS, _COLUMN, _ROW = 3, 2.2, 2.4
 """Shafts in a row, and how far rows and columns are apart."""
 _POINTER = (0.8, 0.0, 0.0)
@@ -113,7 +111,7 @@ def _show_while_known(sink: Sink, entity: str, trace: Trace) -> None:
     """Show the pointer from the first sample of each stretch to soon after its last one."""
     starts = np.flatnonzero(np.diff(trace.segment, prepend=trace.segment[0] - 1))
     ends = np.append(starts[1:] - 1, len(trace.t_ns) - 1)
-    until = trace.t_ns[ends] + _APART_NS
+    until = trace.t_ns[ends] + SHOWN_NS
     far = until[:-1] < trace.t_ns[starts[1:]]
     t_ns = np.concatenate([trace.t_ns[starts], until[:-1][far]])
     seq = np.concatenate([trace.seq[starts], trace.seq[ends[:-1]][far] + 1])

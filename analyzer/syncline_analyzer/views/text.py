@@ -427,9 +427,9 @@ def _measured(analysis: Analysis, clock: Clock, width: int) -> Iterator[tuple[st
     one_bus = ("bus",) if len(analysis.capture.buses) < 2 else ()
     for listing in trace_listings(analysis, clock):
         hidden = (*one_bus, *(("samples",) if width < _VERY_WIDE else ()))
-        table = _narrowed(listing, ("samples by", "std [deg]", "reads"), width, hidden)
+        table = _narrowed(listing, ("name", "samples by", "std [deg]", "reads"), width, hidden)
         for column in table.columns if width >= _WIDE else ():
-            column.no_wrap = str(column.header) in ("node", "object", "what")
+            column.no_wrap = str(column.header) in ("node", "object", "name", "what")
         notes = trace_notes(analysis.traces) if listing.title == "Traces" else []
         yield listing.title, Group(table, *(Text(note, style="dim") for note in notes))
 

@@ -127,12 +127,13 @@ def _traces(rows: Sequence[TraceRow], events: Sequence[TraceEventRow], labels: L
         if event.kind == "cut":
             key = event.bus, event.node, event.object
             reasons.setdefault(key, []).append(cut_reason(event.text))
-    heads = ["bus", "node", "object", ">samples", ">min", ">max", "unit", "cut at", "flags"]
+    heads = ["bus", "node", "object", "name", ">samples", ">min", ">max", "unit", "cut at", "flags"]
     listed = [
         [
             row.bus,
             _label(labels, row.bus, row.node),
-            f"{trace_object(row.object)} {printable(row.name)}",
+            trace_object(row.object),
+            printable(row.name),
             str(row.samples),
             number(row.min),
             number(row.max),

@@ -3,14 +3,15 @@
 import contextlib
 import logging
 from dataclasses import replace
-from time import time_ns
 from typing import Any
 
 import can
 from can.util import load_config
 
+from syncline_logger.adapter_clock import AdapterClock, Knot
 from syncline_logger.batcher import FrameBuffer
 from syncline_logger.bus_options import BusOptions
+from syncline_logger.clock import RecorderClock
 from syncline_logger.source import SourceFacts
 from syncline_schemas.batch import FrameFlag
 from syncline_schemas.errors import SourceError
@@ -22,7 +23,7 @@ FLOAT_STEP_NS = 238
 """python-can's stamps are seconds in a float: at today's date their step is 2**-22 s."""
 
 _RELATIVE_BELOW_NS = 3_600_000_000_000
-"""A first stamp further than this from UTC counts from some start of the adapter's own."""
+"""A first stamp further than this from UTC, or below it, counts from some start of its own."""
 
 LISTEN_ONLY: dict[str, dict[str, Any]] = {
     "cantact": {"monitor": True},
@@ -68,7 +69,9 @@ class PythonCanSource:
         self._options = options
         self._bus: can.BusABC | None = None
         self._owned = True
-        self._offset_ns: int | None = None
+        self._clock = RecorderClock()
+        self._adapter: AdapterClock | None = None
+        self._is_utc: bool | None = None
         interface = options.interface or ""
         bitrate, data_bitrate = _bit_rates(options)
         self.facts = SourceFacts(
@@ -137,7 +140,7 @@ class PythonCanSource:
         """Put what has come into the buffer. Raises SourceError when the adapter is gone."""
         if self._bus is None:
             raise SourceError(f"bus '{self.facts.name}' is not open")
-        receive, append, utc_ns = self._bus.recv, buffer.append, self._utc_ns
+        receive, append, t_ns = self._bus.recv, buffer.append, self._t_ns
         count = 0
         try:
             message = receive(timeout_s)
@@ -151,29 +154,50 @@ class PythonCanSource:
                         flags |= _DLC_INVALID
                     length = len(data)
                 can_id = message.arbitration_id & 0x1FFF_FFFF
-                append(utc_ns(message.timestamp), bus, can_id, flags, length & 0xFF, data)
+                append(t_ns(message.timestamp), bus, can_id, flags, length & 0xFF, data)
                 count += 1
                 message = receive(0) if count < MESSAGES_PER_READ else None
         except Exception as error:
             raise SourceError(self._what_failed("lost", error)) from error
         return count
 
-    def _utc_ns(self, timestamp: float) -> int:
-        """UTC of a stamp, 0 when there is none; the one place where float seconds end."""
+    def _t_ns(self, timestamp: float) -> int:
+        """t of a stamp, 0 when there is none; the one place where float seconds end."""
         if not timestamp:
             return 0
         stamp_ns = round(timestamp * 1e9)
-        if self._offset_ns is None:
-            behind = time_ns() - stamp_ns
-            self._offset_ns = behind if abs(behind) > _RELATIVE_BELOW_NS else 0
-        return stamp_ns + self._offset_ns
+        if self._is_utc is None:
+            self._is_utc = self._tells_utc(stamp_ns)
+        if self._is_utc:
+            return stamp_ns
+        if self._adapter is None:
+            self._adapter = AdapterClock(self._clock, FLOAT_STEP_NS)
+        return self._adapter.one_t_ns(stamp_ns, self._clock.elapsed_ns())
+
+    def _tells_utc(self, stamp_ns: int) -> bool:
+        """Whether the stamps are UTC of this machine, by who makes them and by the first.
+
+        Drivers that stamp by an adapter's clock add an offset to UTC once at most; it drifts.
+        """
+        near = abs(stamp_ns - self._clock.now_ns()) <= _RELATIVE_BELOW_NS
+        if self.facts.clock == "unknown":
+            return near and stamp_ns > _RELATIVE_BELOW_NS
+        return near and self.facts.clock != "hardware"
+
+    def use_clock(self, clock: RecorderClock) -> None:
+        """Map the stamps of adapters onto this clock; before the source is opened."""
+        self._clock = clock
+
+    def clock_knots(self) -> list[Knot]:
+        """How the adapter's stamps became t since the last call."""
+        return self._adapter.take_knots() if self._adapter else []
 
     def fileno(self) -> None:
         """None: python-can waits for frames itself."""
 
     def close(self) -> None:
         """Shut the bus down, if it was opened here."""
-        bus, self._bus, self._offset_ns = self._bus, None, None
+        bus, self._bus, self._is_utc, self._adapter = self._bus, None, None, None
         if bus is not None and self._owned:
             with contextlib.suppress(Exception):
                 bus.shutdown()

@@ -4,6 +4,7 @@ import contextlib
 import os
 import re
 import select
+from collections import deque
 from dataclasses import replace
 from itertools import accumulate
 from typing import TYPE_CHECKING
@@ -69,7 +70,7 @@ class SlcanSource:
         self._port: SerialBase | None = None
         self._listens = False
         self._stamps: StampClock | None = None
-        self._knots: list[Knot] = []
+        self._knots: deque[Knot] = deque()
         self._lines = LineReader()
         self._log_ns = 0
         self._status = Status(0)
@@ -97,8 +98,7 @@ class SlcanSource:
 
     def clock_knots(self) -> list[Knot]:
         """How the adapter's stamps became t since the last call."""
-        taken, self._knots = self._knots, []
-        return taken
+        return [self._knots.popleft() for _ in range(len(self._knots))]
 
     def open(self) -> None:
         """Open the port and the adapter's channel. Raises SourceError."""

@@ -32,26 +32,13 @@ TIMESTAMPING = frozenset({37, 65})
 _STANDARD_MASK = 0x7FF
 _EXTENDED_MASK = 0x1FFF_FFFF
 _CLASSIC_DATA, _FD_DATA = 8, 64
+_LENGTH_AT, _BITS_AT, _DATA_AT = 4, 5, 8
+"""Offsets in both structures, behind the identifier; the bits are those of CAN FD."""
 _HEADER_BYTES = 8
 _SECOND_NS = 1_000_000_000
-_HARDWARE = 2
-"""Position of the adapter's own stamp among the three of SCM_TIMESTAMPING; the kernel's is first."""
+_HARDWARE = 4
+"""Word of the adapter's own stamp in SCM_TIMESTAMPING: three times seconds and nanoseconds."""
 
-
-def _frame_type(data_bytes: int) -> np.dtype[np.void]:
-    return np.dtype(
-        [
-            ("can_id", "=u4"),
-            ("length", "u1"),
-            ("flags", "u1"),
-            ("reserved", "u1"),
-            ("raw_dlc", "u1"),
-            ("data", "u1", (data_bytes,)),
-        ]
-    )
-
-
-_FRAME_TYPES = {CLASSIC_BYTES: _frame_type(_CLASSIC_DATA), FD_BYTES: _frame_type(_FD_DATA)}
 
 _KIND_FLAGS = np.array(
     [
@@ -63,6 +50,11 @@ _KIND_FLAGS = np.array(
     np.uint16,
 )
 """Flags by the upper three bits of the identifier's word."""
+
+_KIND_MASKS = np.array(
+    [_EXTENDED_MASK if kind & 5 else _STANDARD_MASK for kind in range(8)], np.uint32
+)
+"""Bits of the identifier by the same three bits: error classes have 29, too."""
 
 _KEPT_BYTES = np.array([(1 << 8 * length) - 1 for length in range(9)], "<u8")
 """Mask of the data bytes by length; the others are 0 whatever the sender left in them."""
@@ -109,27 +101,26 @@ def frames_of(received: Received, t_ns: NDArray[np.int64], bus: int) -> FrameBat
     An error frame keeps its class bits as identifier. The length of a classic frame is at most
     eight bytes whatever its raw DLC (`len8_dlc`) says.
     """
-    count, row_bytes = received.frames.shape
-    raw = received.frames.view(_FRAME_TYPES[row_bytes])[:, 0]
-    fd = received.lengths == FD_BYTES
-    wide = bool(fd.any())
-    word = raw["can_id"]
+    rows = received.frames
+    word = np.ascontiguousarray(rows.view("=u4")[:, 0])
     kind = word >> np.uint32(29)
     flags = _KIND_FLAGS[kind]
-    flags |= ((received.flags & SENT_HERE) * (int(FrameFlag.TX) // SENT_HERE)).astype(np.uint16)
+    sent = received.flags & SENT_HERE
+    if sent.any():
+        flags[sent != 0] |= np.uint16(FrameFlag.TX)
+    fd = received.lengths == FD_BYTES
+    wide = bool(fd.any())
     if wide:
-        flags |= _fd_flags(raw["flags"], fd)
-    dlc = _lengths(raw["length"], fd, flags)
-    long_id = (flags & np.uint16(FrameFlag.EXTENDED | FrameFlag.ERROR)) != 0
-    mask = np.where(long_id, np.uint32(_EXTENDED_MASK), np.uint32(_STANDARD_MASK))
-    held = np.where(flags & np.uint16(FrameFlag.REMOTE), np.uint8(0), dlc)
+        flags |= _fd_flags(rows[:, _BITS_AT], fd)
+    dlc = _lengths(rows[:, _LENGTH_AT], fd, flags, wide=wide)
+    held = np.where(flags & np.uint16(FrameFlag.REMOTE), np.uint8(0), dlc) if kind.any() else dlc
     return FrameBatch(
         t_ns,
-        np.full(count, bus, np.uint8),
-        (word & mask).astype(np.uint32, copy=False),
+        np.full(len(rows), bus, np.uint8),
+        word & _KIND_MASKS[kind],
         flags,
         dlc,
-        _data(raw["data"], held, wide=wide),
+        _fd_data(rows, held) if wide else _classic_data(rows, held),
     )
 
 
@@ -141,21 +132,25 @@ def _fd_flags(bits: NDArray[np.uint8], fd: NDArray[np.bool_]) -> NDArray[np.uint
 
 
 def _lengths(
-    told: NDArray[np.uint8], fd: NDArray[np.bool_], flags: NDArray[np.uint16]
+    told: NDArray[np.uint8], fd: NDArray[np.bool_], flags: NDArray[np.uint16], *, wide: bool
 ) -> NDArray[np.uint8]:
     """Lengths that the frames can have; what was told beyond that is marked in `flags`."""
-    most = np.where(fd, np.uint8(_FD_DATA), np.uint8(_CLASSIC_DATA))
+    if told.max(initial=0) <= _CLASSIC_DATA:
+        return told.copy()
+    classic = np.uint8(_CLASSIC_DATA)
+    most = np.where(fd, np.uint8(_FD_DATA), classic) if wide else np.full(len(told), classic)
     flags[told > most] |= np.uint16(FrameFlag.DLC_INVALID)
     return np.minimum(told, most)
 
 
-def _data(data: NDArray[np.uint8], held: NDArray[np.uint8], *, wide: bool) -> NDArray[np.uint8]:
-    if wide:
-        kept: NDArray[np.uint8] = np.where(np.arange(_FD_DATA) < held[:, None], data, np.uint8(0))
-        return kept
-    words = np.ascontiguousarray(data[:, :_CLASSIC_DATA]).view("<u8")[:, 0]
-    kept_words: NDArray[np.uint64] = words & _KEPT_BYTES[held]
-    return kept_words.view(np.uint8).reshape(-1, _CLASSIC_DATA)
+def _classic_data(rows: NDArray[np.uint8], held: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    kept: NDArray[np.uint64] = rows.view("<u8")[:, _DATA_AT // 8] & _KEPT_BYTES[held]
+    return kept.view(np.uint8).reshape(-1, _CLASSIC_DATA)
+
+
+def _fd_data(rows: NDArray[np.uint8], held: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    data = rows[:, _DATA_AT : _DATA_AT + _FD_DATA]
+    return np.where(np.arange(_FD_DATA) < held[:, None], data, np.uint8(0))
 
 
 def control_of(received: Received, pointer_bytes: int = POINTER_BYTES) -> Control:
@@ -167,18 +162,21 @@ def control_of(received: Received, pointer_bytes: int = POINTER_BYTES) -> Contro
     found = Control(
         np.zeros(count, np.int64), np.zeros(count, np.int64), np.zeros(count, np.uint32)
     )
-    words = received.control.view("=u4")
-    left = np.arange(count)
-    while len(left):
-        first = int(left[0])
-        length = int(received.control_lengths[first])
-        places = _places(received.control[first, :length].tobytes(), pointer_bytes)
-        alike = received.control_lengths[left] == length
+    left: NDArray[np.intp] | slice = slice(0, count)
+    while count:
+        lengths, words = received.control_lengths[left], received.control.view("=u4")[left]
+        first = received.control[left][0, : int(lengths[0])].tobytes()
+        places = _places(first, pointer_bytes)
+        alike = lengths == lengths[0]
         for place in places:
             for word in range(place.header // 4, place.data // 4):
-                alike &= words[left, word] == words[first, word]
-        _take(found, received.control, left[alike], places)
-        left = left[~alike]
+                alike &= words[:, word] == words[0, word]
+        if alike.all():
+            _take(found, received.control, left, places)
+            break
+        rows = np.arange(len(received.control))[left]
+        _take(found, received.control, rows[alike], places)
+        left = rows[~alike]
     return found
 
 
@@ -210,17 +208,21 @@ def _places(control: bytes, pointer_bytes: int) -> list[_Place]:
 
 
 def _take(
-    found: Control, control: NDArray[np.uint8], rows: NDArray[np.intp], places: list[_Place]
+    found: Control,
+    control: NDArray[np.uint8],
+    rows: NDArray[np.intp] | slice,
+    places: list[_Place],
 ) -> None:
     for place in places:
         if place.level != SOL_SOCKET:
             continue
-        data = control[rows, place.data : place.end]
-        if place.kind == RXQ_OVFL and data.shape[1] >= 4:
-            found.drops[rows] = np.ascontiguousarray(data[:, :4]).view("=u4")[:, 0]
-        elif place.kind in TIMESTAMPING and data.shape[1] in (24, 48):
-            times = np.ascontiguousarray(data).view("=i8" if data.shape[1] == 48 else "=i4")
-            stamps = times.astype(np.int64, copy=False).reshape(len(rows), 3, 2)
-            in_ns = stamps[:, :, 0] * _SECOND_NS + stamps[:, :, 1]
-            found.kernel_ns[rows] = in_ns[:, 0]
-            found.hardware_ns[rows] = in_ns[:, _HARDWARE]
+        size = place.end - place.data
+        if place.kind == RXQ_OVFL and size >= 4:
+            found.drops[rows] = control.view("=u4")[rows, place.data // 4]
+        elif place.kind in TIMESTAMPING and size in (24, 48):
+            data = np.ascontiguousarray(control[rows, place.data : place.end])
+            times = data.view("=i8" if size == 48 else "=i4").astype(np.int64, copy=False)
+            found.kernel_ns[rows] = times[:, 0] * _SECOND_NS + times[:, 1]
+            if times[:, _HARDWARE].any():
+                hardware_ns = times[:, _HARDWARE] * _SECOND_NS + times[:, _HARDWARE + 1]
+                found.hardware_ns[rows] = hardware_ns

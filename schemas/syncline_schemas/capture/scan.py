@@ -1,7 +1,7 @@
 """Reading a capture: whole, cut off, damaged or rewritten by another tool."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeVar
@@ -19,6 +19,7 @@ from syncline_schemas.capture.chunk_content import (
     open_chunk,
     read_frames,
 )
+from syncline_schemas.capture.clock_history import ClockHistory, ClockRepair
 from syncline_schemas.capture.gap_message import gap_of
 from syncline_schemas.capture.lag import LagBounds
 from syncline_schemas.capture.layout import (
@@ -109,6 +110,9 @@ class CaptureScan:
     `facts` at once. A time range takes the frames with `start_ns <= t_ns < end_ns` and the gaps
     that overlap it, cut to it; of a closed capture only the chunks that can hold such frames are read.
 
+    Attributes:
+        repair: moves the stamps, before the range is taken; bus states and clock readings stay.
+
     Raises:
         CaptureError: the path cannot be opened or is no MCAP file. Damage never raises.
     """
@@ -118,6 +122,7 @@ class CaptureScan:
     ) -> None:
         self.path = path
         self.facts = ScanFacts()
+        self.repair: ClockRepair | None = None
         self._range = _TimeRange(start_ns, end_ns)
         self._summary: Summary | None = None
         self._first_chunk = 0
@@ -151,6 +156,25 @@ class CaptureScan:
         if not self.facts.closed and self.facts.damage != [_EMPTY]:
             self.facts.damage.append("no footer: the recording was cut off or still runs")
 
+    def add_clock_samples(self, history: ClockHistory) -> None:
+        """Give a history all clock samples; nothing else is read, and no damage told."""
+        with _opened(self.path, []) as file:
+            for raw in self._chunks(file, everything=True):
+                if not isinstance(raw, Lost) and self._may_hold_clocks(raw):
+                    content = open_chunk(raw)
+                    if isinstance(content, ChunkContent):
+                        self._add_clocks(content, history)
+
+    def _may_hold_clocks(self, raw: RawChunk) -> bool:
+        kind = self._channels.kind
+        return raw.index is None or any(kind[channel] == Kind.CLOCK for channel in raw.index)
+
+    def _add_clocks(self, content: ChunkContent, history: ClockHistory) -> None:
+        for row in np.flatnonzero(self._channels.kind[content.channel] == Kind.CLOCK).tolist():
+            with suppress(DecodeError):
+                sample = syncline_pb2.ClockSample.FromString(content.payload(row))
+                history.add(int(content.log_time_ns[row]), sample)
+
     def _begin(self, file: RecordFile) -> None:
         if not file.plausible:
             raise CaptureError(f"{self.path} is no MCAP file")
@@ -174,7 +198,7 @@ class CaptureScan:
             self._register(record)
         self._first_chunk = file.size
 
-    def _chunks(self, file: RecordFile) -> Iterator[RawChunk | Lost]:
+    def _chunks(self, file: RecordFile, *, everything: bool = False) -> Iterator[RawChunk | Lost]:
         if self._summary is None:
             for record in file.records(self._first_chunk):
                 if isinstance(record, RawChunk | Lost):
@@ -184,7 +208,7 @@ class CaptureScan:
             return
         lag = LagBounds.from_record(self.facts.metadata_records.get(END_METADATA_NAME, {}))
         for place in self._summary.chunks:
-            if self._range.may_hold(place, lag):
+            if everything or self.repair is not None or self._range.may_hold(place, lag):
                 yield file.chunk_at(place)
 
     def _register(self, *records: Definition | Document) -> None:
@@ -252,11 +276,19 @@ class CaptureScan:
         if len(unreadable):
             self.facts.lost_frames += len(unreadable)
             self.facts.damage.append(f"{len(unreadable)} messages are no frames")
+            rows = rows[~np.isin(rows, unreadable)]
+        if self.repair is not None:
+            t_ns = self.repair.t_ns(frames.t_ns, content.log_time_ns[rows])
+            frames = replace(frames, t_ns=t_ns)
         return self._range.of(frames)
 
     def _gap(self, content: ChunkContent, row: int) -> Gap | None:
         message = self._parsed(syncline_pb2.Gap, content, row)
-        return None if message is None else gap_of(message)
+        if message is None or self.repair is None:
+            return None if message is None else gap_of(message)
+        gap = gap_of(message)
+        start_ns, end_ns = self.repair.log_t_ns(gap.start_ns), self.repair.log_t_ns(gap.end_ns)
+        return replace(gap, start_ns=start_ns, end_ns=max(start_ns, end_ns))
 
     def _samples(self, content: ChunkContent, kind: NDArray[np.uint8]) -> Iterator[Item]:
         for row in np.flatnonzero((kind == Kind.STATUS) | (kind == Kind.CLOCK)).tolist():

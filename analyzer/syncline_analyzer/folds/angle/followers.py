@@ -78,7 +78,9 @@ class _Track:
         """Take in an unbroken piece: stamps and unwrapped angle (n,)."""
         if self.end is None or self.end.segment != segment:
             self.stretch += 1
-            self.end = _End(int(stamps[0]), float(line_deg[0]), 0.0, segment)
+            # A clock that steps back repeats no tick.
+            start_ns = max(int(stamps[0]), self.end.t_ns if self.end is not None else 0)
+            self.end = _End(start_ns, float(line_deg[0]), 0.0, segment)
         t_ns = np.maximum.accumulate(np.concatenate(([self.end.t_ns], stamps)))
         deg = np.concatenate(([self.end.deg], line_deg))
         step, span = np.diff(deg), np.diff(t_ns)
@@ -172,17 +174,19 @@ class Followers:
         if len(ticks) < MIN_TICKS or (ticks[-1] - ticks[0]) * self._tick_ns < MIN_NS:
             return None
         own, its = own.at(mine), its.at(theirs)
-        pairs = np.stack((own.stretch, its.stretch))
-        stretch = np.unique(pairs, axis=1, return_inverse=True)[1].reshape(-1)
-        x, y = _about_mean(own.deg, stretch), _about_mean(its.deg, stretch)
-        if min(np.ptp(x), np.ptp(y)) < MOVED_DEG:
+        x, y, ratio = _fitted(own, its)
+        # A step of the clock or a lost value must not bend the line.
+        off = np.abs(x - ratio * y)
+        near = off <= np.quantile(off, FIT)
+        own, its = own.at(near), its.at(near)
+        x, y, ratio = _fitted(own, its)
+        ratio = _simple(ratio, float(np.ptp(y)))
+        if min(np.ptp(x), np.ptp(y)) < MOVED_DEG or not ratio:
             return None
-        ratio = _simple(float(x @ y / (y @ y)), float(np.ptp(y)))
         off = np.abs(x - ratio * y)
         allowed = TOLERANCE_DEG + own.doubt_deg + abs(ratio) * its.doubt_deg
-        uneven = _about_line(x, _about_mean(ticks.astype(np.float64), stretch), stretch)
-        telling = float(np.sqrt(np.mean(uneven**2)))
-        if not ratio or np.mean(off <= allowed) < FIT or telling < SURE * float(np.mean(allowed)):
+        telling = SURE * float(np.quantile(allowed, 0.95))
+        if np.mean(off <= allowed) < FIT or _unevenness(x, own, its) < telling:
             return None
         return FollowerRow(
             self._context.bus_name(member[0]),
@@ -195,6 +199,27 @@ class Followers:
             float(np.ptp(x)),
             float(np.quantile(off, FIT)),
         )
+
+
+def _fitted(own: _Points, its: _Points) -> tuple[Floats, Floats, float]:
+    """Both angles about their means, and how many times as far the first one turned."""
+    stretch = _common(own, its)
+    x, y = _about_mean(own.deg, stretch), _about_mean(its.deg, stretch)
+    squares = float(y @ y)
+    return x, y, float(x @ y) / squares if squares else 0.0
+
+
+def _common(own: _Points, its: _Points) -> NDArray[np.intp]:
+    """A number (n,) per stretch in which the turns of both are counted surely."""
+    pairs = np.stack((own.stretch, its.stretch))
+    return np.unique(pairs, axis=1, return_inverse=True)[1].reshape(-1)
+
+
+def _unevenness(about: Floats, own: _Points, its: _Points) -> float:
+    """Root mean square [deg] of what no even turning explains."""
+    stretch = _common(own, its)
+    time = _about_mean(own.tick.astype(np.float64), stretch)
+    return float(np.sqrt(np.mean(_about_line(about, time, stretch) ** 2)))
 
 
 def _about_mean(values: Floats, stretch: NDArray[np.intp]) -> Floats:

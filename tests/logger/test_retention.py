@@ -1,0 +1,196 @@
+"""Room for what is new: the oldest whole segments go, and nothing else ever does."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from syncline_logger.manifest import Manifest, MarkNote, Segment
+from syncline_logger.retention import Keep, surplus
+from syncline_logger.segments import Split
+from tests.logger.store_runs import FailingDisk, Run, S, files_of, is_sorted, numbers_in
+
+DAY = 86_400 * S
+
+
+def recording(
+    *sizes: int, number: int = 1, marked: tuple[int, ...] = (), first: int = 0, **values: Any
+) -> Manifest:
+    """A recording of whole segments of these sizes, which ended at 1, 2, 3 ... days."""
+    segments = [
+        Segment(first + n, f"r{number}_{first + n}.mcap", "closed", n * DAY, (n + 1) * DAY, 1, size)
+        for n, size in enumerate(sizes)
+    ]
+    for n in marked:
+        segments[n].mark(MarkNote(0, "trigger"))
+    return Manifest(f"r{number}", number, segments=segments, **values)
+
+
+def deleted(*recordings: Manifest, keep: Keep, **values: Any) -> list[str]:
+    found = surplus(recordings, keep, **{"now_ns": 10 * DAY, **values})
+    return [each.segment.file for each in found]
+
+
+def test_the_oldest_go_until_the_budget_is_kept() -> None:
+    assert deleted(recording(10, 10, 10, 10), keep=Keep(size_bytes=25)) == [
+        "r1_0.mcap",
+        "r1_1.mcap",
+    ]
+
+
+def test_earlier_recordings_go_first() -> None:
+    old, new = recording(10, 10), recording(10, 10, number=2)
+    assert deleted(old, new, keep=Keep(size_bytes=30)) == ["r1_0.mcap"]
+
+
+def test_a_marked_segment_stays_and_the_next_one_goes() -> None:
+    marked = recording(10, 10, 10, marked=(0,))
+    assert deleted(marked, keep=Keep(size_bytes=20)) == ["r1_1.mcap"]
+
+
+@pytest.mark.parametrize("state", ["writing", "cut", "unreadable"])
+def test_only_whole_segments_go(state: Any) -> None:
+    busy = recording(10, 10)
+    busy.segments[0].state = state
+    assert deleted(busy, keep=Keep(size_bytes=1)) == ["r1_1.mcap"]
+
+
+def test_what_is_being_written_counts() -> None:
+    assert deleted(recording(10, 10), keep=Keep(size_bytes=30), writing_bytes=15) == ["r1_0.mcap"]
+
+
+def test_the_reserve_is_left_free() -> None:
+    whole = recording(10, 10, 10)
+    assert deleted(whole, keep=Keep(reserve_bytes=100), free_bytes=85) == ["r1_0.mcap", "r1_1.mcap"]
+    assert deleted(whole, keep=Keep(reserve_bytes=100), free_bytes=100) == []
+    assert deleted(whole, keep=Keep(reserve_bytes=100), free_bytes=None) == []
+
+
+def test_what_is_too_old_goes() -> None:
+    assert deleted(recording(1, 1, 1), keep=Keep(age_ns=8 * DAY)) == ["r1_0.mcap"]
+
+
+def test_a_clock_that_was_set_back_makes_nothing_old() -> None:
+    assert deleted(recording(1, 1, 1), keep=Keep(age_ns=DAY), now_ns=0) == []
+
+
+@given(
+    sizes=st.lists(st.integers(1, 100), max_size=20),
+    budget=st.integers(0, 1000),
+    marked=st.sets(st.integers(0, 19)),
+)
+def test_never_more_than_the_budget_asks_for(
+    sizes: list[int], budget: int, marked: set[int]
+) -> None:
+    kept = tuple(n for n in marked if n < len(sizes))
+    whole = recording(*sizes, marked=kept)
+    gone = surplus([whole], Keep(size_bytes=budget), now_ns=0)
+    left = sum(sizes) - sum(each.segment.bytes for each in gone)
+    assert is_sorted([each.segment.segment for each in gone])
+    assert not {each.segment.segment for each in gone} & set(kept)
+    if gone:
+        assert left + gone[-1].segment.bytes > budget
+    if left > budget:
+        assert len(gone) == len(sizes) - len(kept)
+
+
+def test_a_recorder_keeps_its_budget_and_its_manifest_tells(tmp_path: Path) -> None:
+    keep = Keep(size_bytes=400_000)
+    run = Run(tmp_path, per_step=1000, split=Split(60_000), keep=keep).step(100)
+    run.finish()
+    files = files_of(tmp_path)
+    assert sum(path.stat().st_size for path in files) < 410_000
+    found = numbers_in(*files)
+    assert found == list(range(found[0], run.sent))
+    manifest = json.loads((tmp_path / "id.json").read_text(encoding="utf-8"))
+    assert manifest["deleted_frames"] == found[0]
+    assert manifest["deleted_segments"] == int(files[0].stem[-4:])
+    assert manifest["deletions"][-1]["why"] == "the recordings are larger than allowed"
+    assert [each["file"] for each in manifest["segments"]] == [path.name for path in files]
+
+
+def test_strangers_are_never_deleted(tmp_path: Path) -> None:
+    elsewhere = tmp_path / "elsewhere"
+    Run(elsewhere, recording_id="precious").step(20).finish()
+    [precious] = files_of(elsewhere)
+    folder = tmp_path / "captures"
+    folder.mkdir()
+    strangers = {
+        "renamed.mcap": precious.read_bytes(),
+        "20200101T000000Z_away.mcap": precious.read_bytes(),
+        "20200101T000000Z_none_0001.mcap": b"not an MCAP file",
+        "notes.txt": b"call the customer",
+        "id2.json": b"{}",
+    }
+    for name, content in strangers.items():
+        (folder / name).write_bytes(content)
+    Run(folder, split=Split(6_000), keep=Keep(size_bytes=7_000)).step(40).finish()
+    assert {name: (folder / name).read_bytes() for name in strangers} == strangers
+
+
+def test_a_file_that_was_replaced_by_another_is_not_deleted(tmp_path: Path) -> None:
+    run = Run(tmp_path, split=Split(6_000), keep=Keep(size_bytes=30_000)).step(8)
+    first = files_of(tmp_path)[0]
+    Run(tmp_path / "elsewhere", recording_id="precious").step(2).finish()
+    [precious] = files_of(tmp_path / "elsewhere")
+    first.write_bytes(precious.read_bytes())
+    run.step(60).finish()
+    assert first.read_bytes() == precious.read_bytes()
+
+
+def test_a_marked_segment_of_an_earlier_recording_stays(tmp_path: Path) -> None:
+    before = Run(tmp_path, recording_id="old", split=Split(6_000)).step(6)
+    before.recording.mark("EMCY 8130h", before.now_ns)
+    before.step(6).finish()
+    [marked] = [
+        tmp_path / each["file"]
+        for each in json.loads((tmp_path / "old.json").read_text(encoding="utf-8"))["segments"]
+        if each["marks"]
+    ]
+    (tmp_path / "old.json").unlink()
+    keep = Keep(size_bytes=20_000)
+    Run(tmp_path, start_ns=before.now_ns, split=Split(6_000), keep=keep).step(40).finish()
+    assert [path for path in files_of(tmp_path) if "_old_" in path.name] == [marked]
+
+
+def test_a_disk_that_is_full_gets_room_by_deleting(tmp_path: Path) -> None:
+    disk = FailingDisk()
+    run = Run(tmp_path, disk=disk, split=Split(6_000), keep=Keep(reserve_bytes=1_000)).step(30)
+    before = len(files_of(tmp_path))
+    disk.free = 0
+    disk.refusal = lambda what, path: 28 if what == "write" and disk.free == 0 else 0
+    run.step(1)
+
+    def freed(what: str, path: Path) -> int:
+        if what == "remove":
+            disk.free = 100_000
+        return 28 if what == "write" and disk.free == 0 else 0
+
+    disk.refusal = freed
+    run.step(5).finish()
+    files = files_of(tmp_path)
+    found = numbers_in(*files)
+    assert found == list(range(found[0], run.sent))
+    assert len(files) < before
+
+
+def test_manifests_of_empty_recordings_go(tmp_path: Path) -> None:
+    before = Run(tmp_path, recording_id="old").step(20)
+    before.finish()
+    keep = Keep(size_bytes=10_000)
+    Run(tmp_path, start_ns=before.now_ns, split=Split(5_000), keep=keep).step(20).finish()
+    assert [path.name for path in tmp_path.glob("*.json")] == ["id.json"]
+
+
+def test_without_limits_nothing_is_deleted(tmp_path: Path) -> None:
+    Run(tmp_path, split=Split(6_000), disk=FailingDisk(free=0)).step(40).finish()
+    assert numbers_in(*files_of(tmp_path)) == list(range(4000))
+
+
+def test_a_budget_alone_splits_by_itself(tmp_path: Path) -> None:
+    run = Run(tmp_path, per_step=20_000, keep=Keep(size_bytes=4_000_000)).step(40)
+    run.finish()
+    assert len(files_of(tmp_path)) > 1

@@ -131,7 +131,7 @@ class Host:
     def __init__(self, vm: Path, image: Path) -> None:
         self._vm = vm
         self._image = image
-        self._pycache = image.parent / "pycache"
+        self._pycache = Path(tempfile.gettempdir(), "syncline-power-cut-pycache")
         self._pycache.mkdir(exist_ok=True)
 
     def boot(

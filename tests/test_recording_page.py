@@ -18,7 +18,7 @@ PAGE = (ROOT / "docs" / "recording.md").read_text(encoding="utf-8")
 def commands() -> list[str]:
     """Every `syncline ...` line in the page's shell blocks, without comments."""
     blocks = re.findall(r"```sh\n(.*?)```", PAGE, re.DOTALL)
-    lines = [line.split("  #")[0].strip() for block in blocks for line in block.splitlines()]
+    lines = [line.split(" # ")[0].strip() for block in blocks for line in block.splitlines()]
     return [line for line in lines if re.match(r"(/opt/syncline/bin/)?syncline ", line)]
 
 

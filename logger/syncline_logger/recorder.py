@@ -257,7 +257,7 @@ class LiveRecorder:
         # Elapsed time: setting the machine's clock shortens no recording.
         end_elapsed_ns = None if duration_ns is None else self._clock.elapsed_ns() + duration_ns
         next_chunk_ns = self._start_ns
-        next_view_ns = self._start_ns + status_period_ns
+        view_ns = self._start_ns + status_period_ns if on_status else None
         while True:
             now_ns = self._clock.now_ns()
             end_ns = None if end_elapsed_ns is None else end_elapsed_ns + self._clock.offset_ns
@@ -267,16 +267,17 @@ class LiveRecorder:
                 return "time is over"
             if now_ns >= next_chunk_ns:
                 self._write_period(now_ns)
-                next_chunk_ns = now_ns + self._options.period_ns
+                spent_ns = self._clock.now_ns() - now_ns
+                next_chunk_ns = now_ns + self._options.period_after(spent_ns)
             elif self._buffer.filled.is_set() or self._chunk_is_full:
                 self._write_chunk(now_ns)
-            if on_status and now_ns >= next_view_ns:
+            if on_status and view_ns is not None and now_ns >= view_ns:
                 self._take()
                 on_status(self._recording.snapshot(self._clock.now_ns()))
-                next_view_ns = now_ns + status_period_ns
+                view_ns = now_ns + status_period_ns
             if on_turn:
                 on_turn()
-            due_ns = min(each for each in (next_chunk_ns, next_view_ns, end_ns) if each is not None)
+            due_ns = min(each for each in (next_chunk_ns, view_ns, end_ns) if each is not None)
             wait_s = min(max((due_ns - self._clock.now_ns()) / 1e9, 0), TICK_S)
             self._buffer.filled.wait(wait_s)
 

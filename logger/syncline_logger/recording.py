@@ -93,6 +93,16 @@ class RecordOptions:
         """How often a chunk is written: a tenth of `flush_ns` is kept for writing it."""
         return self.flush_ns * 9 // 10
 
+    def period_after(self, spent_ns: int) -> int:
+        """How soon the next chunk follows one that took so long to write: a slow disk is given work
+        earlier, so that `flush_ns` holds for it too.
+
+        >>> options = RecordOptions()
+        >>> [options.period_after(ms * 1_000_000) // 1_000_000 for ms in (50, 300, 5000)]
+        [900, 700, 500]
+        """
+        return max(min(self.period_ns, self.flush_ns - spent_ns), self.flush_ns // 2)
+
 
 @dataclass(frozen=True, slots=True)
 class RecordResult:

@@ -69,3 +69,54 @@ def test_it_never_steps_back(moves: list[tuple[int, int, bool]]) -> None:
             clock.sample()
         times.append(clock.now_ns())
     assert all(later >= earlier for earlier, later in pairwise(times))
+
+
+def test_the_sleep_of_the_machine_is_told_and_is_no_step() -> None:
+    clocks = FakeClocks()
+    slept_ns = 0
+    clock = RecorderClock(
+        lambda: clocks.utc_ns, lambda: clocks.monotonic_ns, lambda: clocks.monotonic_ns + slept_ns
+    )
+    clocks.pass_time(1_000_000_000)
+    clock.sample()
+    slept_ns = 3_600_000_000_000
+    clocks.pass_time(1_000_000_000, step_ns=slept_ns)
+    assert clock.now_ns() == clocks.utc_ns, "log time needs no sample to be right again"
+    reading = clock.sample()
+    assert (reading.slept_ns, reading.step_ns) == (slept_ns, 0)
+    assert reading.elapsed_ns - reading.monotonic_ns == slept_ns
+    assert clock.sample().slept_ns == 0
+
+
+def test_a_pause_between_the_readings_is_no_step() -> None:
+    clocks = FakeClocks()
+    pauses = iter([0, 0, 50_000_000, 40_000_000, 0])
+
+    def utc_ns() -> int:
+        clocks.pass_time(next(pauses, 0))
+        return clocks.utc_ns
+
+    clock = RecorderClock(utc_ns, lambda: clocks.monotonic_ns)
+    clock.sample()
+    reading = clock.sample()
+    assert (reading.step_ns, reading.uncertainty_ns) == (0, 0)
+
+
+def test_what_is_uncertain_is_no_step() -> None:
+    clocks = FakeClocks()
+
+    def utc_ns() -> int:
+        clocks.pass_time(10_000_000)
+        return clocks.utc_ns
+
+    clock = RecorderClock(utc_ns, lambda: clocks.monotonic_ns)
+    clocks.pass_time(0, step_ns=9_000_000)
+    reading = clock.sample()
+    assert (reading.step_ns, reading.uncertainty_ns) == (0, 10_000_000)
+
+
+def test_the_machines_own_clocks() -> None:
+    reading = RecorderClock().sample()
+    assert reading.slept_ns == 0
+    assert reading.uncertainty_ns >= 0
+    assert abs(reading.elapsed_ns + reading.offset_ns - reading.utc_ns) < 60_000_000_000

@@ -115,8 +115,8 @@ def test_no_stamp_becomes_the_recorders_time() -> None:
 
 
 def test_stamps_since_the_adapters_start_are_moved_to_utc() -> None:
-    frames = received(message(timestamp=12.5), message(timestamp=12.75))
-    assert frames.t_ns.tolist() == [UTC_NS, UTC_NS + 250_000_000]
+    frames = received(message(timestamp=12.5), message(timestamp=12.52))
+    assert frames.t_ns.tolist() == [UTC_NS, UTC_NS + 20_000_000]
 
 
 def source_of_stamps(interface: str, machine: Machine) -> PythonCanSource:

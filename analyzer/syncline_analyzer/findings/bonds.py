@@ -232,8 +232,15 @@ BONDS: tuple[Bond, ...] = (
         before_ns=_FOREVER,
     ),
     *_bonds("device.defaults_pending", "device.lost_at_reset", lifelong=True),
-    *_bonds("nmt.duplicate_node_id", "angle.step", "angle.spike", before_ns=10 * _S, lifelong=True),
-    *_bonds("emcy.active", "angle.step", "angle.spike"),
+    *_bonds(
+        "nmt.duplicate_node_id",
+        "angle.step",
+        "angle.spike",
+        "angle.step_unsure",
+        before_ns=10 * _S,
+        lifelong=True,
+    ),
+    *_bonds("emcy.active", "angle.step", "angle.spike", "angle.step_unsure"),
     *(
         bond
         for cause in ("angle.step", "angle.jump", "angle.preset_by_wire")

@@ -223,6 +223,6 @@ def _take(
             data = np.ascontiguousarray(control[rows, place.data : place.end])
             times = data.view("=i8" if size == 48 else "=i4").astype(np.int64, copy=False)
             found.kernel_ns[rows] = times[:, 0] * _SECOND_NS + times[:, 1]
-            if times[:, _HARDWARE].any():
+            if times[:, _HARDWARE : _HARDWARE + 2].any():
                 hardware_ns = times[:, _HARDWARE] * _SECOND_NS + times[:, _HARDWARE + 1]
                 found.hardware_ns[rows] = hardware_ns

@@ -35,6 +35,10 @@ GROUPS = (
         ),
     ),
     Group(
+        "receive from a serial adapter (slcan)",
+        (("slcan_syncline", "small log"), ("slcan_python_can", "small log")),
+    ),
+    Group(
         "convert a candump log",
         (("convert_syncline", "log"), ("convert_python_can", "log")),
     ),

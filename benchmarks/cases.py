@@ -172,6 +172,48 @@ def read_mcap(source: Path, out: Path) -> Callable[[], int]:
     return work
 
 
+def slcan_syncline(source: Path, out: Path) -> Callable[[], int]:
+    """Serial adapter on a pseudo terminal -> our queue of frames."""
+    from benchmarks.serial_adapter import SerialAdapter
+    from syncline_logger.batcher import FrameBuffer
+    from syncline_logger.bus_options import BusOptions
+    from syncline_logger.clock import RecorderClock
+    from syncline_logger.sources.slcan import SlcanSource
+
+    adapter = SerialAdapter(source)
+    serial = SlcanSource(BusOptions("a", "slcan", adapter.port))
+    buffer = FrameBuffer(RecorderClock().now_ns)
+
+    def work() -> int:
+        serial.open()
+        count = 0
+        while count < adapter.frames:
+            count += serial.read(buffer, 0, 0.1)
+            buffer.take()
+        return count
+
+    return work
+
+
+def slcan_python_can(source: Path, out: Path) -> Callable[[], int]:
+    """The same adapter -> python-can's slcan, its messages thrown away; 10,000 frames will do."""
+    import can
+
+    from benchmarks.serial_adapter import SerialAdapter
+
+    adapter = SerialAdapter(source, 10_000)
+
+    def work() -> int:
+        bus = can.Bus(interface="slcan", channel=adapter.port, listen_only=True, sleep_after_open=0)
+        count = 0
+        while count < adapter.frames:
+            count += bus.recv(0.1) is not None
+        bus.shutdown()
+        return count
+
+    return work
+
+
 def wire_lengths_syncline(source: Path, out: Path) -> Callable[[], int]:
     """Exact length of every frame on the wire, columnar."""
     from syncline_analyzer.readers import open_capture

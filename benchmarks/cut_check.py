@@ -1,6 +1,7 @@
 """What captures hold after their recorder was killed: every frame intact, in order, or reported."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 from benchmarks.numbered_source import COB_ID
@@ -41,7 +42,7 @@ def look_at(folder: Path, recording_id: str) -> Found:
             elif isinstance(item, Gap):
                 lost += item.lost_frames or 0
         whole += scan.facts.closed
-    jumps = [b - a - 1 for a, b in zip(numbers, numbers[1:], strict=False)]
+    jumps = [b - a - 1 for a, b in pairwise(numbers)]
     started = numbers[0] if numbers else 0
     in_order = all(jump >= 0 for jump in jumps)
     intact = not strange and in_order and started + sum(jumps) == lost

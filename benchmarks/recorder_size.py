@@ -35,7 +35,9 @@ def of_second(second: FrameBatch, seconds: int) -> Iterator[FrameBatch]:
         yield shifted(second, START_NS + number * SECOND_NS, 0)
 
 
-def bytes_a_second(items: Callable[[], Iterator[FrameBatch]], seconds: int, **options: object) -> float:
+def bytes_a_second(
+    items: Callable[[], Iterator[FrameBatch]], seconds: int, **options: object
+) -> float:
     """Size of a recording of these, beyond what every file has, by second."""
 
     def size(batches: Iterator[FrameBatch]) -> int:
@@ -68,7 +70,9 @@ def main() -> None:
     for name, rate, items in cases:
         decoded = bytes_a_second(items, seconds) * DAY_S / GB
         raw = bytes_a_second(items, seconds, decode=False) * DAY_S / GB
-        print(f"| {name} | {rate:,.0f} | {decoded:.2f} | {1 / decoded:.2g} | {raw:.2f} | {1 / raw:.2g} |")
+        print(
+            f"| {name} | {rate:,.0f} | {decoded:.2f} | {1 / decoded:.2g} | {raw:.2f} | {1 / raw:.2g} |"
+        )
 
 
 if __name__ == "__main__":

@@ -1,11 +1,12 @@
 """What every reader of captures and logs delivers: batches, gaps, and facts about the file."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, NamedTuple, Protocol
 
 from syncline_schemas.batch import FrameBatch, Gap
+from syncline_schemas.capture.learned import Settings
 
 TimeBase = Literal["utc", "relative", "none"]
 """Whether stamps are UTC, count from the start of the log, or are not in the log at all."""
@@ -49,6 +50,8 @@ class CaptureFacts:
     eds_files: dict[str, bytes] = field(default_factory=dict)
     metadata: dict[str, str] = field(default_factory=dict)
     damage: str | None = None
+    learned: Mapping[tuple[int, int], Settings] = field(default_factory=dict)
+    """By (bus number, node): what the segments before this one revealed of objects."""
     foreign_errors: set[str] = field(default_factory=set)
     """Buses whose error frames hold no SocketCAN classes, but what another driver puts there."""
     notes: list[str] = field(default_factory=list)

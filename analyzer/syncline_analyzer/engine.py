@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 
 from syncline_analyzer.bit_rates import BitRates
+from syncline_analyzer.bus_batches import BusBatches
 from syncline_analyzer.capture import CaptureFacts
 from syncline_analyzer.census import Census, time_base
 from syncline_analyzer.collecting import rare_collections
@@ -24,6 +25,7 @@ from syncline_analyzer.nodes import node_rows
 from syncline_analyzer.object_changes import object_change_rows
 from syncline_analyzer.objects import history_rows, object_rows
 from syncline_analyzer.pdo_lengths import PdoLengths
+from syncline_analyzer.recall import recall
 from syncline_analyzer.results import Analysis
 from syncline_analyzer.shadow import Shadow
 from syncline_schemas.batch import FrameBatch, Gap
@@ -63,24 +65,26 @@ def analyze(
             the first one of the stream.
     """
     context = _context(facts, buses, description, devices)
+    recall(context.shadow, facts)
     control, timing, angle = ControlFold(context), TimingFold(context), AngleFold(context)
     folds: tuple[Fold, ...] = (control, timing, angle, PdoLengths(context))
     census = Census()
     echoes = Echoes(lambda: max((each.resolution_ns for each in facts), default=1))
     numbered = joined(with_deafness(_told_errors(stream, facts, buses)))
     rates = BitRates(context, facts, bitrate, data_bitrate)
+    batches = BusBatches(timed=context.timed)
     for seq, item in rates.settled(echoes.marked(numbered) if context.timed else numbered):
         if isinstance(item, Gap):
+            _feed(folds, batches.flush(item.bus))
             for fold in folds:
                 fold.gap(item)
             census.gap(item)
         else:
-            batch = IndexedBatch(hidden(item), seq, timed=context.timed)
-            for fold in folds:
-                fold.update(batch)
+            _feed(folds, batches.add(seq, hidden(item)))
             census.update(item)
         if progress:
             progress(census.frames)
+    _feed(folds, batches.flush())
     end_ns = census.end_ns
     controls = control.finish(end_ns)
     unread = [place for each in facts for place in each.unread]
@@ -156,6 +160,13 @@ def analyze(
     )
     analysis.findings.extend(find_all(analysis, controls, context))
     return analysis
+
+
+def _feed(folds: Iterable[Fold], batches: Iterable[IndexedBatch]) -> None:
+    """Take batches in, each through all folds before the next one."""
+    for batch in batches:
+        for fold in folds:
+            fold.update(batch)
 
 
 def _told_errors(

@@ -1,5 +1,6 @@
 """What the analyses are fed with: a batch indexed once for all of them."""
 
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Protocol
 
@@ -17,17 +18,57 @@ class IndexedBatch:
 
     Attributes:
         frames: the columns.
-        seq0: `seq` of the first row; row k has `seq0 + k`.
+        seq0: `seq` of the first row.
         timed: whether the stamps mean anything (False for logs without times).
+
+    Args:
+        seqs: (n,) `seq` of each row, ascending; by default they follow `seq0` without a break.
     """
 
-    def __init__(self, frames: FrameBatch, seq0: int = 0, *, timed: bool = True) -> None:
+    def __init__(
+        self,
+        frames: FrameBatch,
+        seq0: int = 0,
+        *,
+        timed: bool = True,
+        seqs: NDArray[np.int64] | None = None,
+    ) -> None:
         self.frames = frames
-        self.seq0 = seq0
+        self.seq0 = seq0 if seqs is None or not len(seqs) else int(seqs[0])
         self.timed = timed
+        self._given = seqs
 
     def __len__(self) -> int:
         return len(self.frames)
+
+    @cached_property
+    def seqs(self) -> NDArray[np.int64]:
+        """(n,) position of each row in the capture."""
+        if self._given is not None:
+            return self._given
+        return np.arange(self.seq0, self.seq0 + len(self), dtype=np.int64)
+
+    @property
+    def last_seq(self) -> int:
+        """Position of the last row in the capture; of the row before the first, if there is none."""
+        return int(self.seqs[-1]) if len(self) else self.seq0 - 1
+
+    def row_at(self, seq: int) -> int:
+        """How many rows come before a position in the capture."""
+        return int(np.searchsorted(self.seqs, seq))
+
+    def part(self, rows: slice | NDArray[np.intp]) -> "IndexedBatch":
+        """Some of the rows, in their order."""
+        return IndexedBatch(self.frames[rows], timed=self.timed, seqs=self.seqs[rows])
+
+    @classmethod
+    def joined(cls, parts: Sequence["IndexedBatch"]) -> "IndexedBatch":
+        """One batch of at least one, in their order."""
+        if len(parts) == 1:
+            return parts[0]
+        frames = FrameBatch.concat([part.frames for part in parts])
+        seqs = np.concatenate([part.seqs for part in parts])
+        return cls(frames, timed=parts[0].timed, seqs=seqs)
 
     @cached_property
     def service(self) -> NDArray[np.uint8]:
@@ -76,7 +117,7 @@ class IndexedBatch:
 
     def seq(self, row: int) -> int:
         """Position of a row in the capture."""
-        return self.seq0 + int(row)
+        return int(self.seqs[row])
 
 
 _NO_ROWS = np.zeros(0, np.intp)

@@ -36,6 +36,8 @@ __all__ = ["MAX_CHANGES", "Known", "Shadow", "Source"]
 Key = tuple[int, int]
 """(index, subindex) of an object."""
 RESET_COMMUNICATION = 0x82
+BEFORE = -1
+"""`seq` of what was known before the first frame."""
 BOOT_NS = 10_000_000_000
 """A boot-up this long after a reset command is still its effect [ns]."""
 
@@ -91,6 +93,13 @@ class Shadow:
         if known.source != "sdo-write":
             return
         self._follow_write(bus, node, key, known)
+
+    def recall(self, bus: int, node: int, key: Key, known: Known, *, kept: bool) -> None:
+        """Store what was seen before the first frame; `kept`: a reset does not take it back."""
+        self._store(bus, node, key, replace(known, seq=BEFORE), kept)
+        self.version += 1
+        if key[0] in self._telling:
+            self._identified.pop((bus, node), None)
 
     def take_rereads(self, bus: int, node: int, index: int, sub: int, seq: int) -> list[Known]:
         """Reads of a position up to `seq` that only confirmed its value, since the last call."""

@@ -150,9 +150,9 @@ class CaptureStore:
             self._go_on(content.first_ns, now_ns)
         self._put(content, now_ns)
 
-    def retry(self, now_ns: int) -> None:
-        """Try the disk again when it is time to."""
-        if self.trouble and self.trouble.is_due(now_ns):
+    def retry(self, now_ns: int, *, last: bool = False) -> None:
+        """Try the disk again when it is time to, or because it is the last time."""
+        if self.trouble is not None and (last or self.trouble.is_due(now_ns)):
             self._try_again(now_ns)
 
     def take_missed(self) -> tuple[list[Gap], list[Block]]:
@@ -160,14 +160,12 @@ class CaptureStore:
         return ([], []) if self.trouble else self.waiting.take_missed()
 
     def finish(self, name: str, values: Callable[[], Mapping[str, str]], end_ns: int) -> None:
-        """Write a last metadata record and close the file, after one more try at the disk.
+        """Write a last metadata record and close the file.
 
-        What cannot be written even then is lost; `values` is asked after that.
+        What still waits is lost; `values` is asked after that.
         """
         if self.trouble is not None:
-            self._try_again(end_ns)
-            if self.trouble is not None:
-                self.waiting.give_up(self.trouble.text)
+            self.waiting.give_up(self.trouble.text)
         record = values()
         self._beside(lambda file: file.add_metadata(name, record))
         if self._open:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from syncline_logger import service_messages
-from syncline_logger.node_objects import NodeObjects, PdoBinding
+from syncline_logger.node_objects import Key, NodeObjects, PdoBinding
 from syncline_logger.pdo_channel import PdoChannel
 from syncline_logger.sdo_listener import LearnedValue, SdoListener
 from syncline_schemas.batch import FrameBatch, FrameFlag
@@ -53,11 +53,13 @@ class Decoded:
         blocks: messages by channel; each block ascending in log time.
         problems: (bus number, words) of what was turned off or does not fit.
         devices: devices that were recognised in this batch, with (bus number, node).
+        settings: of nodes whose objects changed: all that is known of them after the batch.
     """
 
     blocks: list[tuple[ChannelSpec, MessageBlock]] = field(default_factory=list)
     problems: list[tuple[int, str]] = field(default_factory=list)
     devices: list[tuple[int, int, Device]] = field(default_factory=list)
+    settings: dict[tuple[int, int], Mapping[Key, tuple[bytes, bool]]] = field(default_factory=dict)
 
 
 class LiveDecoder:
@@ -103,15 +105,19 @@ class _BusDecoder:
         self._bindings: dict[int, PdoBinding] = {}
         self._channels: dict[str, dict[PdoMapping, PdoChannel]] = {}
         self._stale = True
+        self._changed: set[int] = set()
 
     def decode(self, frames: FrameBatch, log_ns: NDArray[np.int64], decoded: Decoded) -> None:
         """Decode standard data frames of this bus."""
         begin = 0
+        self._changed.clear()
         for row, change in self._changes(frames, log_ns, decoded):
             self._decode_part(frames[begin:row], log_ns[begin:row], decoded)
             begin = row
             self._guarded("object values", change, decoded)
         self._decode_part(frames[begin:], log_ns[begin:], decoded)
+        for node in self._changed:
+            decoded.settings[self._number, node] = self.nodes[node].configuration()
 
     def _changes(
         self, frames: FrameBatch, log_ns: NDArray[np.int64], decoded: Decoded
@@ -142,8 +148,12 @@ class _BusDecoder:
     ) -> None:
         done = self._sdo.update(frames, rows)
         for value in done.learned:
-            objects = self.nodes.setdefault(value.node, NodeObjects(value.node))
+            objects = self.nodes.get(value.node)
+            if objects is None:
+                objects = self.nodes[value.node] = NodeObjects(value.node)
             key = (value.index, value.sub)
+            if objects.value(key) != value.data or value.written:
+                self._changed.add(value.node)
             # Known values come again and again where a master polls; they change nothing, unless
             # an earlier value of this batch still waits for its row.
             if objects.shapes_pdos(key) and (found or objects.value(key) != value.data):
@@ -174,6 +184,7 @@ class _BusDecoder:
             unsure = boot_up and quirks(objects.device).empty_heartbeat_after_rtr
             if node in (0, number) and not unsure:
                 self._stale |= objects.reset()
+                self._changed.add(number)
 
     def _decode_part(self, frames: FrameBatch, log_ns: NDArray[np.int64], decoded: Decoded) -> None:
         if len(frames) == 0:

@@ -1,8 +1,8 @@
 """The manifest of a recording: which files it has, which it had, and what is in them."""
 
 import json
-from dataclasses import asdict, dataclass, field, fields
-from typing import Any, Literal, Self
+from dataclasses import asdict, dataclass, field
+from typing import Any, Literal, Self, TypeVar, get_args, get_origin, get_type_hints
 
 SCHEMA = "syncline.recording/1"
 SUFFIX = ".json"
@@ -105,30 +105,54 @@ class Manifest:
 
     @classmethod
     def from_json(cls, text: str) -> Self | None:
-        """A manifest from text; None when it is none, or broken."""
+        """A manifest from text; None when it is none, or broken in any way."""
         try:
             values = json.loads(text)
             if values.pop("schema") != SCHEMA:
                 return None
-            return cls(
-                **_known(cls, values)
-                | {
-                    "deletions": [
-                        Deletion(**_known(Deletion, each)) for each in values["deletions"]
-                    ],
-                    "segments": [_segment(each) for each in values["segments"]],
-                }
-            )
-        except (ValueError, TypeError, KeyError, AttributeError):
+            segments = [_segment(each) for each in values.pop("segments")]
+            deletions = [_made(Deletion, each) for each in values.pop("deletions")]
+            made = _made(cls, values)
+        except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
             return None
+        made.segments, made.deletions = segments, deletions
+        return made if _is_name(made.recording_id) else None
 
 
 def _segment(values: dict[str, Any]) -> Segment:
-    marks = [MarkNote(**_known(MarkNote, each)) for each in values.get("marks", [])]
-    return Segment(**_known(Segment, values) | {"marks": marks})
+    marks = [_made(MarkNote, each) for each in values.pop("marks", [])]
+    made = _made(Segment, values)
+    made.marks = marks
+    if not _is_name(made.file):
+        raise ValueError(f"{made.file} is no file of the folder")
+    return made
 
 
-def _known(kind: type[Any], values: dict[str, Any]) -> dict[str, Any]:
-    """The values that this version knows; a later one may write more."""
-    names = {each.name for each in fields(kind)}
-    return {name: value for name, value in values.items() if name in names}
+def _is_name(text: str) -> bool:
+    """Whether a text names something in the folder itself."""
+    return text not in ("", ".", "..") and not set(text) & set("/\\:\0")
+
+
+T = TypeVar("T")
+
+
+def _made(kind: type[T], values: dict[str, Any]) -> T:
+    """An object of the fields that this version knows; a later one may write more.
+
+    Raises TypeError or ValueError where a value is none of the field's type.
+    """
+    hints = get_type_hints(kind)
+    known = {name: value for name, value in values.items() if name in hints}
+    for name, value in known.items():
+        if not _fits(value, hints[name]):
+            raise ValueError(f"{name} is {value!r}")
+    return kind(**known)
+
+
+def _fits(value: object, hint: Any) -> bool:
+    if get_origin(hint) is list:
+        return isinstance(value, list) and all(_fits(each, get_args(hint)[0]) for each in value)
+    if get_origin(hint) is Literal:
+        return value in get_args(hint)
+    allowed = get_args(hint) or (hint,)
+    return type(value) in allowed

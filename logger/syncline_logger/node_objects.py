@@ -23,6 +23,9 @@ MAX_ENTRIES = 64
 _TEXTS = (0x1008, 0x1009, 0x100A)
 STORE_PARAMETERS = 0x1010
 PDO_PARAMETERS = range(0x1400, 0x1C00)
+COMMUNICATION = range(0x1000, 0x2000)
+MAX_SETTING = 64
+"""Longer values are files or texts, and no settings."""
 
 _INVALID = 1 << 31
 _EXTENDED = 1 << 29
@@ -61,6 +64,7 @@ class NodeObjects:
         self._values: dict[Key, bytes] = {}
         self._kept: dict[Key, bytes] = {}
         self._unsaved: set[Key] = set()
+        self._identity = identity_objects()
         self._scales: set[Key | None] = set()
         self._scales_of: Device | None = None
 
@@ -68,9 +72,17 @@ class NodeObjects:
         """What the bus revealed of an object."""
         return self._values.get(key)
 
+    def configuration(self) -> dict[Key, tuple[bytes, bool]]:
+        """What the bus revealed of the node's settings, each with whether a reset keeps it."""
+        return {
+            key: (data, key not in self._unsaved)
+            for key, data in self._values.items()
+            if len(data) <= MAX_SETTING and (key[0] in COMMUNICATION or self.shapes_pdos(key))
+        }
+
     def shapes_pdos(self, key: Key) -> bool:
         """Whether an object decides which PDOs the node has and what they mean."""
-        if key[0] in identity_objects() or key[0] == STORE_PARAMETERS or key[0] in PDO_PARAMETERS:
+        if key[0] in self._identity or key[0] == STORE_PARAMETERS or key[0] in PDO_PARAMETERS:
             return True
         if self.device is None:
             return False
@@ -107,13 +119,18 @@ class NodeObjects:
 
     def number(self, index: int, sub: int) -> int | None:
         """An object's value as an unsigned number, None when nothing is known of it."""
+        told = self.told(index, sub)
+        if told is not None:
+            return told
+        value = self.device.default(index, sub, self.node) if self.device else None
+        return value if isinstance(value, int) else None
+
+    def told(self, index: int, sub: int) -> int | None:
+        """The same without the device's default: what the bus or the description says."""
         data = self._values.get((index, sub))
         if data is not None:
             return int.from_bytes(data, "little")
-        if (index, sub) in self._described:
-            return self._described[index, sub]
-        value = self.device.default(index, sub, self.node) if self.device else None
-        return value if isinstance(value, int) else None
+        return self._described.get((index, sub))
 
     def bindings(self) -> list[PdoBinding]:
         """Every valid PDO of which identifier and mapping are known."""

@@ -36,6 +36,7 @@ def metrics(snapshot: StatusSnapshot, running: bool) -> list[Metric]:
         _one("status_time_seconds", "gauge", "UTC of this status.", snapshot.t_ns / 1e9),
         _one("running_seconds", "gauge", "Time since the start.", snapshot.elapsed_ns / 1e9),
         _one("written_bytes", "gauge", "Size of the file being written.", snapshot.bytes_written),
+        _one("disk_trouble", "gauge", "1 while the disk refuses.", int(bool(snapshot.trouble))),
         _one("gaps_total", "counter", "Stretches in which a bus was not heard.", snapshot.gaps),
         _of_buses("frames_total", "counter", "Frames recorded.", snapshot, lambda b: b.frames),
         _of_buses(

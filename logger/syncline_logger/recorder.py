@@ -202,6 +202,7 @@ class LiveRecorder:
                 options,
                 start_ns=self._start_ns,
                 source=", ".join(f"{bus.interface} {bus.channel}".strip() for bus in buses),
+                about=source_metadata(source.facts for source in self._sources),
                 resumes=True,
             )
         except BaseException:
@@ -387,6 +388,22 @@ class LiveRecorder:
     def _close_sources(self) -> None:
         for source in self._sources:
             source.close()
+
+
+def source_metadata(sources: Iterable[SourceFacts]) -> dict[str, str]:
+    """What the capture's metadata says of each source beside its bus; keys begin with its name."""
+    values = {}
+    for facts in sources:
+        about = {
+            "loss_counters": ", ".join(("queue", *facts.loss_counters)),
+            "listen_only": "yes" if facts.listen_only else "no",
+            "receive_buffer_bytes": facts.receive_buffer_bytes,
+            "restart_ms": facts.restart_ms,
+        }
+        values.update(
+            {f"{facts.name}.{key}": str(it) for key, it in about.items() if it is not None}
+        )
+    return values
 
 
 def bus_info(facts: SourceFacts, number: int) -> BusInfo:

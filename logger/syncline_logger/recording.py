@@ -30,6 +30,7 @@ from syncline_schemas.capture.gap_message import DID_NOT_RUN, gap_message
 from syncline_schemas.capture.layout import (
     CLOCK_TOPIC,
     GAP_TOPIC,
+    LEARNED_METADATA_NAME,
     MARK_TOPIC,
     Attachment,
     BusInfo,
@@ -39,6 +40,7 @@ from syncline_schemas.capture.layout import (
     device_attachment,
     status_topic,
 )
+from syncline_schemas.capture.learned import Settings, learned_record
 from syncline_schemas.capture.message import MessageBlock, schema_of
 from syncline_schemas.description import BusDescription
 from syncline_schemas.devices import Device
@@ -50,6 +52,8 @@ MAX_KEPT = 1000
 
 STOP_METADATA_NAME = "syncline.stop"
 """Metadata record: when and why the recording ended, and the frames known to be lost."""
+
+SLEPT = "the machine slept"
 
 STATUS_SCHEMA = schema_of(syncline_pb2.BusStatus.DESCRIPTOR)
 GAP_CHANNEL = ChannelSpec(GAP_TOPIC, schema_of(syncline_pb2.Gap.DESCRIPTOR))
@@ -145,6 +149,7 @@ class Recording:
         start_ns: int,
         host: str | None = None,
         source: str = "",
+        about: Mapping[str, str] | None = None,
         resumes: bool = False,
         disk: Disk | None = None,
     ) -> None:
@@ -156,7 +161,8 @@ class Recording:
         self._gap_count = self._lost_frames = 0
         self._problems: list[str] = []
         self._messages: list[tuple[ChannelSpec, int, Message]] = []
-        self._heard_ns = start_ns
+        self._heard_ns = self._clock_ns = start_ns
+        self._settings: dict[tuple[int, int], Settings] = {}
         plan = StorePlan(
             names=SegmentNames(target, recording_id, bool(split_of(options))),
             metadata=CaptureMetadata(
@@ -167,7 +173,7 @@ class Recording:
                 clock=_one_of({bus.clock for bus in buses}, "mixed"),
                 resolution_ns=max((bus.resolution_ns or 1 for bus in buses), default=1),
                 source=source,
-                extra=_loss_counters(buses),
+                extra=dict(about or {}),
             ),
             buses=buses,
             compression=options.compression,
@@ -221,6 +227,11 @@ class Recording:
             offset_ns=reading.offset_ns,
         )
         self._messages.append((CLOCK_CHANNEL, log_ns, message))
+        if reading.slept_ns:
+            # It fell asleep some time after the last sample.
+            begin_ns = min(self._clock_ns, log_ns - reading.slept_ns)
+            self.add_gap(Gap(begin_ns, log_ns, SLEPT), log_ns)
+        self._clock_ns = log_ns
 
     def add_knot(self, bus: int, knot: Knot, reading: ClockReading, log_ns: int) -> None:
         """Note how the stamps of a bus's adapter become t."""
@@ -295,6 +306,9 @@ class Recording:
                 self.add_status(bus, self._heard_ns, text)
             for bus, node, device in part.devices:
                 self._recognised(bus, node, device)
+            self._settings |= part.settings
+            if part.settings:
+                self.store.carry(LEARNED_METADATA_NAME, learned_record(self._settings))
         blocks += self._noted()
         self.store.write(Content(frames, log_ns, blocks), now_ns)
         for bus, lost in self.store.waiting.lost_frames.items():
@@ -323,6 +337,8 @@ class Recording:
 
     def finish(self, end_ns: int, why: str) -> RecordResult:
         """Write the end of the file and close it."""
+        self.store.retry(end_ns, last=True)
+        self.write(FrameBatch.empty(), np.zeros(0, np.int64), now_ns=end_ns)
         before = self._lost_frames
 
         def record() -> Mapping[str, str]:
@@ -403,13 +419,3 @@ def _attachments(description: BusDescription) -> list[Attachment]:
 
 def _one_of(values: set[str], several: str) -> str:
     return next(iter(values)) or "unknown" if len(values) == 1 else several
-
-
-def _loss_counters(buses: Sequence[BusInfo]) -> Mapping[str, str]:
-    """Which of BusStatus's loss counters can count anything: python-can reports none of its own."""
-    return {
-        f"{bus.name}.loss_counters": "queue, controller"
-        if bus.interface in ("socketcan", "socketcand")
-        else "queue"
-        for bus in buses
-    }

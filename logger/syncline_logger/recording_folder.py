@@ -15,7 +15,6 @@ from syncline_schemas.capture.layout import MARK_METADATA_NAME, PROFILE
 from syncline_schemas.capture.record_file import RecordFile
 from syncline_schemas.capture.recover import is_whole
 from syncline_schemas.capture.scan import CaptureScan
-from syncline_schemas.errors import CaptureError
 
 _OWN_NAME = re.compile(r"\d{8}T\d{6}Z_(?P<id>[^_]+)(?:_(?P<segment>\d{4,}))?(?:\.part)?\.mcap")
 """Names that a recorder gives; a file that somebody renamed is not its own any more."""
@@ -224,7 +223,7 @@ def _manifest_of(path: Path, host: str) -> Manifest | None:
     """What a file tells of its recording; None unless this machine recorded it."""
     try:
         facts = CaptureScan(path).facts
-    except CaptureError:
+    except OSError:
         return None
     about = facts.metadata
     if about is None or facts.profile != PROFILE or about.host != host:
@@ -242,6 +241,6 @@ def _manifest_of(path: Path, host: str) -> Manifest | None:
 def _is_of(path: Path, recording_id: str) -> bool:
     try:
         about = CaptureScan(path).facts.metadata
-    except CaptureError:
+    except OSError:
         return False
     return about is not None and about.recording_id == recording_id

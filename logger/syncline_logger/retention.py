@@ -8,6 +8,8 @@ from syncline_logger.manifest import Manifest, Segment
 SPLITS_OF_KEEP = 20
 """A budget without a split size is kept in so many segments."""
 SMALLEST_SPLIT = 1_000_000
+EARLIEST_NS = 1_577_836_800_000_000_000
+"""2020-01-01: what is dated earlier was recorded by a machine that did not know the date."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +99,8 @@ def _why(
         return "the recordings are larger than allowed"
     if free_bytes is not None and free_bytes < reserve_bytes:
         return "the disk is nearly full"
-    ended_ns = segment.end_ns
-    if keep.age_ns is not None and ended_ns is not None and now_ns - ended_ns > keep.age_ns:
+    ended_ns = segment.end_ns or 0
+    dated = ended_ns >= EARLIEST_NS
+    if keep.age_ns is not None and dated and now_ns - ended_ns > keep.age_ns:
         return "it is older than allowed"
     return ""

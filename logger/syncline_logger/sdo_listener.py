@@ -19,6 +19,48 @@ _INITIATE, _END, _BLOCK_ANSWER, _START_UPLOAD = range(4)
 """Low bits of block commands (CiA 301 7.2.4.3.9, 7.2.4.3.12)."""
 
 
+_KINDS = sorted(SdoKind)
+
+
+@dataclass(slots=True)
+class SdoFrame:
+    """A row of `SdoColumns` as plain values, which are much cheaper to ask one by one."""
+
+    request: bool
+    command: int
+    kind: SdoKind
+    index: int
+    sub: int
+    addressed: bool
+    expedited: bool
+    last: bool
+    abort_code: int
+    payload: bytes
+
+
+def sdo_frames(sdo: SdoColumns) -> list[SdoFrame]:
+    """All rows one by one."""
+    width, plain = sdo.payload.shape[1], sdo.payload.tobytes()
+    payloads = [
+        plain[n * width : n * width + length] for n, length in enumerate(sdo.length.tolist())
+    ]
+    return list(
+        map(
+            SdoFrame,
+            sdo.request.tolist(),
+            sdo.command.tolist(),
+            [_KINDS[kind] for kind in sdo.kind.tolist()],
+            sdo.index.tolist(),
+            sdo.sub.tolist(),
+            sdo.addressed.tolist(),
+            sdo.expedited.tolist(),
+            sdo.last.tolist(),
+            sdo.abort_code.tolist(),
+            payloads,
+        )
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class LearnedValue:
     """A value that a node's object had when the frame of this row passed."""
@@ -37,7 +79,7 @@ class SdoPass:
 
     Attributes:
         rows: (n,) row of each in its batch; node: (n,) the server's node id.
-        columns: the frames taken one by one; wrong for block segments.
+        columns: the frames taken one by one; wrong for block segments. frames: the same as rows.
         segment: (n,) bool, data of a block transfer, whose first byte is a sequence number.
         learned: what the frames reveal.
     """
@@ -45,6 +87,7 @@ class SdoPass:
     rows: NDArray[np.intp]
     node: NDArray[np.uint8]
     columns: SdoColumns
+    frames: list[SdoFrame]
     segment: NDArray[np.bool_]
     learned: list[LearnedValue]
 
@@ -83,30 +126,30 @@ class SdoListener:
         request = frames.can_id >= _FIRST_REQUEST
         node = (frames.can_id & 0x7F).astype(np.uint8)
         columns = decode_sdo(request, frames.data[:, :8], frames.dlc)
-        done = SdoPass(rows, node, columns, np.zeros(len(rows), np.bool_), [])
-        for i in range(len(rows)):
-            self._take(i, done, frames.data)
+        done = SdoPass(rows, node, columns, sdo_frames(columns), np.zeros(len(rows), np.bool_), [])
+        seconds = frames.data[:, 1].tolist()
+        for i, number in enumerate(node.tolist()):
+            self._take(i, number, done, seconds[i])
         return done
 
-    def _take(self, i: int, done: SdoPass, data: NDArray[np.uint8]) -> None:
-        sdo, node = done.columns, int(done.node[i])
-        transfer, command = self._open.get(node), int(sdo.command[i])
-        by_client = bool(sdo.request[i])
+    def _take(self, i: int, node: int, done: SdoPass, second: int) -> None:
+        sdo = done.frames[i]
+        transfer, command, by_client = self._open.get(node), sdo.command, sdo.request
         if transfer and transfer.segments_by_client == by_client and command & _SEQUENCE:
             done.segment[i] = True
             transfer.take_segment(command)
             return
-        kind = SdoKind(int(sdo.kind[i]))
-        if by_client and sdo.addressed[i] and kind != SdoKind.ABORT:
-            transfer = _Transfer(kind, int(sdo.index[i]), int(sdo.sub[i]))
-            if kind == SdoKind.DOWNLOAD_REQUEST and sdo.expedited[i]:
-                transfer.data += _payload(sdo, i)
+        kind = sdo.kind
+        if by_client and sdo.addressed and kind != SdoKind.ABORT:
+            transfer = _Transfer(kind, sdo.index, sdo.sub)
+            if kind == SdoKind.DOWNLOAD_REQUEST and sdo.expedited:
+                transfer.data += sdo.payload
             self._open[node] = transfer
         elif transfer is None:
             return
         elif kind in (SdoKind.BLOCK_DOWNLOAD, SdoKind.BLOCK_UPLOAD):
-            self._take_block(node, transfer, command & _SUBCOMMAND, by_client, int(data[i, 1]))
-        elif self._completes(transfer, sdo, i, kind):
+            self._take_block(node, transfer, command & _SUBCOMMAND, by_client, second)
+        elif self._completes(transfer, sdo):
             del self._open[node]
             value = bytes(transfer.data)
             written = transfer.kind == SdoKind.DOWNLOAD_REQUEST
@@ -132,19 +175,16 @@ class SdoListener:
         elif subcommand == _END and upload == by_client:
             del self._open[node]
 
-    def _completes(self, transfer: _Transfer, sdo: SdoColumns, i: int, kind: SdoKind) -> bool:
+    def _completes(self, transfer: _Transfer, sdo: SdoFrame) -> bool:
         """Whether this frame completes the transfer; what it carries is added to it."""
-        same = (transfer.index, transfer.sub) == (int(sdo.index[i]), int(sdo.sub[i]))
+        kind = sdo.kind
+        same = (transfer.index, transfer.sub) == (sdo.index, sdo.sub)
         writing = transfer.kind == SdoKind.DOWNLOAD_REQUEST
         if kind == SdoKind.DOWNLOAD_ANSWER:
             return writing and same
-        if kind == SdoKind.UPLOAD_ANSWER and not writing and same and sdo.expedited[i]:
-            transfer.data += _payload(sdo, i)
+        if kind == SdoKind.UPLOAD_ANSWER and not writing and same and sdo.expedited:
+            transfer.data += sdo.payload
             return True
         if kind == SdoKind.UPLOAD_SEGMENT and len(transfer.data) <= MAX_VALUE_BYTES:
-            transfer.data += _payload(sdo, i)
-        return kind == SdoKind.UPLOAD_SEGMENT and bool(sdo.last[i])
-
-
-def _payload(sdo: SdoColumns, i: int) -> bytes:
-    return sdo.payload[i, : sdo.length[i]].tobytes()
+            transfer.data += sdo.payload
+        return kind == SdoKind.UPLOAD_SEGMENT and sdo.last

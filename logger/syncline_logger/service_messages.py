@@ -9,7 +9,7 @@ import numpy as np
 from google.protobuf.message import Message
 from numpy.typing import NDArray
 
-from syncline_logger.sdo_listener import SdoPass
+from syncline_logger.sdo_listener import SdoFrame, SdoPass
 from syncline_schemas.batch import FrameBatch
 from syncline_schemas.canopen.lss import COMMANDS
 from syncline_schemas.canopen.nmt import STATE_OF_BYTE, command_name
@@ -17,7 +17,6 @@ from syncline_schemas.canopen.sdo import abort_meaning
 from syncline_schemas.canopen.services import Service
 from syncline_schemas.capture.message import MessageBlock, MessageSchema, schema_of
 from syncline_schemas.decoder import (
-    SdoColumns,
     SdoKind,
     decode_emcy,
     decode_lss,
@@ -227,7 +226,7 @@ def encode_sdo(
     messages = [
         _block_segment(frames.data[row], frames.can_id[row] >= _FIRST_REQUEST)
         if done.segment[i]
-        else _sdo_message(done.columns, i, device)
+        else _sdo_message(done.frames[i], device)
         for i, row in zip(chosen.tolist(), rows.tolist(), strict=True)
     ]
     return MessageBlock.of_messages(_UNREGISTERED, log_ns[rows], frames.t_ns[rows], messages)
@@ -245,26 +244,22 @@ def _block_segment(data: NDArray[np.uint8], request: bool) -> syncline_pb2.Sdo:
     )
 
 
-def _sdo_message(sdo: SdoColumns, row: int, device: Device | None) -> syncline_pb2.Sdo:
-    kind = SdoKind(int(sdo.kind[row]))
+def _sdo_message(sdo: SdoFrame, device: Device | None) -> syncline_pb2.Sdo:
     message = syncline_pb2.Sdo(
-        request=bool(sdo.request[row]),
-        command=int(sdo.command[row]),
-        kind=SDO_KINDS[kind],
-        data=sdo.payload[row, : sdo.length[row]].tobytes(),
+        request=sdo.request, command=sdo.command, kind=SDO_KINDS[sdo.kind], data=sdo.payload
     )
-    place = ""
-    if sdo.addressed[row]:
-        message.index, message.sub = int(sdo.index[row]), int(sdo.sub[row])
-        message.object_name = (device and device.object_name(message.index, message.sub)) or ""
-        place = f" {message.index:04X}h:{message.sub:02X} {message.object_name}".rstrip()
-    if kind == SdoKind.ABORT:
-        message.abort_code = int(sdo.abort_code[row])
-        message.abort_text = abort_meaning(message.abort_code)
-    value = f" = {message.data.hex(' ').upper()}" if message.data else ""
-    direction = "request" if message.request else "answer"
-    message.text = f"{message.kind} {direction}{place}{value}" + (
-        f": {message.abort_text} ({message.abort_code:08X}h)" if message.abort_text else ""
+    place, abort_text = "", ""
+    if sdo.addressed:
+        name = (device and device.object_name(sdo.index, sdo.sub)) or ""
+        message.index, message.sub, message.object_name = sdo.index, sdo.sub, name
+        place = f" {sdo.index:04X}h:{sdo.sub:02X} {name}".rstrip()
+    if sdo.kind == SdoKind.ABORT:
+        message.abort_code = sdo.abort_code
+        message.abort_text = abort_text = abort_meaning(sdo.abort_code)
+    value = f" = {sdo.payload.hex(' ').upper()}" if sdo.payload else ""
+    direction = "request" if sdo.request else "answer"
+    message.text = f"{SDO_KINDS[sdo.kind]} {direction}{place}{value}" + (
+        f": {abort_text} ({sdo.abort_code:08X}h)" if abort_text else ""
     )
     return message
 

@@ -86,9 +86,9 @@ class SourceReader:
         except SourceAsleep as error:
             self._lost(str(error), is_open=True)
             return 0
-        except SourceError as error:
+        except Exception as error:  # noqa: BLE001 - the other buses go on, this one is tried again
             self.source.close()
-            self._lost(str(error), is_open=False)
+            self._lost(_words(error), is_open=False)
             return 0
         if not self.present:
             self._back(self._tried_ns)
@@ -114,7 +114,7 @@ class SourceReader:
     def _opened_again(self) -> bool:
         try:
             self.source.open()
-        except SourceError as error:
+        except Exception as error:  # noqa: BLE001 - as above
             self._retry_later(soon=isinstance(error, SourceAsleep))
             return False
         self._is_open = True
@@ -162,6 +162,10 @@ class SourceReader:
     def _tell(self, text: str, *, gap: Gap | None = None, state: str = "") -> None:
         now_ns = self._clock.now_ns()
         self._events.put(SourceEvent(self.bus, now_ns, self.present, text, gap, state))
+
+
+def _words(error: Exception) -> str:
+    return str(error) if isinstance(error, SourceError) else f"{type(error).__name__}: {error}"
 
 
 class SourceThread(threading.Thread):

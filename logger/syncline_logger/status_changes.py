@@ -14,6 +14,9 @@ def status_changes(before: StatusSnapshot | None, now: StatusSnapshot) -> list[s
         changes.append(f"writing {now.path}")
     if before is not None and now.gaps > before.gaps:
         changes.append(f"{counted(now.gaps - before.gaps, 'gap')} noted")
+    trouble = before.trouble if before else ""
+    if now.trouble != trouble:
+        changes.append(now.trouble or "the disk can be written again")
     known = {bus.name: bus for bus in before.buses} if before else {}
     for bus in now.buses:
         changes += [f"{bus.name}: {text}" for text in _bus_changes(known.get(bus.name), bus)]

@@ -38,6 +38,7 @@ def _values(snapshot: StatusSnapshot) -> dict[str, Any]:
         "bytes": snapshot.bytes_written,
         "frames": snapshot.frames,
         "gaps": snapshot.gaps,
+        "trouble": snapshot.trouble,
         "buses": [_bus_values(bus) for bus in snapshot.buses],
     }
 
@@ -63,6 +64,7 @@ def plain_line(snapshot: StatusSnapshot) -> str:
         heard = f"{bus.frames_per_s:.0f}/s" if bus.adapter_present else "adapter lost"
         lost = f", {counted(bus.dropped_frames, 'frame')} lost" if bus.dropped_frames else ""
         words.append(f"{bus.name} {heard}{lost}")
+    words += [snapshot.trouble] if snapshot.trouble else []
     return f"{'; '.join(words)}; {snapshot.path}"
 
 
@@ -75,6 +77,8 @@ def status_line(snapshot: StatusSnapshot) -> "Text":
         f"{seconds // 3600:02d}:{seconds // 60 % 60:02d}:{seconds % 60:02d}"
         f"  {counted(snapshot.frames, 'frame')}  {snapshot.bytes_written / 1e6:.1f} MB"
     )
+    if snapshot.trouble:
+        line.append(f"  {snapshot.trouble}", "bold red")
     for bus in snapshot.buses:
         line.append(f"  | {bus.name}", "bold")
         if not bus.adapter_present:

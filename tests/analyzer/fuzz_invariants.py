@@ -27,7 +27,7 @@ def cut_anew(case: Case, random: Random) -> Iterator[str]:
     """The batches in which frames come change nothing."""
     items = [part for item in case.items for part in _parts(item, random)]
     other = analyzed(case.scenario, items, case.description)
-    yield from _unlike("batches", case.analysis, other)
+    yield from unlike("batches", case.analysis, other)
 
 
 def _parts(item: Item, random: Random) -> Iterator[Item]:
@@ -60,17 +60,17 @@ def second_bus(case: Case, random: Random) -> Iterator[str]:
     place[order] = np.arange(len(order))
     for name in ("nodes", "nmt_commands", "nmt_states", "sync", "pdos", "emcy", "errors", "sdo"):
         mine = [row for row in getattr(merged, name) if row.bus == "can0"]
-        yield from _unlike(
-            f"second bus: {name}", _placed(getattr(case.analysis, name), place), mine
+        yield from unlike(
+            f"second bus: {name}", placed(getattr(case.analysis, name), place), mine
         )
     mine = [finding for finding in merged.findings if finding.bus != "can1"]
-    yield from _unlike("second bus: findings", _placed(case.analysis.findings, place), mine)
+    yield from unlike("second bus: findings", placed(case.analysis.findings, place), mine)
 
 
-def _placed(value: Any, place: np.ndarray[Any, np.dtype[np.int64]]) -> Any:
+def placed(value: Any, place: np.ndarray[Any, np.dtype[np.int64]]) -> Any:
     """Rows with every `seq` as it is in the merged capture."""
     if isinstance(value, list):
-        return [_placed(each, place) for each in value]
+        return [placed(each, place) for each in value]
     if not is_dataclass(value) or isinstance(value, type):
         return value
     changed: dict[str, Any] = {}
@@ -80,7 +80,7 @@ def _placed(value: Any, place: np.ndarray[Any, np.dtype[np.int64]]) -> Any:
             new = [int(place[seq]) for seq in old] if isinstance(old, list) else old
             changed[each.name] = int(place[new]) if isinstance(new, int) else new
         elif isinstance(old, list):
-            changed[each.name] = _placed(old, place)
+            changed[each.name] = placed(old, place)
         elif isinstance(old, str):
             changed[each.name] = _FRAME.sub(lambda told: f"frame {place[int(told[1])]}", old)
     return replace(value, **changed)
@@ -151,11 +151,11 @@ def _keys(finding: Finding) -> list[tuple[str, int | None]]:
     return [(finding.id, finding.node), *links]
 
 
-def _unlike(where: str, one: Any, other: Any) -> Iterator[str]:
+def unlike(where: str, one: Any, other: Any) -> Iterator[str]:
     """Where two values differ; numbers may be rounded otherwise."""
     if is_dataclass(one) and not isinstance(one, type) and type(one) is type(other):
         for each in fields(one):
-            yield from _unlike(
+            yield from unlike(
                 f"{where}.{each.name}", getattr(one, each.name), getattr(other, each.name)
             )
     elif isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
@@ -170,7 +170,7 @@ def _unlike(where: str, one: Any, other: Any) -> Iterator[str]:
         if one.keys() != other.keys():
             yield f"{where}: {sorted(map(str, one))} and {sorted(map(str, other))}"
         for key in one.keys() & other.keys():
-            yield from _unlike(f"{where}[{key}]", one[key], other[key])
+            yield from unlike(f"{where}[{key}]", one[key], other[key])
     elif one != other:
         yield f"{where}: {one!r} and {other!r}"
 
@@ -182,7 +182,7 @@ def _unlike_rows(where: str, one: Any, other: Any) -> Iterator[str]:
         yield f"{where}: {len(one)} and {len(other)} rows, without {missing}, with {added}"
         return
     for mine, its in zip(one, other, strict=True):
-        yield from _unlike(where, mine, its)
+        yield from unlike(where, mine, its)
 
 
 Invariant = Callable[[Case, Random], Iterator[str]]

@@ -136,11 +136,7 @@ def test_nobody_is_accused_and_the_note_tells(tmp_path: Path, offset: Offset) ->
     assert note.startswith("the recorder's clock was set ")
     assert got.capture.first_ns == expected.capture.first_ns
     info = inspect(path)
-    assert (info.steps_back, info.first_ns, note in info.notes) == (0, good_first(good), True)
-
-
-def good_first(path: Path) -> int | None:
-    return inspect(path).first_ns
+    assert (info.steps_back, info.first_ns, note in info.notes) == (0, inspect(good).first_ns, True)
 
 
 def test_a_later_segment_tells_the_truth_for_the_earlier(tmp_path: Path) -> None:

@@ -7,14 +7,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from syncline_analyzer.folds.emcy.story import (
-    MAX_ACTIVE,
-    MAX_ALIKE,
     MAX_EVIDENCE,
     MAX_LISTED,
     Message,
     Story,
 )
 from syncline_schemas.devices import Device, load_device
+from syncline_schemas.emcy_errors import MAX_ACTIVE, MAX_ALIKE
 
 STEP_NS = 1_000_000
 

@@ -1,6 +1,7 @@
 """PDOs that are missed, and silence that owes nothing: restarts, clocks, timers, settings."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -123,6 +124,18 @@ def test_a_clock_that_is_set_back_hides_nothing_of_a_node_that_runs_all_along() 
     frames = shifted(ordered(syncs(regular(200, PERIOD)), pdos(answers)), 5 * SECOND, -2 * SECOND)
     states = [state(1, "OPERATIONAL", 0, 8 * SECOND)]
     assert missed(timing(told(1), frames, states=states)) == 2
+
+
+@pytest.mark.parametrize(("evidence", "expected"), [(100, 2), (250, 0), (None, 0)])
+def test_a_node_that_was_started_before_the_clock_was_set_back_runs_after_it(
+    evidence: int | None, expected: int
+) -> None:
+    """Its start and what it missed bear stamps of the time that comes twice."""
+    answers = [t + MS for k, t in enumerate(regular(199, PERIOD)) if k >= 72 and k not in (130, 131)]
+    frames = shifted(ordered(syncs(regular(200, PERIOD)), pdos(answers)), 5 * SECOND, -2 * SECOND)
+    started = replace(state(1, "OPERATIONAL", 3500 * MS, 8 * SECOND), evidence=evidence)
+    states = [state(1, "PRE-OPERATIONAL", 0, 3500 * MS), started]
+    assert missed(timing(told(1), frames, states=states)) == expected
 
 
 @pytest.mark.parametrize(("step_ms", "left_out"), [(67, ()), (1000, ()), (0, (60,)), (67, (60,))])

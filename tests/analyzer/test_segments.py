@@ -142,3 +142,53 @@ def test_the_pause_between_two_recordings_is_told_once() -> None:
 
 def test_the_time_before_a_recording_is_no_part_of_it() -> None:
     assert items(Recorded(0, 100, gap=Gap(21, 100, DID_NOT_RUN))) == ([100], [])
+
+
+MAPPED = [
+    (0x601, "2F 00 1A 00 00 00 00 00"),
+    (0x581, "60 00 1A 00 00 00 00 00"),
+    (0x601, "23 00 1A 01 10 00 04 60"),
+    (0x581, "60 00 1A 01 00 00 00 00"),
+    (0x601, "2F 00 1A 00 01 00 00 00"),
+    (0x581, "60 00 1A 00 00 00 00 00"),
+    (0x601, "2B 17 10 00 E8 03 00 00"),
+    (0x581, "60 17 10 00 00 00 00 00"),
+]
+"""1A00h of node 1 holds 6004h:00 with 16 bits; its heartbeat comes each second."""
+
+
+def settings_at_the_end(tmp_path: Path, *more: tuple[int, int, str]) -> dict[str, int]:
+    """Objects of node 1 as the last segment alone tells them, after these frames (at a second)."""
+    rows = [(0, *each) for each in MAPPED] + [(20, 0x181, "01 00"), (40, 0x181, "02 00")]
+    stream = [
+        FrameBatch.from_rows(
+            (S * (1_790_000_000 + at_s) + n * 1_000_000, 0, can_id, 0, len(data), data)
+            for n, (at_s, can_id, text) in enumerate(sorted(rows + list(more), key=first_of))
+            for data in [bytes.fromhex(text)]
+        )
+    ]
+    options = RecordOptions(sync=False, recording_id="r", split=Split(time_ns=15 * S))
+    record_batches(stream, [BusInfo("can0", 0, 500_000)], tmp_path, options)
+    last = max(tmp_path.glob("*.mcap"))
+    objects = open_session(last).objects(1)
+    return {f"{row.index:04X}:{row.sub}": int(str(row.value)) for row in objects.itertuples()}
+
+
+def first_of(row: tuple[int, int, str]) -> int:
+    return row[0]
+
+
+def test_what_the_recorder_learned_is_known_in_later_segments(tmp_path: Path) -> None:
+    found = settings_at_the_end(tmp_path)
+    assert (found["1A00:1"], found["1017:0"]) == (0x60040010, 1000)
+
+
+@pytest.mark.parametrize("at_s", [3, 41])
+def test_a_reset_before_or_in_a_later_segment_throws_it_away(tmp_path: Path, at_s: int) -> None:
+    assert "1017:0" not in settings_at_the_end(tmp_path, (at_s, 0x701, "00"))
+
+
+def test_what_was_saved_survives_it(tmp_path: Path) -> None:
+    save = [(1, 0x601, "23 10 10 01 73 61 76 65"), (1, 0x581, "60 10 10 01 00 00 00 00")]
+    found = settings_at_the_end(tmp_path, *save, (3, 0x701, "00"), (41, 0x701, "00"))
+    assert found["1017:0"] == 1000

@@ -7,7 +7,12 @@ from collections.abc import Iterator
 
 import pytest
 
-from syncline_logger.sources.linux_socket import MessageRing, library_call, raise_receive_buffer
+from syncline_logger.sources.linux_socket import (
+    MessageRing,
+    library_call,
+    raise_receive_buffer,
+    receive_buffer_bytes,
+)
 
 pytestmark = pytest.mark.skipif(
     sys.platform != "linux" or library_call("recvmmsg") is None, reason="Linux has recvmmsg"
@@ -59,10 +64,13 @@ def test_an_error_of_the_socket_is_raised() -> None:
     assert raised.value.errno == errno.EBADF
 
 
-def test_the_receive_buffer_is_told_as_it_is(pair: tuple[socket.socket, socket.socket]) -> None:
+def test_the_receive_buffer_is_raised_but_never_lowered(
+    pair: tuple[socket.socket, socket.socket],
+) -> None:
     _, receiver = pair
-    size = raise_receive_buffer(receiver, 1 << 14)
-    assert size == receiver.getsockopt(1, 8)
+    before = receive_buffer_bytes(receiver)
+    raise_receive_buffer(receiver, before // 2)
+    assert receive_buffer_bytes(receiver) == before
 
 
 def test_there_is_no_function_of_a_strange_name() -> None:

@@ -11,6 +11,7 @@ import canopen
 import pytest
 from click.testing import CliRunner
 
+from syncline_analyzer import open_session
 from syncline_logger.cli import cli
 from syncline_logger.probe import NOT_THERE, NodeProbe, probe_node
 from syncline_logger.probe_bus import ProbeSource
@@ -187,3 +188,14 @@ def test_nodes_that_are_none(text: str) -> None:
 
 def test_nodes() -> None:
     assert parse_nodes("5, 6,10-12,6") == [5, 6, 10, 11, 12]
+
+
+def test_the_analyzer_learns_from_it(tmp_path: Path) -> None:
+    with machine(jn2100=10):
+        probe(tmp_path, "--nodes", "10")
+    session = open_session(tmp_path / "x.mcap")
+    (node,) = session.nodes().to_dict("records")
+    assert (node["node"], node["device"]) == (10, "jn2100")
+    known = session.objects(10)
+    assert {0x1018, 0x1800, 0x6000} <= set(known["index"])
+    assert "error" not in set(session.findings()["severity"])

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from syncline_logger.manifest import Manifest, MarkNote, Segment
 from syncline_logger.retention import Keep, surplus
 from syncline_logger.segments import Split
-from tests.logger.store_runs import FailingDisk, Run, S, files_of, is_sorted, numbers_in
+from tests.logger.store_runs import T0, FailingDisk, Run, S, files_of, is_sorted, numbers_in
 
 DAY = 86_400 * S
 
@@ -19,9 +19,17 @@ DAY = 86_400 * S
 def recording(
     *sizes: int, number: int = 1, marked: tuple[int, ...] = (), first: int = 0, **values: Any
 ) -> Manifest:
-    """A recording of whole segments of these sizes, which ended at 1, 2, 3 ... days."""
+    """A recording of whole segments of these sizes, which ended 1, 2, 3 ... days after T0."""
     segments = [
-        Segment(first + n, f"r{number}_{first + n}.mcap", "closed", n * DAY, (n + 1) * DAY, 1, size)
+        Segment(
+            first + n,
+            f"r{number}_{first + n}.mcap",
+            "closed",
+            T0 + n * DAY,
+            T0 + (n + 1) * DAY,
+            1,
+            size,
+        )
         for n, size in enumerate(sizes)
     ]
     for n in marked:
@@ -30,7 +38,7 @@ def recording(
 
 
 def deleted(*recordings: Manifest, keep: Keep, **values: Any) -> list[str]:
-    found = surplus(recordings, keep, **{"now_ns": 10 * DAY, **values})
+    found = surplus(recordings, keep, **{"now_ns": T0 + 10 * DAY, **values})
     return [each.segment.file for each in found]
 
 
@@ -75,6 +83,12 @@ def test_what_is_too_old_goes() -> None:
 
 def test_a_clock_that_was_set_back_makes_nothing_old() -> None:
     assert deleted(recording(1, 1, 1), keep=Keep(age_ns=DAY), now_ns=0) == []
+
+
+def test_what_was_recorded_before_the_date_was_known_is_not_old() -> None:
+    undated = recording(1)
+    undated.segments[0].end_ns = DAY
+    assert deleted(undated, keep=Keep(age_ns=DAY)) == []
 
 
 @given(

@@ -6,6 +6,7 @@ import os
 import re
 import socket
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -117,6 +118,7 @@ def test_the_metrics_say_what_the_status_says() -> None:
     assert told["syncline_up"] == {(): 1}
     assert told["syncline_status_time_seconds"] == {(): 1_760_000_000}
     assert told["syncline_gaps_total"] == {(): 2}
+    assert told["syncline_disk_trouble"] == {(): 0}
     assert told["syncline_frames_total"] == {can0: 12_345_678_901, can1: 0}
     assert told["syncline_frames_per_second"][can1] == 1.5
     assert told["syncline_bus_load_ratio"] == {can0: 0.25}
@@ -128,7 +130,9 @@ def test_the_metrics_say_what_the_status_says() -> None:
         (("bus", "can1"), ("state", "off")),
     ]
     assert told["syncline_node_state"] == {(("bus", "can0"), ("node", "5"), ("state", "LOST")): 1}
-    assert parsed(prometheus_text(now, False))["syncline_up"] == {(): 0}
+    ended = parsed(prometheus_text(replace(now, trouble="the disk is full"), False))
+    assert ended["syncline_up"] == {(): 0}
+    assert ended["syncline_disk_trouble"] == {(): 1}
 
 
 def test_names_of_buses_are_escaped() -> None:

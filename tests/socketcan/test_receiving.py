@@ -6,11 +6,14 @@ import time
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 
 from syncline_logger.batcher import FrameBuffer
 from syncline_logger.bus_options import BusOptions
+from syncline_logger.cli import cli
 from syncline_logger.sources.socketcan import SocketCanSource
 from syncline_schemas.batch import FrameBatch, FrameFlag
+from tests.logger.capture_contents import read_capture
 from tests.socketcan.can_bus import FD_FRAME, FRAME, in_the_vm, numbered, raw_socket, send
 from tests.socketcan.live_recording import recording_of
 
@@ -165,3 +168,25 @@ def test_nothing_is_sent(tmp_path: Path) -> None:
             witness.recv(16)
         with pytest.raises(TimeoutError):
             other.recv(16)
+
+
+def test_the_command_line(tmp_path: Path) -> None:
+    """`syncline record` reads SocketCAN natively, and its metadata tells of the interface."""
+    target = tmp_path / "x.mcap"
+
+    def send_when_it_listens() -> None:
+        while not target.exists():
+            time.sleep(0.01)
+        send("vcan0", numbered(50))
+
+    sender = threading.Thread(target=send_when_it_listens, daemon=True)
+    words = ["record", "-i", "socketcan", "-c", "vcan0", "-o", str(target), "--for", "4s"]
+    sender.start()
+    done = CliRunner().invoke(cli, [*words, "--no-decode"])
+    sender.join()
+    assert done.exit_code == 0, done.output
+    contents = read_capture(target)
+    assert len(contents.frames("vcan0")) == 50
+    about = contents.metadata["syncline"]
+    assert about["vcan0.loss_counters"] == "queue, kernel, controller"
+    assert int(about["vcan0.receive_buffer_bytes"]) >= 32 << 20

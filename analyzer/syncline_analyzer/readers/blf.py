@@ -8,12 +8,13 @@ import struct
 import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.capture import CaptureFacts
+from syncline_analyzer.readers.byte_columns import ByteColumns, Column
 from syncline_analyzer.readers.source import CaptureSource
 from syncline_analyzer.readers.times import utc_ns
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
@@ -31,12 +32,7 @@ _OBJECT: Final = struct.Struct("<4sHHLL")
 _SIGNATURE: Final = int.from_bytes(b"LOBJ", "little")
 _BATCH_BYTES: Final = 4 * 1024 * 1024
 _MAX_OBJECT: Final = 64 * 1024 * 1024
-_ROOM: Final = 160
-"""Spare bytes behind the objects, so that a column may be taken from a cut one."""
 _FD_LENGTHS: Final = np.array([0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64], np.uint8)
-
-Column = NDArray[np.integer[Any]]
-"""(n,) uint64 numbers from the objects."""
 
 
 class BlfReader:
@@ -134,11 +130,11 @@ class BlfReader:
         if used < 0:
             self._harm("an object does not start where the one before it ends")
             used = len(data)
-        view = _Bytes(data)
+        view = ByteColumns(data)
         wanted = at[np.isin(view.u32(at, 12), _FRAME_TYPES)]
         return self._frames(view, wanted), data[used:]
 
-    def _frames(self, view: "_Bytes", at: NDArray[np.intp]) -> FrameBatch:
+    def _frames(self, view: ByteColumns, at: NDArray[np.intp]) -> FrameBatch:
         kind = view.u32(at, 12)
         body = at + view.u16(at, 4).astype(np.intp)
         size = view.u32(at, 8).astype(np.intp)
@@ -155,7 +151,7 @@ class BlfReader:
                 read(view, body[rows], at[rows] + size[rows], columns, rows)
         return self._batch(columns)
 
-    def _times(self, view: "_Bytes", at: NDArray[np.intp]) -> NDArray[np.int64]:
+    def _times(self, view: ByteColumns, at: NDArray[np.intp]) -> NDArray[np.int64]:
         ten_us = view.u32(at, 16) == 1
         self._steps.update({10_000} if ten_us.any() else set(), {1} if not ten_us.all() else set())
         stamps = view.u64(at, 24).view(np.int64)
@@ -208,42 +204,11 @@ class _Columns:
         self.put_flag(rows, FrameFlag.DLC_INVALID, (~remote & (there < stated)).astype(np.uint64))
 
 
-class _Bytes:
-    """Numbers of several widths at any places of the same bytes."""
-
-    def __init__(self, data: bytes) -> None:
-        self._data = data + bytes(_ROOM)
-
-    def _at(self, at: NDArray[np.intp], offset: int, dtype: str) -> Column:
-        width = np.dtype(dtype).itemsize
-        view = np.ndarray((len(self._data) - width + 1,), dtype, self._data, 0, (1,))
-        taken: Column = view[np.minimum(at + offset, len(view) - 1)].astype(np.uint64)
-        return taken
-
-    def u8(self, at: NDArray[np.intp], offset: int) -> Column:
-        return self._at(at, offset, "u1")
-
-    def u16(self, at: NDArray[np.intp], offset: int) -> Column:
-        return self._at(at, offset, "<u2")
-
-    def u32(self, at: NDArray[np.intp], offset: int) -> Column:
-        return self._at(at, offset, "<u4")
-
-    def u64(self, at: NDArray[np.intp], offset: int) -> Column:
-        return self._at(at, offset, "<u8")
-
-    def block(self, at: NDArray[np.intp], offset: int, width: int) -> NDArray[np.uint8]:
-        """(n, width) bytes."""
-        view = np.ndarray((len(self._data) - width + 1,), f"V{width}", self._data, 0, (1,))
-        taken = view[np.minimum(at + offset, len(view) - 1)]
-        return taken.view(np.uint8).reshape(len(at), width)
-
-
-_Reader = Callable[[_Bytes, NDArray[np.intp], NDArray[np.intp], _Columns, NDArray[np.intp]], None]
+_Reader = Callable[[ByteColumns, NDArray[np.intp], NDArray[np.intp], _Columns, NDArray[np.intp]], None]
 
 
 def _can_message(
-    view: _Bytes, at: NDArray[np.intp], end: NDArray[np.intp], out: _Columns, rows: NDArray[np.intp]
+    view: ByteColumns, at: NDArray[np.intp], end: NDArray[np.intp], out: _Columns, rows: NDArray[np.intp]
 ) -> None:
     out.channel[rows] = view.u16(at, 0)
     flags = view.u8(at, 2)
@@ -256,7 +221,7 @@ def _can_message(
 
 
 def _can_error(
-    view: _Bytes, at: NDArray[np.intp], end: NDArray[np.intp], out: _Columns, rows: NDArray[np.intp]
+    view: ByteColumns, at: NDArray[np.intp], end: NDArray[np.intp], out: _Columns, rows: NDArray[np.intp]
 ) -> None:
     out.channel[rows] = view.u16(at, 0)
     out.flags[rows] = FrameFlag.ERROR
@@ -264,7 +229,7 @@ def _can_error(
 
 
 def _can_error_ext(
-    view: _Bytes, at: NDArray[np.intp], end: NDArray[np.intp], out: _Columns, rows: NDArray[np.intp]
+    view: ByteColumns, at: NDArray[np.intp], end: NDArray[np.intp], out: _Columns, rows: NDArray[np.intp]
 ) -> None:
     out.channel[rows] = view.u16(at, 0)
     out.flags[rows] = FrameFlag.ERROR
@@ -279,7 +244,7 @@ def _can_error_ext(
 
 
 def _can_fd(
-    view: _Bytes, at: NDArray[np.intp], end: NDArray[np.intp], out: _Columns, rows: NDArray[np.intp]
+    view: ByteColumns, at: NDArray[np.intp], end: NDArray[np.intp], out: _Columns, rows: NDArray[np.intp]
 ) -> None:
     out.channel[rows] = view.u16(at, 0)
     flags, fd_flags = view.u8(at, 2), view.u8(at, 13)
@@ -293,7 +258,7 @@ def _can_fd(
 
 
 def _can_fd_64(
-    view: _Bytes, at: NDArray[np.intp], end: NDArray[np.intp], out: _Columns, rows: NDArray[np.intp]
+    view: ByteColumns, at: NDArray[np.intp], end: NDArray[np.intp], out: _Columns, rows: NDArray[np.intp]
 ) -> None:
     out.channel[rows] = view.u8(at, 0)
     flags = view.u32(at, 12)

@@ -14,10 +14,12 @@ from syncline_schemas.capture.layout import (
     DESCRIPTION_MEDIA_TYPE,
     EDS_MEDIA_TYPE,
     FRAME_SCHEMA_NAME,
+    LEARNED_METADATA_NAME,
     METADATA_NAME,
     PROFILE,
     RECOVER_METADATA_NAME,
 )
+from syncline_schemas.capture.learned import learned_settings
 from syncline_schemas.capture.scan import CaptureScan
 from syncline_schemas.errors import CaptureError
 
@@ -93,6 +95,8 @@ class McapReader:
             self.facts.clock = scanned.metadata.clock
             self.facts.resolution_ns = scanned.metadata.resolution_ns
             self.facts.time_base = _time_base(scanned.metadata.time_base)
+        learned = scanned.metadata_records.get(LEARNED_METADATA_NAME, {})
+        self.facts.learned = learned_settings(learned)
         for attachment in scanned.attachments:
             if attachment.name == DESCRIPTION_ATTACHMENT:
                 self.facts.description_toml = attachment.data.decode(errors="replace")

@@ -20,7 +20,8 @@ _ATTRIBUTE_MASK = 0x3FFF
 """The upper two bits of an attribute's type are flags."""
 
 _UP = 1
-_CAN_TYPE = 280
+CAN_TYPE = 280
+"""ARPHRD_CAN."""
 _NAME, _MTU, _LINK_INFO = 3, 4, 18
 _KIND, _DATA = 1, 2
 _BIT_TIMING, _STATE, _CONTROL_MODE, _RESTART_MS, _DATA_BIT_TIMING = 1, 4, 5, 6, 9
@@ -82,14 +83,14 @@ def link_of(reply: bytes) -> CanLink | None:
     _, device, index, flags, _ = _LINK.unpack_from(reply, _HEADER.size)
     found = dict(_attributes(reply[_HEADER.size + _LINK.size : length]))
     info = dict(_attributes(found.get(_LINK_INFO, b"")))
-    can = dict(_attributes(info.get(_DATA, b""))) if device == _CAN_TYPE else {}
+    can = dict(_attributes(info.get(_DATA, b""))) if device == CAN_TYPE else {}
     mode = can.get(_CONTROL_MODE, b"")
     supported = dict(_attributes(can.get(_CONTROL_MODE_EXTENDED, b""))).get(_SUPPORTED, b"")
     return CanLink(
         index=index,
         name=_text(found.get(_NAME, b"")),
         up=bool(flags & _UP),
-        is_can=device == _CAN_TYPE,
+        is_can=device == CAN_TYPE,
         mtu=_number(found.get(_MTU, b"")) or 0,
         kind=_text(info.get(_KIND, b"")),
         bitrate=_number(can.get(_BIT_TIMING, b"")) or None,

@@ -7,13 +7,15 @@ import ctypes
 import os
 import socket
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from syncline_logger.sources.link_wire import CanLink, link_of, link_request
+from syncline_logger.sources.link_wire import CAN_TYPE, CanLink, link_of, link_request
 from syncline_logger.sources.socketcan_wire import Received
 
 SOL_SOCKET = 1
@@ -124,18 +126,16 @@ def _addresses(rows: NDArray[Any]) -> NDArray[np.uintp]:
     return np.uintp(rows.ctypes.data) + steps
 
 
-def raise_receive_buffer(sock: socket.socket, size: int) -> int:
-    """Ask for a receive buffer of at least `size` bytes, as root if we are; what it is then.
-
-    The kernel doubles what is asked for, for its own bookkeeping, and so tells it here.
-    """
+def raise_receive_buffer(sock: socket.socket, size: int) -> None:
+    """Ask for a receive buffer of `size` bytes: beyond the system's limit, else up to it."""
     for option in (SO_RCVBUFFORCE, SO_RCVBUF):
-        try:
-            sock.setsockopt(SOL_SOCKET, option, size // 2)
-        except OSError:
-            continue
-        if sock.getsockopt(SOL_SOCKET, SO_RCVBUF) >= size:
-            break
+        if receive_buffer_bytes(sock) < size:
+            with suppress(OSError):
+                sock.setsockopt(SOL_SOCKET, option, size // 2)
+
+
+def receive_buffer_bytes(sock: socket.socket) -> int:
+    """Size of the receive buffer, twice what was asked for: the kernel's own bookkeeping counts."""
     return sock.getsockopt(SOL_SOCKET, SO_RCVBUF)
 
 
@@ -152,18 +152,28 @@ def dropped_frames(sock: socket.socket) -> int | None:
 
 
 def can_link(name: str) -> CanLink | None:
-    """The interface of this name, as rtnetlink tells it; None when there is none.
-
-    Raises OSError where rtnetlink cannot be asked.
-    """
+    """The interface of this name, as the kernel tells it; None when there is none."""
     try:
         index = socket.if_nametoindex(name)
     except OSError:
         return None
-    with socket.socket(_AF_NETLINK, _SOCK_RAW, _NETLINK_ROUTE) as asking:
-        asking.settimeout(_ANSWER_S)
-        asking.sendto(link_request(index, 1), (0, 0))
-        return link_of(asking.recv(_REPLY_BYTES))
+    try:
+        with socket.socket(_AF_NETLINK, _SOCK_RAW, _NETLINK_ROUTE) as asking:
+            asking.settimeout(_ANSWER_S)
+            asking.sendto(link_request(index, 1), (0, 0))
+            return link_of(asking.recv(_REPLY_BYTES))
+    except OSError:
+        return _link_of_files(name, index)
+
+
+def _link_of_files(name: str, index: int) -> CanLink:
+    """What sysfs tells where rtnetlink may not be asked; it knows nothing of the controller."""
+    told = {"flags": 1, "type": CAN_TYPE, "mtu": 0}
+    for key in told:
+        with suppress(OSError, ValueError):
+            text = Path("/sys/class/net", name, key).read_text(encoding="ascii")
+            told[key] = int(text, 0)
+    return CanLink(index, name, bool(told["flags"] & 1), told["type"] == CAN_TYPE, told["mtu"])
 
 
 class _InterfaceRequest(ctypes.Structure):

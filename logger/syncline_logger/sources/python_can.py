@@ -10,7 +10,8 @@ from can.util import load_config
 
 from syncline_logger.adapter_clock import AdapterClock, Knot
 from syncline_logger.batcher import FrameBuffer
-from syncline_logger.bus_options import BusOptions
+from syncline_logger.bus_condition import SOCKETCAN_ERROR_FRAMES
+from syncline_logger.bus_options import BusOptions, filter_words
 from syncline_logger.clock import RecorderClock
 from syncline_logger.source import SourceFacts
 from syncline_schemas.batch import FrameFlag
@@ -84,7 +85,8 @@ class PythonCanSource:
             clock=CLOCK_KIND.get(interface, "unknown"),
             resolution_ns=FLOAT_STEP_NS,
             listen_only=not options.acknowledge and interface in LISTEN_ONLY,
-            filters=" ".join(f"{f['can_id']:X}:{f['can_mask']:X}" for f in options.filters),
+            filters=filter_words(options.filters),
+            loss_counters=("controller",) if interface in SOCKETCAN_ERROR_FRAMES else (),
         )
 
     @classmethod

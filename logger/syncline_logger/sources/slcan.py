@@ -5,6 +5,7 @@ import os
 import re
 import select
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import accumulate
 from typing import TYPE_CHECKING
@@ -21,7 +22,7 @@ from syncline_logger.sources.slcan_stamps import MILLISECOND_NS, StampClock
 from syncline_logger.sources.slcan_wire import LineReader, Lines, Status, error_frame, status_of
 from syncline_schemas.batch import FrameBatch, FrameFlag
 from syncline_schemas.can_errors import Controller, ErrorClass
-from syncline_schemas.errors import SourceError
+from syncline_schemas.errors import MissingExtraError, SourceError
 
 if TYPE_CHECKING:
     from serial import SerialBase
@@ -101,7 +102,7 @@ class SlcanSource:
         return [self._knots.popleft() for _ in range(len(self._knots))]
 
     def open(self) -> None:
-        """Open the port and the adapter's channel. Raises SourceError."""
+        """Open the port and the adapter's channel. Raises SourceError, MissingExtraError."""
         if self._port is not None:
             return
         commands = self._settings()
@@ -124,8 +125,15 @@ class SlcanSource:
             pieces, times = self._collect(self._port, timeout_s)
         except OSError as error:
             raise SourceError(self._what_failed("lost", error)) from error
-        if not pieces:
-            return 0
+        return self.take(pieces, times, buffer, bus) if pieces else 0
+
+    def take(
+        self, pieces: Sequence[bytes], times: Sequence[int], buffer: FrameBuffer, bus: int
+    ) -> int:
+        """Put the frames of bytes into the buffer; how many.
+
+        times: elapsed time at which each piece arrived [ns].
+        """
         lines = self._lines.feed(b"".join(pieces))
         ends = np.array(list(accumulate(map(len, pieces))), np.int64)
         arrived = np.array(times, np.int64)
@@ -182,7 +190,7 @@ class SlcanSource:
         try:
             import serial
         except ImportError as error:
-            raise SourceError(
+            raise MissingExtraError(
                 "serial adapters need the package pyserial: pip install 'syncline[serial]'"
             ) from error
         path, _, rate = self.facts.channel.partition("@")
@@ -314,13 +322,13 @@ class SlcanSource:
         """Arrival, and of frames that arrived together the latest times that the bus allows."""
         t_ns = arrived_ns + self._clock.offset_ns
         if self.facts.bitrate:
-            bit_ns = 1_000_000_000 / self.facts.bitrate
             extended = (frames.flags & FrameFlag.EXTENDED) != 0
             bits = np.where(extended, _SHORTEST_BITS[True], _SHORTEST_BITS[False])
             data_bits = np.where(frames.flags & (FrameFlag.REMOTE | FrameFlag.FD), 0, frames.dlc)
-            passed_ns = np.cumsum((bits + 8 * data_bits.astype(np.int64)) * bit_ns)
+            passed_bits = np.cumsum(bits + 8 * data_bits.astype(np.int64))
+            passed_ns = passed_bits * 1_000_000_000 // self.facts.bitrate
             latest = np.minimum.accumulate((t_ns - passed_ns)[::-1])[::-1]
-            t_ns = (latest + passed_ns).astype(np.int64)
+            t_ns = latest + passed_ns
         return np.maximum(t_ns, self._log_ns)
 
     def _with_errors(self, frames: FrameBatch, lines: Lines, log_ns: int, bus: int) -> FrameBatch:

@@ -19,13 +19,13 @@ from syncline_logger.source import SourceAsleep, SourceFacts
 from syncline_logger.sources.kernel_drops import Dropped, KernelDrops
 from syncline_logger.sources.link_wire import CanLink
 from syncline_logger.sources.linux_socket import (
-    SO_RCVBUF,
     SOL_SOCKET,
     MessageRing,
     can_link,
     dropped_frames,
     library_call,
     raise_receive_buffer,
+    receive_buffer_bytes,
     stamps_by_hardware,
 )
 from syncline_logger.sources.socketcan_notes import (
@@ -102,7 +102,8 @@ class SocketCanSource:
 
     def clock_knots(self) -> list[Knot]:
         """How stamps were mapped since the last call."""
-        return self._adapter_clock.take_knots() if self._adapter_clock else []
+        mapped_by = self._adapter_clock
+        return mapped_by.take_knots() if mapped_by else []
 
     def open(self) -> None:
         """Listen to the interface.
@@ -122,10 +123,7 @@ class SocketCanSource:
 
     def _link(self) -> CanLink:
         """The interface. Raises SourceAsleep where there is none, SourceError if it is no bus."""
-        try:
-            link = can_link(self._channel)
-        except OSError as error:
-            raise SourceError(self._said(f"cannot ask rtnetlink for it: {error}")) from error
+        link = can_link(self._channel)
         if link is None:
             raise SourceAsleep(self._said(what_is_missing(self._channel, self._options.bitrate)))
         if not link.is_can:
@@ -133,27 +131,15 @@ class SocketCanSource:
         return link
 
     def _open_socket(self, link: CanLink) -> None:
-        opened = socket.socket(AF_CAN, socket.SOCK_RAW, CAN_RAW)
-        self._socket = opened
-        opened.setblocking(False)
-        buffer_bytes = raise_receive_buffer(opened, RECEIVE_BUFFER_BYTES)
-        opened.setsockopt(SOL_SOCKET, SO_RXQ_OVFL, 1)
-        _ask_for_stamps(opened)
-        opened.setsockopt(SOL_CAN_RAW, CAN_RAW_ERR_FILTER, struct.pack("=I", _ALL_ERRORS))
-        if link.takes_fd:
-            opened.setsockopt(SOL_CAN_RAW, CAN_RAW_FD_FRAMES, 1)
-        if self._options.filters:
-            opened.setsockopt(SOL_CAN_RAW, CAN_RAW_FILTER, _filters(self._options.filters))
-        by_hardware = stamps_by_hardware(opened, link.name)
-        opened.bind((link.name,))
+        self._socket = opened = can_socket(link, self._options.filters)
         self._ring = MessageRing(BATCH, FD_BYTES if link.takes_fd else CLASSIC_BYTES)
         self._drops = KernelDrops(time.time_ns())
         self._index, self._asleep = link.index, False
-        if by_hardware and self._clock:
+        if self._clock and stamps_by_hardware(opened, link.name):
             self._adapter_clock = AdapterClock(self._clock)
-        self._know(link, buffer_bytes, by_hardware=self._adapter_clock is not None)
+        self._know(link, receive_buffer_bytes(opened))
 
-    def _know(self, link: CanLink, buffer_bytes: int, *, by_hardware: bool) -> None:
+    def _know(self, link: CanLink, buffer_bytes: int) -> None:
         """Facts of the opened interface; what it is set to goes before what was told."""
         before, self._opened_bitrate = self._opened_bitrate, link.bitrate
         self.facts = replace(
@@ -161,7 +147,7 @@ class SocketCanSource:
             bitrate=link.bitrate or self._options.bitrate,
             data_bitrate=link.data_bitrate or self._options.data_bitrate,
             fd=link.takes_fd,
-            clock="hardware" if by_hardware else "kernel",
+            clock="hardware" if self._adapter_clock else "kernel",
             listen_only=bool(link.listen_only),
             state=link.state,
             receive_buffer_bytes=buffer_bytes,
@@ -253,15 +239,11 @@ class SocketCanSource:
             raise SourceAsleep(self._said(what_is_down(link, self._options.bitrate)))
         if self._asleep:
             self._asleep = False
-            buffer_bytes = opened.getsockopt(SOL_SOCKET, SO_RCVBUF)
-            self._know(link, buffer_bytes, by_hardware=self._adapter_clock is not None)
+            self._know(link, receive_buffer_bytes(opened))
 
     def _current_link(self) -> CanLink | None:
         """The interface that the socket listens to; None when it is gone or another one."""
-        try:
-            link = can_link(self._channel)
-        except OSError:
-            return None
+        link = can_link(self._channel)
         return link if link and link.index == self._index else None
 
     def close(self) -> None:
@@ -273,6 +255,29 @@ class SocketCanSource:
 
     def _said(self, text: str) -> str:
         return f"bus '{self.facts.name}' (socketcan {self._channel}): {text}"
+
+
+def can_socket(link: CanLink, filters: Sequence[Filter]) -> socket.socket:
+    """A socket that hears all of an interface that the filters let through, and every error frame.
+
+    Raises OSError.
+    """
+    opened = socket.socket(AF_CAN, socket.SOCK_RAW, CAN_RAW)
+    try:
+        opened.setblocking(False)
+        raise_receive_buffer(opened, RECEIVE_BUFFER_BYTES)
+        opened.setsockopt(SOL_SOCKET, SO_RXQ_OVFL, 1)
+        _ask_for_stamps(opened)
+        opened.setsockopt(SOL_CAN_RAW, CAN_RAW_ERR_FILTER, struct.pack("=I", _ALL_ERRORS))
+        if link.takes_fd:
+            opened.setsockopt(SOL_CAN_RAW, CAN_RAW_FD_FRAMES, 1)
+        if filters:
+            opened.setsockopt(SOL_CAN_RAW, CAN_RAW_FILTER, _filters(filters))
+        opened.bind((link.name,))
+    except BaseException:
+        opened.close()
+        raise
+    return opened
 
 
 def _lose(buffer: FrameBuffer, bus: int, dropped: Dropped) -> None:

@@ -8,8 +8,8 @@ from itertools import pairwise
 from syncline_analyzer.findings.emcy.hints import check_next
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import error_name, seconds
-from syncline_analyzer.folds.emcy.story import MAX_ALIKE
 from syncline_analyzer.results import EmcyContextRow, ErrorRow, Finding
+from syncline_schemas.emcy_errors import MAX_ALIKE
 from syncline_schemas.wording import counted
 
 OFTEN = 4

@@ -171,7 +171,7 @@ class AngleFold:
         for bus in block.by_bus:
             found = with_frozen(self._reader.read(block, bus), self._quantity)
             nodes = {node for _, node, _ in found} | {n for b, n, _ in self._states if b == bus}
-            last_seq = block.batch.seq0 + len(block.batch) - 1
+            last_seq = block.batch.last_seq
             cuts = {node: self._cuts(block, bus, node, last_seq) for node in nodes}
             for key in sorted(set(found) | {k for k in self._states if k[0] == bus}):
                 self._extend(key, found.get(key), cuts[key[1]])
@@ -383,20 +383,20 @@ def _cut(state: TraceState, cut: Cut) -> None:
 
 def _resets(block: Block, bus: int, node: int) -> Iterator[Cut]:
     """Reset commands to a node, and boot-ups."""
-    frames, seq0 = block.frames, block.batch.seq0
+    frames, batch = block.frames, block.batch
     rows = block.batch.rows(bus, 0)
     if len(rows):
         nmt = decode_nmt(frames.data[rows], frames.dlc[rows])
         to_node = nmt.valid & np.isin(nmt.command, _RESETS) & np.isin(nmt.node, (0, node))
         for row in rows[to_node].tolist():
-            yield Cut(seq0 + row, int(frames.t_ns[row]), "reset command", False)
+            yield Cut(batch.seq(row), int(frames.t_ns[row]), "reset command", False)
     rows = block.batch.rows(bus, 0x700 + node)
     if len(rows):
         state = np.where(frames.dlc[rows] == 1, frames.data[rows, 0], 0xFF)
         # Some devices go on with empty state bytes after a remote frame: only the first can be a boot-up.
         boots = (state == 0) & (np.concatenate(([0xFF], state[:-1])) != 0)
         for row in rows[boots].tolist():
-            yield Cut(seq0 + row, int(frames.t_ns[row]), "boot-up", False)
+            yield Cut(batch.seq(row), int(frames.t_ns[row]), "boot-up", False)
 
 
 def _explained(event: TraceEventRow, writes: list[Cut]) -> bool:

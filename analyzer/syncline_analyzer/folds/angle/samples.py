@@ -57,7 +57,7 @@ class SampleReader:
             if id_bus == bus:
                 for key, samples in self._from_pdo(block, bus, can_id):
                     found.setdefault(key, []).append(samples)
-        last_seq = block.batch.seq0 + len(block.batch) - 1
+        last_seq = block.batch.last_seq
         for key, samples in self._from_sdo(bus, self._reads_seen.get(bus, -1), last_seq):
             found.setdefault(key, []).append(samples)
         self._reads_seen[bus] = last_seq
@@ -76,7 +76,7 @@ class SampleReader:
 
     def _from_pdo(self, block: Block, bus: int, can_id: int) -> Iterator[tuple[Key, Samples]]:
         rows = block.batch.rows(bus, can_id)
-        first, last = block.batch.seq0 + int(rows[0]), block.batch.seq0 + int(rows[-1])
+        first, last = block.batch.seq(rows[0]), block.batch.seq(rows[-1])
         cuts = {
             *self._bindings.cuts(bus, can_id, first, last),
             *self._modes(bus, can_id, first, last),
@@ -87,7 +87,7 @@ class SampleReader:
             if owner is None or owner.guess or owner.kind != "tpdo":
                 continue
             mapping = self._bindings.mapping(owner, begin)
-            low, high = np.searchsorted(rows + block.batch.seq0, [begin, stop])
+            low, high = np.searchsorted(block.batch.seqs[rows], [begin, stop])
             if mapping is not None and high > low:
                 yield from self._decode(block, owner, mapping, rows[low:high], can_id)
 
@@ -105,7 +105,7 @@ class SampleReader:
     ) -> Iterator[tuple[Key, Samples]]:
         device = self._shadow.device(owner.bus, owner.node)
         wanted = {e: t for e in mapping.entries if (t := self._as_traced(owner, device, e))}
-        if not wanted or not self._is_measured(owner, device, block.batch.seq0 + int(rows[0])):
+        if not wanted or not self._is_measured(owner, device, block.batch.seq(rows[0])):
             return
         frames = block.frames
         for column in decode_pdo(mapping, frames.data[rows], frames.dlc[rows]):
@@ -220,7 +220,7 @@ def _samples(
         raw = (raw + half) % (2 * half) - half
     return Samples(
         entry,
-        block.batch.seq0 + rows,
+        block.batch.seqs[rows],
         block.frames.t_ns[rows],
         raw,
         column.valid,

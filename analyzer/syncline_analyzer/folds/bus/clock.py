@@ -72,7 +72,7 @@ class ClockFold:
             return
         for bus in np.unique(batch.frames.bus).tolist():
             rows = np.flatnonzero(batch.frames.bus == bus)
-            self._follow(bus, batch.frames.t_ns[rows], rows + batch.seq0)
+            self._follow(bus, batch.frames.t_ns[rows], batch.seqs[rows])
 
     def gap(self, gap: Gap) -> None:
         """Nothing follows from the time between the frames around a gap."""
@@ -88,7 +88,8 @@ class ClockFold:
         for bus, last_ns in self._last.items():
             if end_ns > last_ns:
                 silences.setdefault(bus, []).append(BusSilence(last_ns, end_ns, None))
-        return ClockTable(self._steps, silences, dict(self._last))
+        steps = sorted(self._steps, key=lambda step: step.seq)
+        return ClockTable(steps, silences, dict(self._last))
 
     def _follow(self, bus: int, t_ns: NDArray[np.int64], seq: NDArray[np.intp]) -> None:
         last = self._last.get(bus)

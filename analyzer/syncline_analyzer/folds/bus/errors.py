@@ -104,13 +104,14 @@ class BusErrorFold:
         self._buses: dict[int, _Bus] = {}
         self._events: list[BusError] = []
         self._frames: dict[str, int] = {}
-        self._begin_ns: int | None = None
+        self._begin: tuple[int, int] | None = None
+        """`seq` and time of the first frame of all buses so far."""
 
     def update(self, batch: IndexedBatch) -> None:
         """Take in the next frames."""
         frames = batch.frames
-        if self._begin_ns is None and len(frames):
-            self._begin_ns = int(frames.t_ns[0])
+        if len(frames) and (self._begin is None or batch.seq0 < self._begin[0]):
+            self._begin = batch.seq0, int(frames.t_ns[0])
         rows = np.flatnonzero(frames.flags & FrameFlag.ERROR)
         waiting = [n for n, bus in self._buses.items() if bus.state in ("bus-off", "restarted")]
         for bus in sorted({*frames.bus[rows].tolist(), *waiting}):
@@ -126,10 +127,10 @@ class BusErrorFold:
 
     def finish(self, end_ns: int) -> BusErrorTable:
         """Everything seen; `end_ns` is the end of the capture."""
-        table = BusErrorTable(self._events, self._frames)
+        table = BusErrorTable(sorted(self._events, key=lambda event: event.seq), self._frames)
         for number, bus in sorted(self._buses.items()):
             name = self._context.bus_name(number)
-            table.states.extend(_closed(bus.rows, end_ns))
+            table.states.extend(_closed(bus.rows, self._begin, end_ns))
             table.kinds.extend(
                 BusErrorRow(name, text, kind.count, kind.first_ns, kind.last_ns, kind.evidence)
                 for text, kind in sorted(bus.kinds.items(), key=lambda entry: entry[1].first_ns)
@@ -160,7 +161,7 @@ class BusErrorFold:
         kind.count += len(rows)
         kind.last_ns = int(t_ns[-1])
         room = MAX_EVIDENCE - len(kind.evidence)
-        kind.evidence.extend((batch.seq0 + rows[:room]).tolist())
+        kind.evidence.extend(batch.seqs[rows[:room]].tolist())
 
     def _stretch(
         self,
@@ -237,10 +238,7 @@ class BusErrorFold:
     ) -> None:
         entry, name = self._buses[bus], self._context.bus_name(bus)
         if not entry.rows:
-            begin_ns = t_ns if self._begin_ns is None else self._begin_ns
-            entry.rows.append(
-                BusStateRow(name, "unknown", begin_ns, t_ns, "start of capture", None)
-            )
+            entry.rows.append(BusStateRow(name, "unknown", t_ns, t_ns, "start of capture", None))
         entry.state = state
         if len(entry.rows) >= MAX_EVENTS:
             return
@@ -304,7 +302,7 @@ def _extend(
     for number, count in zip(*np.unique(group, return_counts=True), strict=True):
         stretch.kinds[errors[int(number)].words] += int(count)
     room = MAX_EVIDENCE - len(stretch.evidence)
-    stretch.evidence.extend((batch.seq0 + rows[:room]).tolist())
+    stretch.evidence.extend(batch.seqs[rows[:room]].tolist())
 
 
 def _add_followers(
@@ -329,8 +327,11 @@ def _counts(can_id: NDArray[np.uint32]) -> dict[int, int]:
     return dict(zip(found.tolist(), counts.tolist(), strict=True))
 
 
-def _closed(rows: list[BusStateRow], end_ns: int) -> list[BusStateRow]:
-    """The intervals, the last one up to the end of the capture."""
-    if not rows:
+def _closed(
+    rows: list[BusStateRow], begin: tuple[int, int] | None, end_ns: int
+) -> list[BusStateRow]:
+    """The intervals, from the beginning of the capture to its end."""
+    if not rows or begin is None:
         return []
-    return [*rows[:-1], replace(rows[-1], end_ns=max(end_ns, rows[-1].start_ns))]
+    first = replace(rows[0], start_ns=begin[1])
+    return [first, *rows[1:-1], replace(rows[-1], end_ns=max(end_ns, rows[-1].start_ns))]

@@ -77,7 +77,8 @@ class LssFold:
         """The frames on buses that speak CANopen, by name, or on which LSS got an answer."""
         speaking = buses | {each.request.bus for each in self._settings}
         rows = [row for row in self._rows if row.bus in speaking]
-        return LssTable(rows, self._beyond, self._settings)
+        settings = sorted(self._settings, key=lambda each: each.answer.seq)
+        return LssTable(sorted(rows, key=lambda row: row.seq), self._beyond, settings)
 
     def _take(self, batch: IndexedBatch, row: int, bus: int, *, request: bool) -> None:
         if len(self._rows) >= MAX_ROWS:

@@ -55,10 +55,10 @@ class EmcyIds:
         self, batch: IndexedBatch, bus: int, can_id: int, rows: NDArray[np.intp]
     ) -> NDArray[np.uint8]:
         """(n,) node of each row of an identifier, 0 where the frame is a SYNC or a PDO."""
-        moments = self._moments(bus, can_id, batch.seq0, batch.seq0 + len(batch))
+        moments = self._moments(bus, can_id, batch.seq0, batch.last_seq)
         sender = np.array([self._sender(bus, can_id, seq) for seq in moments], np.uint8)
         sync = np.array([self._is_sync(bus, can_id, seq) for seq in moments])
-        at = np.searchsorted(moments, rows + batch.seq0, side="right") - 1
+        at = np.searchsorted(moments, batch.seqs[rows], side="right") - 1
         empty = batch.frames.dlc[rows] <= SYNC_BYTES
         return np.where(sync[at] & empty, 0, sender[at]).astype(np.uint8)
 

@@ -4,24 +4,19 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from typing import Any, Literal, NamedTuple
 
-from syncline_analyzer.folds.emcy.left import (
-    ActiveError,
-    codes_told,
-    codes_unexplained,
-    gone_errors,
-    words_of,
-)
 from syncline_analyzer.folds.emcy.reads import NoError
 from syncline_analyzer.folds.nmt.table import BootUp
 from syncline_analyzer.results import EmcyRow, ErrorRow
 from syncline_schemas.canopen.emcy import EMCY_BYTES, short_message
 from syncline_schemas.devices import Device, emcy_details, emcy_meaning, register_bits
+from syncline_schemas.emcy_errors import (
+    ActiveError,
+    ErrorList,
+    codes_told,
+    codes_unexplained,
+)
 
 MAX_EVIDENCE = 50
-MAX_ACTIVE = 254
-"""Errors of a node at one time: 1003h holds no more (CiA 301 7.5.2.3)."""
-MAX_ALIKE = 8
-"""Errors of one code told apart by the maker's bytes; more of them are no fault numbers."""
 MAX_LISTED = 32
 
 Transition = Literal["raised", "further", "partly cleared", "all cleared", "reset", "malformed"]
@@ -68,11 +63,9 @@ class Story:
         self._bus = bus
         self._node = node
         self._device = device
-        self._active: list[ActiveError] = []
+        self._errors = ErrorList(device)
         self._over: list[ErrorRow] = []
         self._listed: list[int] = []
-        self._register = self._words = 0
-        self._last = b""
         self._fresh_start = True
         self.rows: list[EmcyRow] = []
         self.before: list[Before] = []
@@ -90,7 +83,7 @@ class Story:
     def errors(self) -> list[ErrorRow]:
         """All errors, also those that are still active."""
         left = []
-        for error in self._active:
+        for error in self._errors.active:
             read = self._read_after(error, None)
             if read is None:
                 left.append(self._row_of(error, None, "still active"))
@@ -122,60 +115,28 @@ class Story:
             return
         code = int.from_bytes(data[:2], "little")
         transition = self._raise(message, code) if code >> 8 else self._clear(message)
-        self._register, self._words = data[2], words_of(self._device, data[3:8])
-        self._last = data[:EMCY_BYTES]
+        self._errors.remember(data)
         self._fresh_start = False
         meaning = emcy_meaning(self._device, code)
         self._add(message, code, meaning, data[2], data[3:8], transition)
 
     def _raise(self, message: Message, code: int) -> Transition:
-        register, manufacturer = message.data[2], message.data[3:8]
-        transition: Transition = "further" if self._active else "raised"
-        alike = [error for error in self._active if error.code == code]
-        known = next((e for e in alike if self._same(e, code, manufacturer)), None)
-        if known is None and len(alike) >= MAX_ALIKE:
-            known = alike[-1]
-        if known is not None:
-            known.count += 1
-            known.certain = True
-            _note(known.evidence, message.seq)
-            return transition
-        if len(self._active) < MAX_ACTIVE:
-            words = words_of(self._device, manufacturer)
-            fresh, fresh_words = register & ~self._register, words & ~self._words
-            self._active.append(
-                ActiveError(
-                    code,
-                    manufacturer,
-                    message.t_ns,
-                    register,
-                    fresh,
-                    fresh_words,
-                    evidence=[message.seq],
-                )
-            )
+        transition: Transition = "further" if self._errors.active else "raised"
+        error, fresh = self._errors.raised(code, message.data, message.t_ns)
+        if error is not None:
+            _note(error.evidence, message.seq)
+        if error is None or fresh:
             self._list()
-        self._note_before(message)
+            self._note_before(message)
         return transition
-
-    def _same(self, error: ActiveError, code: int, manufacturer: bytes) -> bool:
-        """Whether a message repeats an error.
-
-        Where the low byte of the code tells nothing, the maker's bytes tell errors apart, unless
-        the device's table says that they hold its alarm words.
-        """
-        fields = self._device is not None and bool(self._device.emcy_fields)
-        return error.code == code and (
-            bool(code & 0xFF) or fields or error.manufacturer == manufacturer
-        )
 
     def _clear(self, message: Message) -> Transition:
         """A code 00xxh: what is left tells which errors it does not clear."""
-        gone = self._ended_by(message)
+        gone = self._errors.ended_by(message.data)
         if gone is None:
-            self._end(self._active, message.t_ns, message.seq, "cleared")
+            self._end(self._errors.active, message.t_ns, message.seq, "cleared")
             return "all cleared"
-        if self._fresh_start and not self._active:
+        if self._fresh_start and not self._errors.active:
             told = codes_told(self._device, message.data[2], message.data[3:8])
             self.before.append(Before(message.seq, told))
         self._end(gone, message.t_ns, message.seq, "cleared")
@@ -183,48 +144,19 @@ class Story:
             self._note_before(message)
         return "partly cleared"
 
-    def _ended_by(self, message: Message) -> list[ActiveError] | None:
-        """Errors that a clear ends while others are left; None when nothing is."""
-        register, manufacturer = message.data[2], message.data[3:8]
-        named = self._named(register, manufacturer)
-        if named and (register or len(named) < len(self._active)):
-            return named
-        if not register and not words_of(self._device, manufacturer):
-            return None
-        repeated = message.data[:EMCY_BYTES] == self._last
-        return gone_errors(self._device, self._active, register, manufacturer, repeated=repeated)
-
-    def _named(self, register: int, manufacturer: bytes) -> list[ActiveError]:
-        """Errors that a clear names by the bytes with which they were raised.
-
-        A register of 0 outweighs them where the device's table says what its bits stand for. Where
-        it is not 0, the first byte alone may name the error, as CANopenNode does.
-        """
-        device = self._device
-        if not any(manufacturer) or (
-            device and (device.emcy_fields or (device.emcy_registers and not register))
-        ):
-            return []
-        named = [error for error in self._active if error.manufacturer == manufacturer]
-        first = [error.manufacturer[0] for error in self._active]
-        distinct = len(first) > 1 and len(set(first)) == len(first)
-        if named or not register or not manufacturer[0] or not distinct:
-            return named
-        return [error for error in self._active if error.manufacturer[0] == manufacturer[0]]
-
     def _note_before(self, message: Message) -> None:
         """Bits in an EMCY for which no error was raised: it came before the capture."""
         register, manufacturer = message.data[2], message.data[3:8]
-        codes = codes_unexplained(self._device, self._active, register, manufacturer)
+        codes = codes_unexplained(self._device, self._errors.active, register, manufacturer)
         if codes and not self.before:
             self.before.append(Before(message.seq, codes))
 
     def _boot_up(self, boot: BootUp) -> None:
-        self._register = self._words = 0
-        if not self._active or boot.repeated:
+        self._errors.forget()
+        if not self._errors.active or boot.repeated:
             return
         meaning = "boot-up: the error list is gone, which clears nothing"
-        self._end(self._active, boot.t_ns, boot.seq, "lost at reset")
+        self._end(self._errors.active, boot.t_ns, boot.seq, "lost at reset")
         self._add(Message(boot.seq, boot.t_ns, b""), None, meaning, None, b"", "reset")
 
     def _end(self, errors: Sequence[ActiveError], t_ns: int, seq: int, status: _Ended) -> None:
@@ -235,12 +167,12 @@ class Story:
             else:
                 _note(error.evidence, seq)
                 self._over.append(self._row_of(error, t_ns, status))
-            self._active.remove(error)
+            self._errors.active.remove(error)
         self._list()
 
     def _list(self) -> None:
         """Codes of what is active; rows between two changes share the list."""
-        codes = dict.fromkeys(error.code for error in self._active)
+        codes = dict.fromkeys(error.code for error in self._errors.active)
         self._listed = list(codes)[:MAX_LISTED]
 
     def _row_of(

@@ -49,9 +49,10 @@ class Commands:
             kept = self.by_bus.setdefault(bus, [])
             for row in good.tolist():
                 specifier, node = batch.frames.data[row, :2].tolist()
-                kept.append(Command(batch.seq(row), int(batch.frames.t_ns[row]), specifier, node))
+                seq, t_ns = batch.seq(row), int(batch.frames.t_ns[row])
+                kept.append(Command(seq, t_ns, specifier, node))
                 if specifier in RESETS:
-                    resets.append(Reset(row, int(batch.frames.t_ns[row]), bus, node, specifier))
+                    resets.append(Reset(seq, t_ns, bus, node, specifier))
         return resets
 
     def _take_odd(self, batch: IndexedBatch, bus: int, rows: NDArray[np.intp]) -> None:

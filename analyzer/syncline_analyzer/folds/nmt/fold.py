@@ -56,7 +56,8 @@ class NmtFold:
 
     def __init__(self, context: Context) -> None:
         self._context = context
-        self._first_ns: int | None = None
+        self._first: tuple[int, int] | None = None
+        """`seq` and time of the first frame of all buses so far."""
         self._commands = Commands()
         self._control: dict[NodeKey, ErrorControl] = {}
         self._pdos: dict[NodeKey, PdoSpans] = {}
@@ -76,19 +77,20 @@ class NmtFold:
         self._measures: dict[NodeKey, Measures] = {}
 
     def update(self, batch: IndexedBatch) -> list[Reset]:
-        """Take in the next frames; tells the resets among them, in order of their rows."""
+        """Take in the next frames; tells the resets among them, in order of `seq`."""
         if not len(batch):
             return []
-        if self._first_ns is None:
-            self._first_ns = int(batch.frames.t_ns[0])
-        self._next_seq = batch.seq0 + len(batch)
+        if self._first is None or batch.seq0 < self._first[0]:
+            self._first = batch.seq0, int(batch.frames.t_ns[0])
+        self._next_seq = max(self._next_seq, batch.last_seq + 1)
         resets = self._commands.take(batch)
         owner = self._owners(batch)
         by_node = _by_node(batch, owner)
         for key, rows in by_node.items():
             resets += self._take_node(batch, key, rows)
+        buses = set(np.unique(batch.frames.bus).tolist())
         for key in self._control.keys() - by_node.keys():
-            if marks := self._marks(batch, key):
+            if key[0] in buses and (marks := self._marks(batch, key)):
                 self._control[key].mark(marks)
         self._take_pdos(batch, owner)
         return sorted(resets)
@@ -128,10 +130,10 @@ class NmtFold:
         foreign = self._foreign_buses() - own
         shown = (set(canopen) - foreign) | own
         table = NmtTable(
-            first_ns=self._first_ns or 0,
+            first_ns=self._first[1] if self._first else 0,
             end_ns=end_ns,
             malformed=self._commands.malformed,
-            odd=self._commands.odd,
+            odd=sorted(self._commands.odd, key=lambda each: each.seq),
             canopen=frozenset(shown),
             foreign=frozenset(foreign),
         )
@@ -204,19 +206,19 @@ class NmtFold:
             control = self._control[key] = ErrorControl(timed=self._context.timed)
         data = frames.data[control_rows, 0]
         remote = (frames.flags[control_rows] & FrameFlag.REMOTE) != 0
-        seq = control_rows.astype(np.int64) + batch.seq0
+        seq = batch.seqs[control_rows]
         columns = Columns(seq, frames.t_ns[control_rows], remote, frames.dlc[control_rows], data)
         # A request that a logger stored as a data frame without data is no sign of life.
         bare = (batch.service[rows] == Service.ERROR_CONTROL) & (frames.dlc[rows] == 0)
         alive = rows[((frames.flags[rows] & FrameFlag.REMOTE) == 0) & ~bare]
-        life = (alive.astype(np.int64) + batch.seq0, frames.t_ns[alive])
+        life = (batch.seqs[alive], frames.t_ns[alive])
         self._note_cuts(key, columns, life, batch.service[alive] == Service.ERROR_CONTROL)
         seen = len(control.beats)
         control.feed(columns, life, self._marks(batch, key))
         fresh = control.beats[seen:]
         before = [control.beats[seen - 1] if seen else None, *fresh]
         return [
-            Reset(beat.seq - batch.seq0, beat.t_ns, *key, byte=beat.state)
+            Reset(beat.seq, beat.t_ns, *key, byte=beat.state)
             for last, beat in zip(before, fresh, strict=False)
             if beat.kind == "boot-up" or (last is not None and self._may_restart(key, last, beat))
         ]
@@ -280,11 +282,11 @@ class NmtFold:
             if key not in self._pdos:
                 self._pdos[key] = PdoSpans()
                 self._pdos[key].cut(self._cuts(key))
-            remote = asked[(asked_id == can_id) & (batch.frames.bus[asked] == bus)] + batch.seq0
-            self._pdos[key].take(can_id, rows + batch.seq0, batch.frames.t_ns[rows], remote)
+            remote = batch.seqs[asked[(asked_id == can_id) & (batch.frames.bus[asked] == bus)]]
+            self._pdos[key].take(can_id, batch.seqs[rows], batch.frames.t_ns[rows], remote)
             control = self._control.get(key)
             if control is not None and control.counts.boot_ups > 1:
-                self._follow_pdo(key, can_id, rows + batch.seq0, batch.frames.t_ns[rows])
+                self._follow_pdo(key, can_id, batch.seqs[rows], batch.frames.t_ns[rows])
 
     def _follow_pdo(self, key: NodeKey, can_id: int, seq: Int64s, t_ns: Int64s) -> None:
         """Look for two cadences of one PDO: a second device may have told the second boot-up."""
@@ -331,7 +333,7 @@ class NmtFold:
             gaps=sorted(
                 self._gaps.get(key[0], []) + self._gaps.get(None, []), key=lambda entry: entry[0]
             ),
-            first_ns=self._first_ns or 0,
+            first_ns=self._first[1] if self._first else 0,
             end_ns=end_ns,
             period_ns=control.slowest_ns(),
             period_since_ns=control.slowest_since_ns(),

@@ -44,13 +44,13 @@ class _Side(NamedTuple):
 
 
 class Reset(NamedTuple):
-    """A node starts anew at a row of the batch; node 0 means all of the bus.
+    """A node starts anew with a frame; node 0 means all of the bus.
 
-    The row is negative for a frame of an earlier batch, of which only now is known what it means;
-    `specifier` is that of the NMT command, 81h or 82h; 0 where the node booted.
+    The frame may be one of an earlier batch, of which only now is known what it means; `specifier`
+    is that of the NMT command, 81h or 82h; 0 where the node booted.
     """
 
-    row: int
+    seq: int
     t_ns: int
     bus: int
     node: int
@@ -111,18 +111,18 @@ class SdoFold:
         self._counts: dict[tuple[int, int], list[int]] = {}
 
     def update(self, batch: IndexedBatch, resets: Iterable[Reset] = ()) -> None:
-        """Take in the next frames; `resets` in order of their rows."""
+        """Take in the next frames; `resets` in order of `seq`."""
         usual = batch.rows_of(Service.SDO_REQUEST, Service.SDO_ANSWER)
         buses = {bus for bus, _ in batch.ids()}
         self._locate_again = self._locate_again or not buses <= self._buses
         self._buses |= buses
         begin = 0
         for reset in resets:
-            row = max(0, reset.row)
+            row = batch.row_at(reset.seq)
             self._feed(batch, usual, begin, row)
             begin = row
-            if self._boots_so(reset, batch.seq0 + reset.row):
-                self._reset(reset, batch.seq0 + reset.row)
+            if self._boots_so(reset):
+                self._reset(reset)
         self._feed(batch, usual, begin, len(batch))
 
     def gap(self, gap: Gap) -> None:
@@ -177,7 +177,7 @@ class SdoFold:
 
         def feed(at: int) -> None:
             payload = data[at * 8 : at * 8 + length[at]]
-            sides[at].feed(batch.seq0 + int(rows[at]), int(frames.t_ns[at]), payload)
+            sides[at].feed(batch.seq(rows[at]), int(frames.t_ns[at]), payload)
 
         for at in np.flatnonzero(alone).tolist():
             transfer = ended.get(at)
@@ -206,7 +206,7 @@ class SdoFold:
         numbers: dict[int, int] = {}
         channel = [numbers.setdefault(id(side.channel), len(numbers)) for side in sides]
         columns = SdoFrames(
-            batch.seq0 + rows,
+            batch.seqs[rows],
             frames.t_ns[rows],
             np.minimum(frames.dlc[rows], 8).astype(np.uint8),
             np.ascontiguousarray(frames.data[rows, :8]),
@@ -258,22 +258,22 @@ class SdoFold:
         usual = 0x580 < can_id < 0x680 and can_id & 0x7F != node
         return usual and other is not None and other.answers > 0
 
-    def _boots_so(self, reset: Reset, seq: int) -> bool:
+    def _boots_so(self, reset: Reset) -> bool:
         """Whether a device starts with a state byte, and did not fall by an error (1029h:1 = 0)."""
         shadow, key = self._context.shadow, (reset.bus, reset.node)
         if not reset.byte:
             return True
         boots = reset.byte in quirks(shadow.device(*key)).bootup_bytes
-        return boots and shadow.confirmed(*key, 0x1029, 1, seq) != 0
+        return boots and shadow.confirmed(*key, 0x1029, 1, reset.seq) != 0
 
-    def _reset(self, reset: Reset, seq: int) -> None:
+    def _reset(self, reset: Reset) -> None:
         shadow = self._context.shadow
         nodes = [node for bus, node in shadow.nodes() if bus == reset.bus]
         for node in nodes if reset.node == 0 else [reset.node]:
-            shadow.reset(reset.bus, node, seq, reset.t_ns, reset.specifier)
+            shadow.reset(reset.bus, node, reset.seq, reset.t_ns, reset.specifier)
         for (bus, node, _), channel in self._channels.items():
             if bus == reset.bus and reset.node in (0, node):
-                channel.interrupt(seq, reset.t_ns)
+                channel.interrupt(reset.seq, reset.t_ns)
         self._locate_again = True
 
     def _done(self, channel: SdoChannel, transfer: Transfer) -> None:

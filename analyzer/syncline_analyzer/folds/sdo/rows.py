@@ -80,9 +80,13 @@ def _usual_type(index: int, sub: int) -> int | None:
 
 
 def shadow_value(device: Device | None, transfer: Transfer) -> int | bytes:
-    """Value as the shadow keeps it: numbers as int, everything else as bytes."""
-    data = bytes(transfer.data)
-    code = type_code(device, transfer.index, transfer.sub)
+    """A transfer's value as the shadow keeps it."""
+    return known_value(device, transfer.index, transfer.sub, bytes(transfer.data))
+
+
+def known_value(device: Device | None, index: int, sub: int, data: bytes) -> int | bytes:
+    """An object's bytes as the shadow keeps them: numbers as int, everything else as bytes."""
+    code = type_code(device, index, sub)
     known = DATA_TYPES.get(code) if code is not None else None
     if known is not None and known.kind in _NUMBERS:
         value = decode_value(code, data)

@@ -31,7 +31,7 @@ class Blocks:
     def add(self, batch: IndexedBatch) -> list["Block"]:
         """Blocks that are complete with this batch."""
         done = []
-        if self._waiting and self._waiting[0].seq0 + self._held != batch.seq0:
+        if self._waiting and self._waiting[-1].last_seq + 1 != batch.seq0:
             done += self.flush()
         if len(batch):
             self._waiting.append(batch)
@@ -45,10 +45,7 @@ class Blocks:
         waiting, self._waiting, self._held = self._waiting, [], 0
         if not waiting:
             return []
-        if len(waiting) == 1:
-            return [Block(waiting[0])]
-        frames = FrameBatch.concat([batch.frames for batch in waiting])
-        return [Block(IndexedBatch(frames, waiting[0].seq0, timed=waiting[0].timed))]
+        return [Block(IndexedBatch.joined(waiting))]
 
 
 class Block:
@@ -68,12 +65,8 @@ class Block:
         if not cuts:
             return [self]
         batch = self.batch
-        edges = [0, *(seq - batch.seq0 for seq in cuts), len(batch)]
-        return [
-            Block(IndexedBatch(batch.frames[a:b], batch.seq0 + a, timed=batch.timed))
-            for a, b in pairwise(edges)
-            if b > a
-        ]
+        edges = [0, *(batch.row_at(seq) for seq in cuts), len(batch)]
+        return [Block(batch.part(slice(a, b))) for a, b in pairwise(edges) if b > a]
 
     @cached_property
     def wire_bits(self) -> NDArray[np.int64]:

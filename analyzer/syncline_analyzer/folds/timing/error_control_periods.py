@@ -175,28 +175,28 @@ class ErrorControlPeriods:
     ) -> None:
         part = _part(block, state, data, remote)
         state.remote_seen |= bool(len(remote))
-        seq0 = block.batch.seq0
+        seqs = block.batch.seqs
         asked = part.rows[part.asks]
         answering = part.rows[~part.asks]
         if len(asked):
             follows = np.ones(len(asked), np.bool_)
-            state.requests.add(seq0 + asked, block.frames.t_ns[asked], follows)
-        state.answers.add(answering, asked, block.frames.t_ns, seq0, timed=True)
+            state.requests.add(seqs[asked], block.frames.t_ns[asked], follows)
+        state.answers.add(answering, asked, block.frames.t_ns, seqs, timed=True)
         for piece, told_ns in self._pieces(block, bus, node, part):
-            self._beat(seq0, state, piece, told_ns)
+            self._beat(seqs, state, piece, told_ns)
 
     def _pieces(
         self, block: Block, bus: int, node: int, part: _Part
     ) -> list[tuple[_Part, int | None]]:
         """The frames between two settings of 1017h, with the setting [ns]."""
-        first, last = block.batch.seq0, block.batch.seq0 + len(block.batch)
+        first, last = block.batch.seq0, block.batch.last_seq
         place = bus, node, HEARTBEAT_TIME
-        cuts = [seq for seq in self._context.shadow.changes(*place) if first < seq < last]
-        edges = np.searchsorted(part.rows + first, cuts).tolist()
+        cuts = [seq for seq in self._context.shadow.changes(*place) if first < seq <= last]
+        edges = np.searchsorted(block.batch.seqs[part.rows], cuts).tolist()
         found = []
         for begin, stop in pairwise([0, *edges, len(part.rows)]):
             if stop > begin:
-                at = first + int(part.rows[begin])
+                at = block.batch.seq(part.rows[begin])
                 piece = _Part(
                     part.rows[begin:stop],
                     part.t_ns[begin:stop],
@@ -209,7 +209,7 @@ class ErrorControlPeriods:
         return found
 
     @staticmethod
-    def _beat(seq0: int, state: _State, part: _Part, told_ns: int | None) -> None:
+    def _beat(seqs: Ints, state: _State, part: _Part, told_ns: int | None) -> None:
         """Periods of the heartbeats; what else comes in between breaks them."""
         breaks = np.cumsum(part.starts | (~part.beats & ~part.asks))
         rows = np.flatnonzero(part.beats)
@@ -219,7 +219,7 @@ class ErrorControlPeriods:
         follows = np.diff(breaks[rows], prepend=0) == 0
         follows[0] &= not state.broken
         state.broken = bool(breaks[-1] > breaks[rows[-1]])
-        seq, t_ns = seq0 + part.rows[rows], part.t_ns[rows]
+        seq, t_ns = seqs[part.rows[rows]], part.t_ns[rows]
         periods, before_ns, before_seq = state.beats.add(seq, t_ns, follows)
         timer_ns = _timer(periods, state.beats.periods.spread, told_ns)
         if timer_ns:

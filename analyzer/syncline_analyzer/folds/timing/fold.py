@@ -176,7 +176,7 @@ class TimingFold:
 
     def _turns(self, block: Block, bus: int) -> list[int]:
         """Where PDOs or SYNC of a bus moved or got another timing: nothing is told over such a frame."""
-        first, last = block.batch.seq0, block.batch.seq0 + len(block.batch) - 1
+        first, last = block.batch.seq0, block.batch.last_seq
         return self._bindings.turns(bus, first, last)[:MAX_TURNS]
 
 

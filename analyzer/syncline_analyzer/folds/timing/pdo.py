@@ -65,7 +65,7 @@ class PdoFold:
         self._bindings.refresh(bus)
         for can_id in self._pdo_ids(block, bus):
             self.states.setdefault((bus, can_id), PdoState())
-        first_seq, last_seq = block.batch.seq0, block.batch.seq0 + len(block.batch) - 1
+        first_seq, last_seq = block.batch.seq0, block.batch.last_seq
         for can_id, state in self._states_of(bus):
             self._rebind(state, bus, can_id, first_seq, last_seq)
         requests = self._requests(block, bus)
@@ -85,7 +85,7 @@ class PdoFold:
                 rows,
                 requests[can_id],
                 block.frames.t_ns,
-                first_seq,
+                block.batch.seqs,
                 timed=self._context.timed,
             )
             self._answer(passing, can_id, state, rows, asked)
@@ -130,7 +130,7 @@ class PdoFold:
 
     def _pdo_ids(self, block: Block, bus: int) -> list[int]:
         bound = set(self._bindings.identifiers(bus))
-        seq = block.batch.seq0 + len(block.batch) - 1
+        seq = block.batch.last_seq
         taken = set(self._sync_ids(bus, seq))
         for can_id in self._bindings.other_services(bus, seq):
             owner = self._bindings.owner(bus, can_id, seq)
@@ -185,7 +185,7 @@ class PdoFold:
         self, block: Block, state: PdoState, rows: NDArray[np.intp], sync: SyncIndex | None
     ) -> None:
         """Periods of the identifier, SYNC or not; those in a backlog of SYNCs are none."""
-        t_ns, seq = block.frames.t_ns[rows], block.batch.seq0 + rows
+        t_ns, seq = block.frames.t_ns[rows], block.batch.seqs[rows]
         state.frames += len(rows)
         if self._context.timed:
             if state.last_ns is not None:
@@ -260,7 +260,7 @@ class PdoFold:
             late = np.flatnonzero(periods > DEADLINE * due_ns)
         judged = before_seq >= state.changed_seq
         for at in late[judged[late]].tolist():
-            begin = max(int(before_seq[at]) - block.batch.seq0, 0)
+            begin = block.batch.row_at(int(before_seq[at]))
             late_ns = int(periods[at]) - due_ns
             judged[at] = not others_as_late(block, state.owner, begin, int(rows[at]), late_ns)
         if timer_ns is not None:
@@ -298,7 +298,7 @@ class PdoFold:
         rows, ordinal = rows[first], ordinal[first]
         if self._context.timed and len(answers):
             self._respond(passing, can_id, state, answers, sync)
-        fresh = passing.block.batch.seq0 + rows >= state.changed_seq
+        fresh = passing.block.batch.seqs[rows] >= state.changed_seq
         state.rhythm.answered(ordinal[fresh])
         every = self._due_every(passing.bus, state)
         self._count_phase(state, rows, sync)
@@ -320,7 +320,7 @@ class PdoFold:
         alone = extra[state.rhythm.beside_answers(ordinal[first], ordinal[extra], _kind(state))]
         state.extra_alone += len(alone)
         more = rows[alone[: MAX_EVIDENCE - len(state.extra_seq)]]
-        state.extra_seq.extend((block.batch.seq0 + more).tolist())
+        state.extra_seq.extend(block.batch.seqs[more].tolist())
         _span(state.extra_ns, block.frames.t_ns[rows[alone]])
 
     @staticmethod
@@ -362,7 +362,7 @@ class PdoFold:
         if not len(rows):
             return
         state.response.add(response)
-        seq, t_ns = block.batch.seq0 + rows, block.frames.t_ns[rows]
+        seq, t_ns = block.batch.seqs[rows], block.frames.t_ns[rows]
         state.slowest.add(response, seq, t_ns)
         state.late += self._late(passing.bus, state, rows, response, block)
         low, high = self._device_bounds(passing, rows, position, response, sync)
@@ -424,7 +424,7 @@ class PdoFold:
         """Answers after the synchronous window (1007h), where the node has one."""
         if state.owner is None or state.owner.kind == "rpdo":
             return 0
-        seq = block.batch.seq0 + int(rows[-1])
+        seq = block.batch.seq(rows[-1])
         window_us = self._context.shadow.number(bus, state.owner.node, 0x1007, 0, seq)
         return int((response > window_us * 1000).sum()) if window_us else 0
 

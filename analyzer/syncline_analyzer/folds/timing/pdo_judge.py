@@ -83,19 +83,26 @@ class PdoJudge:
             tables.responses.append(responses(row, state))
 
     def _unsure(self, bus: int, state: PdoState) -> list[Silence]:
-        """Times that the stamps go through twice, unless the node was OPERATIONAL all along."""
+        """Times that the stamps go through twice, unless the node was OPERATIONAL all along.
+
+        One that became so before the clock was set back was it the second time, too.
+        """
         name = self.context.bus_name(bus)
         if state.owner is None or self.nmt_states is None:
             return []
         whole = [
-            (row.start_ns, row.end_ns)
+            row
             for row in self.nmt_states
             if (row.bus, row.node, row.state) == (name, state.owner.node, "OPERATIONAL")
         ]
         return [
             back
             for back in self.silence.backs(bus)
-            if not any(start <= back.start_ns and back.end_ns <= end for start, end in whole)
+            if not any(
+                back.end_ns <= row.end_ns
+                and (row.start_ns <= back.start_ns or _proven_before(row, back))
+                for row in whole
+            )
         ]
 
     def _pauses(
@@ -173,3 +180,8 @@ class PdoJudge:
             return None
         name = self.context.bus_name(bus)
         return operational(self.nmt_states, name, state.owner.node, self.gap_starts)
+
+
+def _proven_before(row: NmtStateRow, back: Silence) -> bool:
+    """Whether the frame that proves a state came before the clock was set back."""
+    return row.evidence is not None and row.evidence < back.end_seq

@@ -103,15 +103,16 @@ class PdoLengthFold:
         version: int,
     ) -> None:
         """Follow the changes within a batch in which the shadow learned something."""
-        first, last = batch.seq0, batch.seq0 + len(batch)
-        edges = [first, *self._bindings.cuts(bus, can_id, first, last - 1), last]
+        first, last = batch.seq0, batch.last_seq
+        edges = [first, *self._bindings.cuts(bus, can_id, first, last), last + 1]
+        seqs = batch.seqs[rows]
         for begin, stop in pairwise(edges):
-            part = rows[np.searchsorted(rows + first, begin) : np.searchsorted(rows + first, stop)]
+            part = rows[np.searchsorted(seqs, begin) : np.searchsorted(seqs, stop)]
             now = self._expect(bus, can_id, begin, version)
             if before is not None and _same(before, now):
                 before.version, now = version, before
             elif begin > first or before is not None:
-                now.since_ns = int(batch.frames.t_ns[begin - first])
+                now.since_ns = int(batch.frames.t_ns[batch.row_at(begin)])
             self._expected[bus, can_id] = before = now
             if now.pdo is not None:
                 self._hold(batch, can_id, part, now)

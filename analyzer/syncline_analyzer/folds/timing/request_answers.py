@@ -32,7 +32,7 @@ class RequestAnswers:
         rows: NDArray[np.intp],
         requests: NDArray[np.intp],
         t_ns: NDArray[np.int64],
-        seq0: int,
+        seqs: NDArray[np.int64],
         *,
         timed: bool,
     ) -> None:
@@ -42,17 +42,17 @@ class RequestAnswers:
             rows: rows of the frames, and of requests that a logger wrote down as empty ones.
             requests: rows of the requests.
             t_ns: stamps of the block.
-            seq0: `seq` of its first row.
+            seqs: `seq` of its rows.
             timed: whether the stamps mean anything.
         """
         if not len(requests) and self._open is None:
             return
         sent = rows[~np.isin(rows, requests)]
-        place, asked_ns = requests + seq0, t_ns[requests]
+        place, asked_ns = seqs[requests], t_ns[requests]
         if self._open is not None:
             place = np.concatenate(([self._open[0]], place))
             asked_ns = np.concatenate(([self._open[1]], asked_ns))
-        before = np.searchsorted(place, sent + seq0) - 1
+        before = np.searchsorted(place, seqs[sent]) - 1
         first = np.diff(before, prepend=-1) > 0
         answers, before = sent[first], before[first]
         waits = bool(len(place)) and (not len(answers) or before[-1] < len(place) - 1)
@@ -70,7 +70,7 @@ class RequestAnswers:
         self.answered += int(np.count_nonzero(soon))
         if timed:
             self.time.add(waited[soon])
-            self.slowest.add(waited[soon], seq0 + answers[soon], t_ns[answers[soon]])
+            self.slowest.add(waited[soon], seqs[answers[soon]], t_ns[answers[soon]])
 
     def restart(self) -> None:
         """Forget what is open, as at a gap."""

@@ -116,7 +116,7 @@ class SilenceFold:
         state = self._buses.setdefault(bus, _Bus())
         rows = np.arange(len(block.frames))[block.by_bus[bus]]
         t_ns = block.frames.t_ns[rows]
-        seq = block.batch.seq0 + rows
+        seq = block.batch.seqs[rows]
         if state.last_ns is not None:
             t_ns = np.concatenate(([state.last_ns], t_ns))
             seq = np.concatenate(([state.last_seq], seq))
@@ -251,7 +251,7 @@ def _line(block: Block, bus: int, can_id: int) -> _Line:
     frames, rows = block.frames, block.batch.rows(bus, can_id)
     if can_id in HEARTBEATS:
         rows = rows[frames.dlc[rows] > 0]
-    return _Line(block.batch.seq0 + rows, frames.t_ns[rows], frames.data[rows, 0] & 0x7F)
+    return _Line(block.batch.seqs[rows], frames.t_ns[rows], frames.data[rows, 0] & 0x7F)
 
 
 def _heard_until(heard: dict[int, Last], lines: dict[int, _Line], seq: int) -> dict[int, Last]:

@@ -188,7 +188,7 @@ class SyncFold:
         state = self._states.setdefault(key, _State())
         index = self._index(block, bus, state, rows, sent_bits)
         in_bundles = bundled(block, bus)
-        seq = block.batch.seq0 + len(block.batch) - 1
+        seq = block.batch.last_seq
         told = told_period(self._context.shadow, bus, cob_id, seq)
         state.pace.expect(told[0] if told else None)
         self._measure(state, bus, index, in_bundles)
@@ -263,7 +263,7 @@ class SyncFold:
             bundled[1 + each.sync] = True
             if len(state.steps) < MAX_HOLES:
                 state.steps.append(_step(block, self._context.bus_name(bus), each))
-        self._note_errors(state, bus, apart, bits, block.batch.seq0 + rows)
+        self._note_errors(state, bus, apart, bits, block.batch.seqs[rows])
         usable = ~bundled
         if median > 0:
             usable[:-1] &= (apart >= TOO_SHORT * median) & (apart <= PAUSE * median)
@@ -272,7 +272,7 @@ class SyncFold:
             state.count - 1,
             state.last_ns is not None,
             t_ns,
-            np.concatenate(([state.last_seq], block.batch.seq0 + rows)),
+            np.concatenate(([state.last_seq], block.batch.seqs[rows])),
             bits,
             np.cumsum(is_sync),
             usable,
@@ -467,7 +467,7 @@ class SyncFold:
 
 
 def _step(block: Block, bus: str, found: ClockSet) -> ClockStepRow:
-    t_ns, seq = block.frames.t_ns, block.batch.seq0 + found.end
+    t_ns, seq = block.frames.t_ns, block.batch.seq(found.end)
     around = int(t_ns[found.start]), int(t_ns[found.end])
     return ClockStepRow(bus, *around, found.by_ns, found.witnesses, [seq])
 

@@ -142,7 +142,7 @@ class WaitingFold:
     def _carried(self, block: Block, bus: int, bit_ns: float) -> Carried:
         places = block.by_bus[bus]
         frames = block.frames[places]
-        seq = block.batch.seq0 + np.arange(len(block.batch), dtype=np.int64)[places]
+        seq = block.batch.seqs[places]
         return Carried(
             seq,
             frames.t_ns,

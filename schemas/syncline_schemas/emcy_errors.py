@@ -1,4 +1,4 @@
-"""What the bits of a "no error" message say of each error: gone, still there, or not told."""
+"""The errors that are active on a node by its EMCYs (CiA 301 7.2.7.2), and which of them a "no error" message ends."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -11,6 +11,11 @@ GENERIC_BIT = 0x01
 """Bit 0 of 1001h goes with any error, so it tells of none in particular."""
 SHARED_BITS = 0x11
 """Bits that a device may set with an error of another kind: generic and communication."""
+
+MAX_ACTIVE = 254
+"""Errors of a node at one time: 1003h holds no more (CiA 301 7.5.2.3)."""
+MAX_ALIKE = 8
+"""Errors of one code told apart by the maker's bytes; more of them are no fault numbers."""
 
 Verdict = Literal["gone", "stays", "maybe"]
 
@@ -33,6 +38,91 @@ class ActiveError:
     count: int = 1
     certain: bool = True
     evidence: list[int] = field(default_factory=list)
+
+
+class ErrorList:
+    """The errors of one node that its EMCYs tell; fed with whole messages (eight bytes) in order.
+
+    Attributes:
+        active: errors that are there, in order of their raise; who ends one takes it out.
+    """
+
+    def __init__(self, device: Device | None) -> None:
+        self._device = device
+        self.active: list[ActiveError] = []
+        self._register = self._words = 0
+        self._last = b""
+
+    def raised(self, code: int, data: bytes, t_ns: int) -> tuple[ActiveError | None, bool]:
+        """The error that a message of a code other than 00xxh tells, and whether it is a new one.
+
+        None where there are too many already.
+        """
+        register, manufacturer = data[2], data[3:8]
+        alike = [error for error in self.active if error.code == code]
+        known = next((e for e in alike if self._same(e, code, manufacturer)), None)
+        if known is None and len(alike) >= MAX_ALIKE:
+            known = alike[-1]
+        if known is not None:
+            known.count += 1
+            known.certain = True
+            return known, False
+        if len(self.active) >= MAX_ACTIVE:
+            return None, False
+        words = words_of(self._device, manufacturer)
+        fresh, fresh_words = register & ~self._register, words & ~self._words
+        error = ActiveError(code, manufacturer, t_ns, register, fresh, fresh_words)
+        self.active.append(error)
+        return error, True
+
+    def remember(self, data: bytes) -> None:
+        """Keep the bits of a message: what is new in the next one is that one's."""
+        self._register, self._words = data[2], words_of(self._device, data[3:8])
+        self._last = data[:8]
+
+    def forget(self) -> None:
+        """The node has started anew: the bits of its next message are all new."""
+        self._register = self._words = 0
+
+    def ended_by(self, data: bytes) -> list[ActiveError] | None:
+        """Errors that a message 00xxh ends while others are left; None when nothing is left."""
+        register, manufacturer = data[2], data[3:8]
+        named = self._named(register, manufacturer)
+        if named and (register or len(named) < len(self.active)):
+            return named
+        if not register and not words_of(self._device, manufacturer):
+            return None
+        repeated = data[:8] == self._last
+        return gone_errors(self._device, self.active, register, manufacturer, repeated=repeated)
+
+    def _same(self, error: ActiveError, code: int, manufacturer: bytes) -> bool:
+        """Whether a message repeats an error.
+
+        Where the low byte of the code tells nothing, the maker's bytes tell errors apart, unless
+        the device's table says that they hold its alarm words.
+        """
+        fields = self._device is not None and bool(self._device.emcy_fields)
+        return error.code == code and (
+            bool(code & 0xFF) or fields or error.manufacturer == manufacturer
+        )
+
+    def _named(self, register: int, manufacturer: bytes) -> list[ActiveError]:
+        """Errors that a clear names by the bytes with which they were raised.
+
+        A register of 0 outweighs them where the device's table says what its bits stand for. Where
+        it is not 0, the first byte alone may name the error, as CANopenNode does.
+        """
+        device = self._device
+        if not any(manufacturer) or (
+            device and (device.emcy_fields or (device.emcy_registers and not register))
+        ):
+            return []
+        named = [error for error in self.active if error.manufacturer == manufacturer]
+        first = [error.manufacturer[0] for error in self.active]
+        distinct = len(first) > 1 and len(set(first)) == len(first)
+        if named or not register or not manufacturer[0] or not distinct:
+            return named
+        return [error for error in self.active if error.manufacturer[0] == manufacturer[0]]
 
 
 def gone_errors(

@@ -1,0 +1,1 @@
+"""Triggers: what happened on the buses, told while it is recorded."""

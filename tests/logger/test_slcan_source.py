@@ -1,0 +1,324 @@
+"""Serial adapters over a pseudo terminal: opened to listen, read in bulk, lost and back."""
+
+import os
+import select
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from syncline_logger.batcher import Collected, FrameBuffer
+from syncline_logger.bus_options import BusOptions
+from syncline_logger.clock import RecorderClock
+from syncline_logger.recorder import record
+from syncline_logger.sources.choice import source_of
+from syncline_logger.sources.python_can import PythonCanSource
+from syncline_logger.sources.slcan import SlcanSource
+from syncline_schemas.batch import FrameFlag
+from syncline_schemas.can_errors import Controller, ErrorClass
+from syncline_schemas.errors import SourceError
+from tests.logger.capture_contents import doctor_complaints, read_capture
+
+pytest.importorskip("serial")
+if sys.platform == "win32":
+    pytest.skip("no pseudo terminals on Windows", allow_module_level=True)
+
+TRANSMITS = tuple(b"tTrRdDbBx")
+"""Letters of commands that send a frame."""
+
+
+_adapters: list["Adapter"] = []
+
+
+@pytest.fixture(autouse=True)
+def _unplug_all() -> Iterator[None]:
+    yield
+    while _adapters:
+        _adapters.pop().unplug()
+
+
+class Adapter:
+    """The far end of a pseudo terminal: answers commands, sends `frames` when it was opened."""
+
+    def __init__(
+        self, frames: bytes = b"", refuses: bytes = b"", mute: bool = False, status: bytes = b""
+    ) -> None:
+        self._far, near = os.openpty()
+        self.port = os.ttyname(near)
+        self._near = near
+        self._frames, self._refuses, self._mute, self._status = frames, refuses, mute, status
+        self.told: list[bytes] = []
+        self.opened = threading.Event()
+        self._unplugged = threading.Event()
+        _adapters.append(self)
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        rest = b""
+        while not self._unplugged.is_set():
+            if not select.select([self._far], [], [], 0.02)[0]:
+                continue
+            rest += os.read(self._far, 1000)
+            *lines, rest = rest.split(b"\r")
+            for line in lines:
+                self._take(line)
+
+    def _take(self, line: bytes) -> None:
+        self.told.append(line)
+        refused = line[:1] in [bytes([letter]) for letter in self._refuses]
+        if line == b"F" and self._status:
+            self.send(self._status + b"\r")
+        elif not self._mute:
+            self.send(b"\x07" if refused else b"\r")
+        if line in (b"L", b"O") and not refused:
+            self.send(self._frames)
+            self.opened.set()
+
+    def send(self, data: bytes) -> None:
+        """Bytes to the recorder."""
+        while data:
+            data = data[os.write(self._far, data) :]
+
+    def unplug(self) -> None:
+        """Take the adapter away."""
+        if self._unplugged.is_set():
+            return
+        self._unplugged.set()
+        self._thread.join()
+        os.close(self._far)
+        os.close(self._near)
+
+
+def options(adapter: Adapter, **values: Any) -> BusOptions:
+    arguments = {"sleep_after_open": 0.05, **values.pop("arguments", {})}
+    return BusOptions(
+        "a", "slcan", adapter.port, **{"bitrate": 500_000, **values}, arguments=arguments
+    )
+
+
+@pytest.fixture
+def opened() -> Iterator[list[SlcanSource]]:
+    """Sources that are closed after the test."""
+    sources: list[SlcanSource] = []
+    yield sources
+    for source in sources:
+        source.close()
+
+
+def read(source: SlcanSource, frames: int, buffer: FrameBuffer | None = None) -> Collected:
+    buffer = buffer or FrameBuffer(RecorderClock().now_ns, 10_000)
+    count = 0
+    while count < frames:
+        count += source.read(buffer, 2, 5)
+    return buffer.take()
+
+
+def test_it_listens_and_writes_nothing_that_sends(opened: list[SlcanSource]) -> None:
+    adapter = Adapter(b"t1852AABB\rT1ABCDE050\rr7054\r")
+    source = SlcanSource(options(adapter))
+    opened.append(source)
+    source.open()
+    got = read(source, 3).frames
+    assert got.can_id.tolist() == [0x185, 0x1ABCDE05, 0x705]
+    assert got.flags.tolist() == [0, FrameFlag.EXTENDED, FrameFlag.REMOTE]
+    assert got.bus.tolist() == [2, 2, 2]
+    source.close()
+    assert [line for line in adapter.told if line != b"F"][:4] == [b"C", b"C", b"S6", b"L"]
+    assert not [line for line in adapter.told if line[0] in TRANSMITS]
+    assert source.facts.listen_only
+    assert source.facts.notes == ()
+    assert source.facts.clock == "host"
+
+
+def test_frames_that_arrive_together_are_apart_by_their_length(opened: list[SlcanSource]) -> None:
+    adapter = Adapter(b"t18580011223344556677\r" * 50)
+    source = SlcanSource(options(adapter))
+    opened.append(source)
+    source.open()
+    t_ns = read(source, 50).frames.t_ns
+    apart = np.diff(t_ns)
+    assert np.all(apart >= 0)
+    assert np.count_nonzero(apart == 222_000) > 40, "111 bits of 2 us"
+
+
+def test_all_options_become_commands(opened: list[SlcanSource]) -> None:
+    adapter = Adapter()
+    chosen = options(
+        adapter,
+        bitrate=1_000_000,
+        fd=True,
+        data_bitrate=2_000_000,
+        acknowledge=True,
+        arguments={"timestamps": True},
+    )
+    source = SlcanSource(chosen)
+    opened.append(source)
+    source.open()
+    assert adapter.opened.wait(5)
+    assert adapter.told[:6] == [b"C", b"C", b"S8", b"Y2", b"Z1", b"O"]
+    assert not source.facts.listen_only
+    assert (source.facts.clock, source.facts.resolution_ns) == ("hardware", 1_000_000)
+
+
+@pytest.mark.parametrize(
+    ("refuses", "told", "listens", "word"),
+    [
+        (b"L", [b"L", b"M1", b"O"], True, "silent with M1"),
+        (b"LM", [b"L", b"M1", b"O"], False, "cannot only listen"),
+        (b"S", [b"S6", b"L"], True, "refused the command S6"),
+    ],
+)
+def test_what_the_adapter_refuses_is_told(
+    opened: list[SlcanSource], refuses: bytes, told: list[bytes], listens: bool, word: str
+) -> None:
+    adapter = Adapter(refuses=refuses)
+    source = SlcanSource(options(adapter))
+    opened.append(source)
+    source.open()
+    assert adapter.opened.wait(5)
+    assert [line for line in adapter.told if line in told] == told
+    assert source.facts.listen_only == listens
+    (note,) = source.facts.notes
+    assert word in note
+
+
+def test_an_adapter_that_answers_nothing_is_read_all_the_same(opened: list[SlcanSource]) -> None:
+    adapter = Adapter(b"t0800\r", mute=True)
+    source = SlcanSource(options(adapter))
+    opened.append(source)
+    source.open()
+    assert read(source, 1).frames.can_id.tolist() == [0x080]
+    assert "answers no command" in source.facts.notes[0]
+
+
+def test_damaged_lines_are_a_loss_of_the_adapter(opened: list[SlcanSource]) -> None:
+    adapter = Adapter(b"t0800\rt18580011\rt0800\r")
+    source = SlcanSource(options(adapter))
+    opened.append(source)
+    source.open()
+    collected = read(source, 2)
+    assert len(collected.frames) == 2
+    (loss,) = collected.losses
+    assert (loss.bus, loss.where, loss.frames) == (2, "adapter", None)
+
+
+def test_the_controllers_state_and_overruns_become_error_frames(
+    opened: list[SlcanSource],
+) -> None:
+    adapter = Adapter(b"sp130000\re1a\rt0800\r", status=b"F29")
+    source = SlcanSource(options(adapter))
+    opened.append(source)
+    source.open()
+    frames = read(source, 4).frames
+    errors = frames[(frames.flags & FrameFlag.ERROR) != 0]
+    bits = Controller.RX_OVERFLOW | Controller.RX_PASSIVE
+    assert sorted(errors.can_id.tolist()) == [
+        ErrorClass.CONTROLLER,
+        ErrorClass.PROTOCOL | ErrorClass.NO_ACK | ErrorClass.BUS_ERROR,
+        ErrorClass.CONTROLLER | ErrorClass.COUNTERS,
+    ]
+    assert bits in errors.data[:, 1].tolist()
+
+
+class Machine:
+    """Elapsed time that a test moves; UTC is a year after it."""
+
+    def __init__(self) -> None:
+        self.elapsed_ns = 100_000_000_000
+
+    def clock(self) -> RecorderClock:
+        return RecorderClock(
+            lambda: self.elapsed_ns + 365 * 86_400_000_000_000, lambda: self.elapsed_ns
+        )
+
+
+@pytest.mark.parametrize("digits", [4, 8])
+def test_stamps_of_the_adapter_are_used_when_they_are_proven(digits: int) -> None:
+    machine = Machine()
+    clock = machine.clock()
+    source = SlcanSource(BusOptions("a", "slcan", "x", arguments={"timestamps": True}), clock)
+    buffer = FrameBuffer(clock.now_ns, 100_000)
+    true_ns = machine.elapsed_ns + np.arange(0, 150_000_000_000, 150_000_000)
+    unit_ns, wrap = (1_000_000, 60_000) if digits == 4 else (1_000, 1 << 32)
+    for row, at_ns in enumerate(true_ns.tolist()):
+        machine.elapsed_ns = at_ns + (300_000, 4_000_000)[row % 2]
+        count = round((at_ns - int(true_ns[0])) * (1 + 60e-6) + 59e9) // unit_ns % wrap
+        line = f"t0800{count:0{digits}X}\r".encode()
+        source.take([line], [machine.elapsed_ns], buffer, 0)
+    error = buffer.take().frames.t_ns - (true_ns + clock.offset_ns + 300_000)
+    assert np.abs(error[-500:]).max() <= 2 * unit_ns + 100_000
+    assert max(abs(knot.rate_ppb + 60_000) for knot in source.clock_knots()[-3:]) < 15_000
+
+
+def test_stamps_that_are_no_clock_are_not_used() -> None:
+    machine = Machine()
+    clock = machine.clock()
+    source = SlcanSource(BusOptions("a", "slcan", "x"), clock)
+    buffer = FrameBuffer(clock.now_ns, 1_000)
+    for count in range(300):
+        machine.elapsed_ns += 10_000_000
+        line = f"t0800{count:04X}\r".encode()
+        source.take([line], [machine.elapsed_ns], buffer, 0)
+    assert np.diff(buffer.take().frames.t_ns).tolist() == [10_000_000] * 299
+    assert source.clock_knots() == []
+
+
+def test_filters(opened: list[SlcanSource]) -> None:
+    adapter = Adapter(b"t0800\rt1850\rt2850\rt1851AA\r")
+    chosen = options(adapter, filters=({"can_id": 0x185, "can_mask": 0x7FF},))
+    source = SlcanSource(chosen)
+    opened.append(source)
+    source.open()
+    assert read(source, 2).frames.can_id.tolist() == [0x185, 0x185]
+
+
+def test_an_adapter_that_is_unplugged_is_told() -> None:
+    adapter = Adapter(b"t0800\r")
+    source = SlcanSource(options(adapter))
+    source.open()
+    read(source, 1)
+    adapter.unplug()
+    with pytest.raises(SourceError, match=r"bus 'a' \(slcan /dev/.*\): lost: "):
+        read(source, 1)
+    source.close()
+    with pytest.raises(SourceError, match=r"bus 'a' \(slcan /dev/.*\): cannot open: "):
+        source.open()
+
+
+def test_a_bit_rate_that_no_adapter_knows() -> None:
+    with pytest.raises(SourceError, match="no bit rate of 333333 bit/s; they know 10000, "):
+        SlcanSource(BusOptions("a", "slcan", "/dev/none", bitrate=333_333)).open()
+
+
+def test_what_only_python_can_knows_goes_to_python_can() -> None:
+    native = source_of(BusOptions("a", "slcan", "x", arguments={"rtscts": True}))
+    assert isinstance(native, SlcanSource)
+    other = source_of(BusOptions("a", "slcan", "x", arguments={"poll_interval": 1}))
+    assert isinstance(other, PythonCanSource)
+    assert "poll_interval" in other.facts.notes[0]
+
+
+def test_it_is_recorded(tmp_path: Path) -> None:
+    numbered = [b"t1858" + n.to_bytes(8, "big").hex().upper().encode() for n in range(500)]
+    adapter = Adapter(b"".join(line + b"\r" for line in [*numbered, b"T1ABCDE0521122"]))
+    stop = threading.Event()
+    source = SlcanSource(options(adapter))
+    seen = 0
+
+    def count(*_: object) -> None:
+        nonlocal seen
+        seen += 1
+        if seen > 2 and adapter.opened.is_set():
+            stop.set()
+
+    result = record([source], tmp_path, stop=stop, on_status=count, status_period_ns=500_000_000)
+    assert doctor_complaints(result.path) == []
+    frames = read_capture(result.path).frames("a")
+    assert frames[:500] == [(0x185, 0, 8, n.to_bytes(8, "big")) for n in range(500)]
+    assert frames[500:] == [(0x1ABCDE05, 1, 2, b"\x11\x22")]
+    assert set(adapter.told) <= {b"C", b"S6", b"L", b"F"}

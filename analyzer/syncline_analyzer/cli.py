@@ -162,7 +162,8 @@ def view(ctx: click.Context, web: bool, **selection: Unpack[Selection]) -> None:
 def convert(ctx: click.Context, inputs: tuple[Path, ...], output: Path) -> None:
     """Convert between everything that can be read and written.
 
-    The ending of OUT tells the format: .mcap .log .asc .blf .trc .csv, text also with .gz behind.
+    The ending of OUT tells the format: .mcap .log .asc .blf .trc .pcapng .csv .parquet, all but
+    .mcap, .blf and .parquet also with .gz or .zst behind.
     What the format of OUT cannot hold is said; exits with 1 when an input is damaged.
     """
     from syncline_analyzer.convert import convert as run

@@ -5,30 +5,25 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import BinaryIO, Final, cast
+from typing import BinaryIO, cast
 
 import numpy as np
 
 from syncline_analyzer.capture import CaptureFacts, CaptureReader
 from syncline_analyzer.merge import Merge
 from syncline_analyzer.readers import open_capture
+from syncline_analyzer.writers.formats import (
+    ATTACHED,
+    BIT_RATES,
+    NO_DATES,
+    NO_TIMES,
+    WriteFormat,
+    output_format,
+)
 from syncline_analyzer.writers.log import LogWriter, Survey
 from syncline_schemas.batch import Gap
 from syncline_schemas.capture.layout import Attachment, description_attachment, device_attachment
 from syncline_schemas.errors import CaptureError, UsageError
-
-OUTPUT_FORMATS: Final = {
-    ".mcap": "mcap",
-    ".log": "candump",
-    ".candump": "candump",
-    ".txt": "candump",
-    ".asc": "asc",
-    ".blf": "blf",
-    ".trc": "trc",
-    ".csv": "csv",
-}
-"""Format by the ending of the output; each but .mcap and .blf also with .gz behind it."""
-_UNSEARCHABLE: Final = ("candump", "asc", "trc", "csv")
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +74,7 @@ def convert(inputs: Sequence[str | Path], output: str | Path) -> ConvertResult:
     survey = _survey(readers, paths)
     partial = output.with_name(output.name + ".part")
     try:
-        with _opened(partial, packed=output.suffix.lower() == ".gz") as stream:
+        with _opened(partial, output.suffix.lower()) as stream:
             result = _written(paths, survey, form, stream, output)
         partial.replace(output)
     except OSError as error:
@@ -93,38 +88,25 @@ def convert(inputs: Sequence[str | Path], output: str | Path) -> ConvertResult:
     return result
 
 
-def output_format(output: Path) -> str:
-    """The format that a file's ending names.
-
-    >>> output_format(Path("a.log.gz"))
-    'candump'
-    """
-    packed = output.suffix.lower() == ".gz"
-    ending = (output.with_suffix("") if packed else output).suffix.lower()
-    form = OUTPUT_FORMATS.get(ending)
-    if form is None:
-        known = ", ".join(OUTPUT_FORMATS)
-        raise UsageError(f"{output}: the ending names no format that can be written: use {known}")
-    if packed and form not in _UNSEARCHABLE:
-        raise UsageError(f"{output}: {form} is packed inside; leave out the .gz")
-    return form
-
-
-def _opened(path: Path, *, packed: bool) -> BinaryIO:
+def _opened(path: Path, packing: str) -> BinaryIO:
     try:
-        if packed:
+        if packing == ".gz":
             return cast(BinaryIO, gzip.open(path, "wb", compresslevel=6))
+        if packing == ".zst":
+            import zstandard
+
+            return cast(BinaryIO, zstandard.open(path, "wb"))
         return path.open("wb")
     except OSError as error:
         raise CaptureError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
 def _written(
-    paths: Sequence[Path], survey: Survey, form: str, stream: BinaryIO, output: Path
+    paths: Sequence[Path], survey: Survey, form: WriteFormat, stream: BinaryIO, output: Path
 ) -> ConvertResult:
     readers = [open_capture(path) for path in paths]
     merge = Merge(readers)
-    writer = _writer(form, stream, survey, [reader.facts for reader in readers])
+    writer = _writer(form.name, stream, survey, [reader.facts for reader in readers])
     frames = 0
     for item in merge.stream():
         if isinstance(item, Gap):
@@ -135,19 +117,28 @@ def _written(
     writer.close()
     facts = [reader.facts for reader in readers]
     lost = Counter(writer.lost)
-    if survey.time_base == "none" and form != "mcap":
-        lost["that there are no times"] += 1
-    elif survey.time_base == "relative" and form in ("candump", "csv"):
-        lost["that the times are no dates"] += 1
+    lost.update(_lost_facts(form, survey, facts))
     return ConvertResult(
         output=output,
-        format=form,
+        format=form.name,
         frames=frames,
         lost=dict(lost),
         unparsed_lines=sum(each.unparsed_count for each in facts),
         damage=[f"{each.path.name}: {each.damage}" for each in facts if each.damage],
         notes=[f"{each.path.name}: {note}" for each in facts for note in each.notes],
     )
+
+
+def _lost_facts(form: WriteFormat, survey: Survey, facts: Sequence[CaptureFacts]) -> dict[str, int]:
+    """What the format cannot hold of what is known besides the frames."""
+    attached = len(_attachments(facts))
+    known = {
+        NO_TIMES: int(survey.time_base == "none"),
+        NO_DATES: int(survey.time_base == "relative"),
+        BIT_RATES: len(survey.bitrates),
+        ATTACHED: attached,
+    }
+    return {what: count for what, count in known.items() if count and what in form.cannot}
 
 
 def _survey(readers: Sequence[CaptureReader], paths: Sequence[Path]) -> Survey:
@@ -186,6 +177,14 @@ def _writer(
         from syncline_analyzer.writers.blf import BlfWriter
 
         return BlfWriter(stream, survey)
+    if form == "pcapng":
+        from syncline_analyzer.writers.pcapng import PcapngWriter
+
+        return PcapngWriter(stream, survey)
+    if form == "parquet":
+        from syncline_analyzer.writers.table import ParquetWriter
+
+        return ParquetWriter(stream, survey)
     from syncline_analyzer.writers import text
 
     writers: dict[str, type[LogWriter]] = {

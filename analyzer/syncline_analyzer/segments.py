@@ -22,8 +22,8 @@ class SegmentChain:
         for number, reader in self._segments:
             missing = number - expected
             for item in reader.batches():
-                start_ns = item.start_ns if isinstance(item, Gap) else int(item.t_ns[:1].sum())
-                if missing and last_ns is not None and last_ns < start_ns:
+                start_ns = _start_ns(item)
+                if missing and start_ns is not None and last_ns is not None and last_ns < start_ns:
                     yield Gap(last_ns, start_ns, _missing(expected, number))
                     missing = 0
                 yield item
@@ -69,6 +69,12 @@ def in_segment_order(readers: Sequence[CaptureReader]) -> list[CaptureReader]:
         recording, number = place or (f"\0{at}", 0)
         keys.append((firsts.setdefault(recording, at), number, at))
     return [readers[at] for _, _, at in sorted(keys)]
+
+
+def _start_ns(item: FrameBatch | Gap) -> int | None:
+    if isinstance(item, Gap):
+        return item.start_ns
+    return int(item.t_ns[0]) if len(item) else None
 
 
 def _number(segment: tuple[int, CaptureReader]) -> int:

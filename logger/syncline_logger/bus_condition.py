@@ -31,11 +31,15 @@ OVERRUN_TEXT = "the controller's receive buffer overran; frames are missing"
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """Something about a bus changed, at a log time [ns]; `gap` is what was missed by it."""
+    """Something about a bus changed, at a log time [ns]; `gap` is what was missed by it.
+
+    `state` is the controller's new state where that is what changed.
+    """
 
     log_ns: int
     text: str
     gap: Gap | None = None
+    state: str = ""
 
 
 class BusCondition:
@@ -124,7 +128,9 @@ class BusCondition:
             self.state = next((name for mask, name in CONTROLLER_STATES if bits & mask), before)
         elif classes & ERR_RESTARTED:
             self.state = "active"
-        return [Change(log_ns, f"{before} -> {self.state}")] if self.state != before else []
+        if self.state == before:
+            return []
+        return [Change(log_ns, f"{before} -> {self.state}", state=self.state)]
 
     def _switched_off(self, t_ns: int, log_ns: int, reason: str = RECORDER_OFF) -> list[Change]:
         """Bus-off at `t_ns`; what the interface told later than that is known already."""
@@ -133,15 +139,15 @@ class BusCondition:
         told_ns, told = self._told
         if told not in ("", "off") and log_ns < told_ns:
             gap = Gap(t_ns, max(told_ns, t_ns), RECORDER_OFF, None, self._bus)
-            return [Change(log_ns, f"off -> {told}", gap)]
+            return [Change(log_ns, f"off -> {told}", gap, "off")]
         before, self.state = self.state, "off"
         self._off_ns, self._off_reason = t_ns, reason
-        return [Change(log_ns, f"{before} -> off")]
+        return [Change(log_ns, f"{before} -> off", state="off")]
 
     def _switched_on(self, state: str, t_ns: int, log_ns: int) -> Change:
         gap = self.deaf_until(t_ns)
         self.state, self._off_ns = state, None
-        return Change(log_ns, f"off -> {state}", gap)
+        return Change(log_ns, f"off -> {state}", gap, state)
 
     def _heard_before(
         self, frames: FrameBatch, end: int, log_ns: NDArray[np.int64]

@@ -95,6 +95,8 @@ class CaptureStore:
         self.file_count = self._number = self._closed_bytes = 0
         self._open: _Open | None = None
         self._marks: list[MarkNote] = []
+        self._kept_until_ns = 0
+        self._kept_for: MarkNote | None = None
         self._cut: list[tuple[str, Segment]] = []
         self._ends_ns = plan.split.ends_after(start_ns)
         self._housekeeping_ns = start_ns + HOUSEKEEPING_NS
@@ -129,16 +131,22 @@ class CaptureStore:
         """Write a metadata record into the segments that follow."""
         self._metadata[name] = values
 
-    def mark(self, note: MarkNote) -> None:
-        """Keep the running segment for good."""
+    def mark(self, note: MarkNote, begin_ns: int | None = None, end_ns: int | None = None) -> None:
+        """Keep the running segment for good, and those of a stretch of log time around it."""
+        for segment in self._manifest.segments if begin_ns is not None else ():
+            if segment.end_ns is not None and segment.end_ns >= (begin_ns or 0):
+                segment.mark(note)
+        if end_ns is not None and end_ns > self._kept_until_ns:
+            self._kept_until_ns, self._kept_for = end_ns, note
         if self._open is None:
             self._marks.append(note)
             return
-        if not self._open.segment.marks:
+        first = not self._open.segment.marks
+        self._open.segment.mark(note)
+        if first:
             values = {"t_ns": str(note.t_ns), "reason": note.reason}
             self._beside(lambda file: file.add_metadata(MARK_METADATA_NAME, values))
-        self._open.segment.mark(note)
-        self._save()
+            self._save()
 
     def write(self, content: Content, now_ns: int) -> None:
         """Write what was taken until `now_ns`, in the segments to which it belongs."""
@@ -243,6 +251,8 @@ class CaptureStore:
             self._number += self._number > 0
             raise
         segment = Segment(self._number, path.name)
+        if self._kept_for and start_ns < self._kept_until_ns:
+            segment.mark(self._kept_for)
         self._manifest.segments.append(segment)
         self._number += 1
         self.path = path

@@ -31,6 +31,11 @@ OWN_COMMANDS = {
             "Make a regular file of a damaged capture.",
         ),
         (
+            "trigger",
+            "syncline_logger.trigger_command:trigger",
+            "Ask a running recorder for a mark.",
+        ),
+        (
             "devices",
             "syncline_logger.devices_command:devices",
             "Show known devices, their objects, scales and quirks.",

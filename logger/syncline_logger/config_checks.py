@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 def contradictions(wanted: "Wanted", buses: Sequence[BusOptions]) -> list[str]:
     """Words for each; what is wrong with one option alone is told where it is read."""
-    return [*_of_files(wanted), *_of_room(wanted), *_of_buses(buses)]
+    return [*_of_files(wanted), *_of_room(wanted), *_of_triggers(wanted), *_of_buses(buses)]
 
 
 def _of_buses(buses: Sequence[BusOptions]) -> Iterator[str]:
@@ -42,6 +42,16 @@ def _of_room(wanted: "Wanted") -> Iterator[str]:
         )
     if (wanted.keep or wanted.reserve) and wanted.output.suffix == ".mcap" and not split:
         yield f"keep and reserve are for folders, and {wanted.output} is one file"
+
+
+def _of_triggers(wanted: "Wanted") -> Iterator[str]:
+    if wanted.triggered_only and wanted.output.suffix == ".mcap" and not wanted.output.is_dir():
+        yield (
+            f"triggered_only writes a file for each event, and {wanted.output} is one file;"
+            " name a folder"
+        )
+    if not wanted.decode and any(word.strip().startswith("value:") for word in wanted.triggers):
+        yield "a trigger on a value needs decoding; leave out --no-decode"
 
 
 def _of_files(wanted: "Wanted") -> Iterator[str]:

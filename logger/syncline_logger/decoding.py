@@ -1,6 +1,6 @@
 """Decoded channels: CANopen services of a batch as messages on their topics."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import pairwise
@@ -13,15 +13,20 @@ from syncline_logger import service_messages
 from syncline_logger.node_objects import Key, NodeObjects, PdoBinding
 from syncline_logger.pdo_channel import PdoChannel
 from syncline_logger.sdo_listener import LearnedValue, SdoListener
+from syncline_logger.triggers.conditions import Condition
+from syncline_logger.triggers.event import Event
+from syncline_logger.triggers.values import ValueWatch
 from syncline_schemas.batch import FrameBatch, FrameFlag
 from syncline_schemas.canopen.services import SERVICE_OF_ID, Service
 from syncline_schemas.capture.layout import node_topic, service_topic
 from syncline_schemas.capture.message import MessageBlock, MessageSchema
 from syncline_schemas.decoder import PdoMapping
+from syncline_schemas.decoder.pdo import PdoColumn
 from syncline_schemas.description import BusDescription
 from syncline_schemas.devices import Device, identify, identity_objects, quirks
 
 Rows = NDArray[np.intp]
+Int64s = NDArray[np.int64]
 Change = Callable[[], None]
 
 RESETS = (0x81, 0x82)
@@ -53,6 +58,7 @@ class Decoded:
         blocks: messages by channel; each block ascending in log time.
         problems: (bus number, words) of what was turned off or does not fit.
         devices: devices that were recognised in this batch, with (bus number, node).
+        events: values that crossed a bound of a condition.
         settings: of nodes whose objects changed: all that is known of them after the batch.
     """
 
@@ -60,6 +66,7 @@ class Decoded:
     problems: list[tuple[int, str]] = field(default_factory=list)
     devices: list[tuple[int, int, Device]] = field(default_factory=list)
     settings: dict[tuple[int, int], Mapping[Key, tuple[bytes, bool]]] = field(default_factory=dict)
+    events: list[Event] = field(default_factory=list)
 
 
 class LiveDecoder:
@@ -69,9 +76,17 @@ class LiveDecoder:
     everything else goes on.
     """
 
-    def __init__(self, buses: Mapping[int, str], description: BusDescription | None = None) -> None:
+    def __init__(
+        self,
+        buses: Mapping[int, str],
+        description: BusDescription | None = None,
+        values: Sequence[Condition] = (),
+    ) -> None:
         known = description or BusDescription()
-        self._buses = {number: _BusDecoder(number, name, known) for number, name in buses.items()}
+        watch = ValueWatch(values)
+        self._buses = {
+            number: _BusDecoder(number, name, known, watch) for number, name in buses.items()
+        }
 
     @property
     def devices(self) -> list[Device]:
@@ -94,8 +109,11 @@ class LiveDecoder:
 
 
 class _BusDecoder:
-    def __init__(self, number: int, name: str, description: BusDescription) -> None:
+    def __init__(
+        self, number: int, name: str, description: BusDescription, watch: ValueWatch
+    ) -> None:
         self._number = number
+        self._watch = watch
         self._name = name
         self._sdo = SdoListener()
         self._off: set[str] = set()
@@ -225,9 +243,16 @@ class _BusDecoder:
     def _decode_pdo(
         self, binding: PdoBinding, frames: FrameBatch, log_ns: NDArray[np.int64], decoded: Decoded
     ) -> None:
+        def look(columns: Sequence[PdoColumn], t_ns: Int64s, taken_ns: Int64s) -> None:
+            events, words = self._watch.update(
+                self._number, self._name, binding.node, columns, t_ns, taken_ns
+            )
+            decoded.events += events
+            decoded.problems += [(self._number, text) for text in words]
+
         def decode() -> None:
             channel = self._channel(binding)
-            block, problem = channel.decode(frames, log_ns)
+            block, problem = channel.decode(frames, log_ns, look)
             if block is not None:
                 spec = ChannelSpec(channel.topic, channel.schema, channel.metadata)
                 decoded.blocks.append((spec, block))

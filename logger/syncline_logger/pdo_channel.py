@@ -1,5 +1,7 @@
 """One PDO on its decoded channel: a message type made from its mapping, packed from columns."""
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -8,8 +10,12 @@ from syncline_schemas.batch import FrameBatch
 from syncline_schemas.capture.message import MessageBlock, MessageSchema
 from syncline_schemas.capture.pdo_message import FieldType, PdoField, PdoMessage
 from syncline_schemas.decoder import MappedObject, decode_pdo
+from syncline_schemas.decoder.pdo import PdoColumn
 
 _UNREGISTERED = -1
+
+Look = Callable[[Sequence[PdoColumn], NDArray[np.int64], NDArray[np.int64]], None]
+"""Takes columns, t_ns and log_ns."""
 
 
 class PdoChannel:
@@ -41,15 +47,20 @@ class PdoChannel:
         self._short_reported = False
 
     def decode(
-        self, frames: FrameBatch, log_ns: NDArray[np.int64]
+        self, frames: FrameBatch, log_ns: NDArray[np.int64], look: Look | None = None
     ) -> tuple[MessageBlock | None, str]:
-        """Messages of the frames that are long enough, and words about the first that is not."""
+        """Messages of the frames that are long enough, and words about the first that is not.
+
+        look: is shown the columns, with the times of their rows.
+        """
         complete = frames.dlc >= self.binding.mapping.length
         problem = "" if complete.all() else self._short(frames.dlc[~complete])
         if not self._types or not complete.any():
             return None, problem
         frames, log_ns = frames[complete], log_ns[complete]
         columns = decode_pdo(self.binding.mapping, frames.data, frames.dlc)
+        if look:
+            look(columns, frames.t_ns, log_ns)
         values = [
             column.value if kind == "double" else column.raw
             for column, kind in zip(columns, self._types, strict=True)

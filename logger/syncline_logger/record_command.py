@@ -61,6 +61,11 @@ class Wanted:
     reserve: int | None
     compression: tuple["Compression", int]
     duration_ns: int | None
+    triggers: tuple[str, ...]
+    triggered_only: bool
+    before_ns: int
+    after_ns: int
+    ring_size: int
     description: Path | None
     devices: tuple[str, ...]
     decode: bool
@@ -162,6 +167,46 @@ class Wanted:
 )
 @click.option(
     "--for", "duration_ns", type=parse_duration, metavar="TIME", help="Stop after this time."
+)
+@click.option(
+    "--trigger",
+    "triggers",
+    multiple=True,
+    metavar="EVENT",
+    help="Mark the moment when this happens; repeatable: emcy[:NODE[:CODE]], node-lost[:NODE],"
+    " boot-up[:NODE], nmt:NODE:STATE, bus-off[:BUS], sdo-abort[:NODE],"
+    " value:NODE:NAME>NUMBER[UNIT], gap[:BUS]. 'syncline trigger' and SIGUSR1 always mark.",
+)
+@click.option(
+    "--triggered-only",
+    is_flag=True,
+    help="Write nothing until a trigger, then what lies around it; one recording per event.",
+)
+@click.option(
+    "--before",
+    "before_ns",
+    type=parse_duration,
+    metavar="TIME",
+    default="5m",
+    show_default=True,
+    help="How much before a trigger is kept.",
+)
+@click.option(
+    "--after",
+    "after_ns",
+    type=parse_duration,
+    metavar="TIME",
+    default="2m",
+    show_default=True,
+    help="How much after the last trigger is kept.",
+)
+@click.option(
+    "--ring-size",
+    type=size_bytes,
+    metavar="SIZE",
+    default="100MB",
+    show_default=True,
+    help="Memory for what lies before a trigger, where nothing is written until then.",
 )
 @click.option(
     "--description",
@@ -266,14 +311,17 @@ def record(
 def _run(plan: "RecordPlan") -> None:
     from syncline_logger.own_log import own_log
     from syncline_logger.record_outputs import RecordOutputs
-    from syncline_logger.record_view import RecordView, say_result
+    from syncline_logger.record_view import RecordView, mention_cut_files, say_result
     from syncline_logger.recorder import record as record_sources
     from syncline_logger.stop_signals import stop_on_signals
+    from syncline_logger.triggers.requests import trigger_requests
 
     wanted = plan.wanted
+    mention_cut_files(wanted.output)
     with stop_on_signals() as stop, ExitStack() as stack:
         stack.enter_context(own_log(wanted.log, wanted.log_size, wanted.log_keep))
         view = RecordView(stack)
+        requests = stack.enter_context(trigger_requests(_folder(wanted.output)))
         outputs = stack.enter_context(RecordOutputs(view, wanted.status_file, wanted.prometheus))
         result = record_sources(
             plan.sources,
@@ -284,6 +332,12 @@ def _run(plan: "RecordPlan") -> None:
             on_start=outputs.started,
             on_status=outputs.status,
             on_turn=outputs.alive,
+            asked=requests.poll,
             status_period_ns=wanted.status_period_ns or view.period_ns,
         )
     say_result(result)
+
+
+def _folder(output: Path) -> Path:
+    """The folder in which the recordings are."""
+    return output.parent if output.suffix == ".mcap" and not output.is_dir() else output

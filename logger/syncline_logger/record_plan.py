@@ -22,6 +22,8 @@ from syncline_logger.retention import Keep
 from syncline_logger.segments import Split
 from syncline_logger.source import Source
 from syncline_logger.sources.choice import source_of
+from syncline_logger.triggers.conditions import parse_conditions
+from syncline_logger.triggers.plan import TriggerPlan
 from syncline_schemas.description import BusDescription
 from syncline_schemas.errors import SynclineError
 
@@ -95,11 +97,22 @@ def plan_recording(
         zstd_level=wanted.compression[1],
         split=Split(wanted.split_size, wanted.split_time),
         keep=_keep(wanted),
+        triggers=attempt(lambda: _triggers(wanted, buses), TriggerPlan()),
     )
     place = f"{config.path}: " if config else ""
     problems += [f"{place}{text}" for text in contradictions(wanted, buses)]
     opened = tuple(source for source in sources if source is not None)
     return RecordPlan(wanted, tuple(buses), opened, options, tuple(dict.fromkeys(problems)))
+
+
+def _triggers(wanted: "Wanted", buses: Sequence[BusOptions]) -> TriggerPlan:
+    return TriggerPlan(
+        parse_conditions(wanted.triggers, [bus.name for bus in buses]),
+        wanted.triggered_only,
+        wanted.before_ns,
+        wanted.after_ns,
+        wanted.ring_size,
+    )
 
 
 def _keep(wanted: "Wanted") -> Keep:

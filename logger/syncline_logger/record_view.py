@@ -58,6 +58,18 @@ def say_result(result: "RecordResult") -> None:
     click.echo(f"{result.path}{more}: {frames}, {gaps}{lost}", err=True)
 
 
+def mention_cut_files(folder: Path) -> None:
+    """Tell of captures without an end that the recorder does not finish by itself."""
+    from syncline_logger.recording_folder import strangers_without_end
+
+    for path in strangers_without_end(folder) if folder.is_dir() else ():
+        click.echo(
+            f"{path} has no end: its recorder was killed, or still runs;"
+            f" 'syncline recover {path}' makes a regular file of it",
+            err=True,
+        )
+
+
 def _print_json(snapshot: "StatusSnapshot") -> None:
     from syncline_logger.status_view import status_json
 

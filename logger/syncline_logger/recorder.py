@@ -48,6 +48,7 @@ def record(
     on_status: Callable[[StatusSnapshot], None] | None = None,
     status_period_ns: int = 1_000_000_000,
     on_turn: Callable[[], None] | None = None,
+    asked: Callable[[], Iterable[str]] | None = None,
 ) -> RecordResult:
     """Record buses until `stop` is set or `duration_ns` has passed, and close the file.
 
@@ -59,11 +60,12 @@ def record(
         on_start: called with the file's path when recording has begun.
         on_status: called every `status_period_ns` and at the end.
         on_turn: called about ten times a second by the writing loop, while it does its work.
+        asked: polled once per chunk; gives words for each mark that somebody asks for.
 
     Raises:
         SourceError: a bus cannot be opened. UsageError: the file exists.
     """
-    recorder = LiveRecorder(sources, target, options or RecordOptions())
+    recorder = LiveRecorder(sources, target, options or RecordOptions(), asked)
     if on_start:
         on_start(recorder.path)
     return recorder.run(
@@ -111,7 +113,9 @@ class _VirtualRecorder:
         source: str,
     ) -> None:
         self._options = options
-        self._decoder = LiveDecoder({bus.number: bus.name for bus in buses}, options.description)
+        self._decoder = LiveDecoder(
+            {bus.number: bus.name for bus in buses}, options.description, options.triggers.values
+        )
         self._begin = partial(Recording, target, buses, options, host=host, source=source)
         self._recording: Recording | None = None
         self._now_ns = self._next_status_ns = 0
@@ -178,7 +182,14 @@ class _VirtualRecorder:
 class LiveRecorder:
     """Opened sources and an open file; `run` records until it is told to stop."""
 
-    def __init__(self, sources: Sequence[Source], target: Path, options: RecordOptions) -> None:
+    def __init__(
+        self,
+        sources: Sequence[Source],
+        target: Path,
+        options: RecordOptions,
+        asked: Callable[[], Iterable[str]] | None = None,
+    ) -> None:
+        self._asked = asked
         rehearse(options.compression)
         self._options = options
         self._sources = list(sources)
@@ -208,7 +219,9 @@ class LiveRecorder:
         except BaseException:
             self._close_sources()
             raise
-        decoder = LiveDecoder({bus.number: bus.name for bus in buses}, options.description)
+        decoder = LiveDecoder(
+            {bus.number: bus.name for bus in buses}, options.description, options.triggers.values
+        )
         self._worker = DecodeWorker(decoder) if options.decode else None
         self._decode_was_behind = False
         self._threads = SourceThreads(
@@ -288,6 +301,8 @@ class LiveRecorder:
 
     def _write_period(self, now_ns: int) -> None:
         self._sample_clocks(now_ns)
+        for text in self._asked() if self._asked else ():
+            self._recording.ask(text, now_ns)
         self._write_chunk(now_ns, status=True)
 
     def _sample_clocks(self, now_ns: int) -> None:

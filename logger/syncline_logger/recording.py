@@ -24,6 +24,9 @@ from syncline_logger.manifest import MarkNote
 from syncline_logger.recording_folder import RecordingFolder
 from syncline_logger.retention import Keep
 from syncline_logger.segments import SegmentNames, Split
+from syncline_logger.triggers.event_store import EventStore
+from syncline_logger.triggers.plan import TriggerPlan
+from syncline_logger.triggers.watch import TriggerWatch
 from syncline_schemas.batch import FrameBatch, Gap
 from syncline_schemas.capture.chunk import ZSTD_LEVEL
 from syncline_schemas.capture.gap_message import DID_NOT_RUN, gap_message
@@ -77,6 +80,7 @@ class RecordOptions:
         split: when the recording goes on in a new file.
         keep: how much of what was recorded may stay in the folder.
         wait_for_bus: begin although a bus cannot be opened yet, and open it when that is possible.
+        triggers: which events become marks, and whether only what lies around them is written.
     """
 
     flush_ns: int = 1_000_000_000
@@ -91,6 +95,7 @@ class RecordOptions:
     zstd_level: int = ZSTD_LEVEL
     split: Split = field(default_factory=Split)
     keep: Keep = field(default_factory=Keep)
+    triggers: TriggerPlan = field(default_factory=TriggerPlan)
 
     @property
     def period_ns(self) -> int:
@@ -158,7 +163,7 @@ class Recording:
         self.conditions = {bus.number: BusCondition(bus.interface, bus.number) for bus in buses}
         self.live = LiveStatus(buses, start_ns)
         self._gaps: list[Gap] = []
-        self._gap_count = self._lost_frames = 0
+        self._gap_count = self._lost_frames = self.marks = 0
         self._problems: list[str] = []
         self._messages: list[tuple[ChannelSpec, int, Message]] = []
         self._heard_ns = self._clock_ns = start_ns
@@ -184,14 +189,23 @@ class Recording:
             disk=disk or Disk(),
         )
         folder = _folder(plan)
-        last_end_ns = folder.last_end_ns(bus.name for bus in buses) if folder and resumes else None
-        self.store = CaptureStore(
-            plan,
-            start_ns,
-            folder=folder,
-            attachments=_attachments(options.description),
-            finishes=resumes,
+        self._triggers = options.triggers
+        self.watch = TriggerWatch(
+            options.triggers.conditions, [bus.name for bus in buses], options.description
         )
+        attachments = _attachments(options.description)
+        last_end_ns = None
+        self.store: CaptureStore | EventStore
+        if options.triggers.only:
+            self.store = EventStore(
+                plan, options.triggers, folder=folder, attachments=attachments, finishes=resumes
+            )
+        else:
+            if folder and resumes:
+                last_end_ns = folder.last_end_ns(bus.name for bus in buses)
+            self.store = CaptureStore(
+                plan, start_ns, folder=folder, attachments=attachments, finishes=resumes
+            )
         if last_end_ns is not None and last_end_ns < start_ns:
             self.add_gap(Gap(last_end_ns, start_ns, DID_NOT_RUN), start_ns)
         for bus in buses:
@@ -206,14 +220,37 @@ class Recording:
         if len(self._gaps) < MAX_KEPT:
             self._gaps.append(gap)
         self._messages.append((GAP_CHANNEL, log_ns, gap_message(gap)))
+        self.watch.gap(gap, log_ns)
 
     def mark(
-        self, text: str, log_ns: int, *, bus: int | None = None, node: int | None = None
+        self,
+        text: str,
+        log_ns: int,
+        *,
+        bus: int | None = None,
+        node: int | None = None,
+        t_ns: int | None = None,
     ) -> None:
-        """Note a moment that somebody wants to find again; its segment is kept for good."""
-        message = syncline_pb2.Mark(t_ns=log_ns, reason=text, bus=bus, node=node)
+        """Note a moment that somebody wants to find again; what lies around it is kept for good.
+
+        t_ns: when it was, where that is not when it became known.
+        """
+        message = syncline_pb2.Mark(
+            t_ns=log_ns if t_ns is None else t_ns, reason=text, bus=bus, node=node
+        )
         self._messages.append((MARK_CHANNEL, log_ns, message))
-        self.store.mark(MarkNote(log_ns, text))
+        plan = self._triggers
+        self.store.mark(MarkNote(log_ns, text), log_ns - plan.before_ns, log_ns + plan.after_ns)
+        self.marks += 1
+
+    def ask(self, text: str, log_ns: int) -> None:
+        """Somebody asks for a mark."""
+        self.watch.ask(text, log_ns)
+        self._mark_triggers()
+
+    def _mark_triggers(self) -> None:
+        for each in self.watch.take():
+            self.mark(each.text, each.log_ns, bus=each.bus, node=each.node, t_ns=each.t_ns)
 
     def add_clock(self, reading: ClockReading, log_ns: int) -> None:
         """Note what the clocks said."""
@@ -268,6 +305,8 @@ class Recording:
             rows = np.flatnonzero(frames.bus == bus)
             self._note_changes(bus, condition.update(frames[rows], log_ns[rows]))
         self.live.update(frames, log_ns)
+        self.watch.update(frames, log_ns)
+        self._mark_triggers()
 
     def tell_state(self, bus: int, state: str, log_ns: int) -> None:
         """Note the state of a bus's controller as the interface tells it."""
@@ -285,6 +324,7 @@ class Recording:
             if change.gap:
                 self.add_gap(change.gap, change.log_ns)
             self.add_status(bus, change.log_ns, change.text)
+            self.watch.bus_state(bus, change.state, change.log_ns)
 
     def write(
         self,
@@ -306,9 +346,11 @@ class Recording:
                 self.add_status(bus, self._heard_ns, text)
             for bus, node, device in part.devices:
                 self._recognised(bus, node, device)
+            self.watch.events(part.events)
             self._settings |= part.settings
             if part.settings:
                 self.store.carry(LEARNED_METADATA_NAME, learned_record(self._settings))
+        self._mark_triggers()
         blocks += self._noted()
         self.store.write(Content(frames, log_ns, blocks), now_ns)
         for bus, lost in self.store.waiting.lost_frames.items():
@@ -338,6 +380,8 @@ class Recording:
     def finish(self, end_ns: int, why: str) -> RecordResult:
         """Write the end of the file and close it."""
         self.store.retry(end_ns, last=True)
+        self.watch.finish(end_ns)
+        self._problems += self.watch.uncounted()
         self.write(FrameBatch.empty(), np.zeros(0, np.int64), now_ns=end_ns)
         before = self._lost_frames
 

@@ -192,6 +192,17 @@ class RecordingFolder:
             describe_segment(segment, records)
 
 
+def strangers_without_end(folder: Path) -> list[Path]:
+    """Captures in a folder that were cut off and that no recorder finishes by itself."""
+    found = []
+    with suppress(OSError):
+        for path in sorted(folder.glob("*.mcap")):
+            with suppress(OSError):
+                if not _OWN_NAME.fullmatch(path.name) and not is_whole(path):
+                    found.append(path)
+    return found
+
+
 def describe_segment(segment: Segment, records: RecordFile) -> None:
     """Fill in what a whole file's summary tells: times, frames, size, marks."""
     summary = records.summary()

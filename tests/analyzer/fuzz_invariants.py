@@ -76,7 +76,9 @@ def placed(value: Any, place: np.ndarray[Any, np.dtype[np.int64]]) -> Any:
     changed: dict[str, Any] = {}
     for each in fields(value):
         old = getattr(value, each.name)
-        if each.name.endswith("seq") or each.name == "evidence":
+        if isinstance(old, np.ndarray):
+            changed[each.name] = place[old] if each.name.endswith("seq") else old
+        elif each.name.endswith("seq") or each.name == "evidence":
             new = [int(place[seq]) for seq in old] if isinstance(old, list) else old
             changed[each.name] = int(place[new]) if isinstance(new, int) else new
         elif isinstance(old, list):

@@ -12,6 +12,7 @@ from syncline_schemas.devices import load_device
 from tests.analyzer.control_runs import MS, Row, Run, frame, remote, run
 from tests.analyzer.test_nmt_findings import NODE, boot, one, others, shifted, written
 from tests.analyzer.test_nmt_fold import guarding, heartbeats, ordered
+from tests.analyzer.whole_run import beats, every, ids, whole
 
 JN2100 = {NODE: load_device("jn2100")}
 LIR = {NODE: load_device("lir-da158a")}
@@ -540,6 +541,17 @@ def test_restarts_long_before_a_second_device_are_no_sign_of_it() -> None:
     finding = one(run(*rows), "nmt.duplicate_node_id")
     assert "it told at" not in finding.text
     assert min(finding.evidence) > 100
+
+
+@pytest.mark.near_miss("nmt.duplicate_node_id")
+def test_a_node_that_answers_two_sync_producers_is_one_device() -> None:
+    """It boots twice before that; without the second producer its PDOs are those of two."""
+    pdos = [*every(0x185, 2002, 20_000, 50, b"\1"), *every(0x185, 6021, 12_000, 50, b"\1")]
+    syncs = every(0x80, 0, 20_000, 50)
+    boots = [*every(0x705, 500, 501, 1, b"\0"), *every(0x705, 1400, 1401, 1, b"\0")]
+    rows = [*boots, *pdos, *syncs, *beats(9, 0, 20_000)]
+    assert "nmt.duplicate_node_id" in ids(whole(rows))
+    assert "nmt.duplicate_node_id" not in ids(whole(rows, every(0x80, 6019, 12_000, 50)))
 
 
 @pytest.mark.triggers("nmt.duplicate_node_id")

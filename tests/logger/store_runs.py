@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from syncline_logger.capture_store import CaptureStore
 from syncline_logger.disk import Disk, DiskFile
 from syncline_logger.recording import Recording, RecordOptions, RecordResult
 from syncline_schemas.batch import FrameBatch, Gap
@@ -125,18 +126,31 @@ class Run:
         )
         self.sent = 0
         self.now_ns = start_ns
-        self._per_step = per_step
+        self.per_step = per_step
         self._step_ns = step_ns
 
     def step(self, count: int = 1) -> "Run":
         """Let so many steps pass, each with its frames."""
         for _ in range(count):
-            batch = frames(self.sent, self._per_step, self.now_ns, self._step_ns // self._per_step)
+            batch = frames(self.sent, self.per_step, self.now_ns, self._step_ns // self.per_step)
             self.sent += len(batch)
             self.now_ns += self._step_ns
             self.recording.take_frames(batch, batch.t_ns)
             self.recording.add_all_status(self.now_ns - 1)
             self.recording.write(batch, batch.t_ns, now_ns=self.now_ns)
+        return self
+
+    @property
+    def store(self) -> CaptureStore:
+        """The files of the recording."""
+        store = self.recording.store
+        assert isinstance(store, CaptureStore)
+        return store
+
+    def kill(self) -> "Run":
+        """End as a process does that is killed: nothing is closed but by the system."""
+        assert self.store._open is not None
+        self.store._open.file._stream.close()
         return self
 
     def finish(self) -> RecordResult:

@@ -38,7 +38,8 @@ class Adapter:
     def stamps(self, true_ns: NDArray[np.int64]) -> NDArray[np.int64]:
         passed = true_ns - true_ns[0]
         stamps = self.start_ns + passed + np.rint(passed * self.drift_ppm * 1e-6).astype(np.int64)
-        return stamps // self.resolution_ns * self.resolution_ns
+        coarse: NDArray[np.int64] = stamps // self.resolution_ns * self.resolution_ns
+        return coarse
 
 
 def arrivals(
@@ -87,7 +88,8 @@ def error(
 
 
 def periodic(machine: Machine, seconds: float, period_ns: int) -> NDArray[np.int64]:
-    return machine.elapsed_ns + np.arange(0, round(seconds * SECOND), period_ns, np.int64)
+    times: NDArray[np.int64] = machine.elapsed_ns + np.arange(0, round(seconds * SECOND), period_ns)
+    return times
 
 
 traffic = st.sampled_from([(30, 2_000_000), (90, 10_000_000), (400, 100_000_000), (3_000, SECOND)])
@@ -226,7 +228,7 @@ def test_utc_that_was_set_forward_is_followed_at_once() -> None:
 
 def test_one_by_one_is_the_same_as_together() -> None:
     machine = Machine()
-    stamps = np.arange(0, 40 * SECOND, 100_000_000, np.int64)
+    stamps = np.arange(0, 40 * SECOND, 100_000_000)
     one, many = AdapterClock(machine.clock), AdapterClock(machine.clock)
     alone = [one.one_t_ns(stamp, 7 * SECOND + stamp) for stamp in stamps.tolist()]
     together = [many.t_ns(stamps[n : n + 1], 7 * SECOND + int(stamps[n])) for n in range(400)]

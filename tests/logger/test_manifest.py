@@ -79,10 +79,7 @@ def test_a_folder_of_broken_files_keeps_no_recorder_from_starting(
     import random
 
     rng = random.Random(seed)
-    before = Run(tmp_path, recording_id="old").step(5)
-    store = before.recording.store
-    assert store._open is not None
-    store._open.file._stream.close()
+    before = Run(tmp_path, recording_id="old").step(5).kill()
     for path in [*files_of(tmp_path), tmp_path / "old.json"]:
         data = bytearray(path.read_bytes())
         for _ in range(rng.randrange(1, 20)):

@@ -27,11 +27,7 @@ PAUSE = 3600 * S
 def killed(folder: Path, steps: int = 5, **options: object) -> Run:
     """A recording that was killed: no stop, no summary, and nothing said to the manifest."""
     run = Run(folder, **({"recording_id": "old"} | options))  # type: ignore[arg-type]
-    run.step(steps)
-    store = run.recording.store
-    assert store._open is not None
-    store._open.file._stream.close()
-    return run
+    return run.step(steps).kill()
 
 
 def next_run(folder: Path, after: Run, **options: object) -> Run:

@@ -136,7 +136,7 @@ def test_however_it_is_split_the_frames_are_the_same(
     period = None if period_ms is None else period_ms * MS
     for_all = Run(folder, split=Split(size, period), sync=False)
     for count in sizes:
-        for_all._per_step = count
+        for_all.per_step = count
         for_all.step()
     for_all.finish()
     assert numbers_in(*files_of(folder)) == list(range(sum(sizes)))

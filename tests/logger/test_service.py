@@ -2,9 +2,11 @@
 
 import json
 import os
+import shutil
 import signal
 import socket
 import subprocess
+import sys
 import threading
 from pathlib import Path
 
@@ -162,3 +164,18 @@ def test_the_unit_says_what_the_recorder_needs() -> None:
         ("/var/log/", "LogsDirectory"),
     ):
         assert f'"{folder}{settings[setting]}' in example
+
+
+@pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="needs systemd-analyze")
+def test_systemd_understands_the_unit(tmp_path: Path) -> None:
+    unit = (DEPLOY / "syncline.service").read_text(encoding="utf-8")
+    here = tmp_path / "syncline.service"
+    here.write_text(unit.replace("/opt/syncline/bin/syncline", sys.executable), encoding="utf-8")
+    done = subprocess.run(
+        ["systemd-analyze", "verify", "--man=no", str(here)],
+        capture_output=True,
+        check=False,
+        encoding="utf-8",
+    )
+    # What it says of the machine's own units is not ours.
+    assert [line for line in done.stderr.splitlines() if "syncline.service" in line] == []

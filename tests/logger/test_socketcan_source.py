@@ -41,7 +41,7 @@ class Kernel:
         step = self.steps.pop(0) if self.steps else []
         if isinstance(step, OSError):
             raise step
-        return received(step)
+        return received(step, 72)
 
 
 @pytest.fixture
@@ -51,12 +51,12 @@ def kernel(monkeypatch: pytest.MonkeyPatch) -> Iterator[Kernel]:
 
     class Ring:
         def __init__(self, size: int, width: int) -> None:
-            assert (size, width) == (1024, 16)
+            assert (size, width) == (1024, 72)
 
         def receive(self, file_number: int) -> Received:
             return scripted.receive()
 
-    def can_socket(link: CanLink, filters: list[Filter]) -> socket.socket:
+    def can_socket(name: str, filters: list[Filter]) -> socket.socket:
         scripted.opened += 1
         scripted.filters = list(filters)
         ends.extend(socket.socketpair())

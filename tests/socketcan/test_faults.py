@@ -13,6 +13,7 @@ from syncline_logger.sources.socketcan import SocketCanSource
 from syncline_schemas.can_errors import RECORDER_OFF, RECORDER_OVERFLOW
 from syncline_schemas.errors import SourceError
 from tests.socketcan.can_bus import (
+    FD_FRAME,
     fault,
     in_the_vm,
     ip_link,
@@ -158,6 +159,24 @@ def test_a_changed_bit_rate_is_told(tmp_path: Path) -> None:
         running.wait_for_presence(True)
     texts = [s.text for s in running.contents.values("/can/can0/status")]
     assert "can0 was set from 500000 to 250000 bit/s" in texts
+
+
+def test_an_interface_that_is_set_up_for_fd_meanwhile(tmp_path: Path) -> None:
+    ip_link("add", "vcan8", "type", "vcan")
+    try:
+        ip_link("set", "vcan8", "mtu", "16")
+        ip_link("set", "vcan8", "up")
+        with recording_of(tmp_path, "vcan8") as running:
+            ip_link("set", "vcan8", "down")
+            running.wait_for_presence(False)
+            ip_link("set", "vcan8", "mtu", "72")
+            ip_link("set", "vcan8", "up")
+            running.wait_for_presence(True)
+            send("vcan8", [FD_FRAME.pack(0x181, 48, 0, 0, 0, bytes(48))])
+            running.wait_for_frames(1)
+        assert [len(data) for _, _, _, data in running.contents.frames("vcan8")] == [48]
+    finally:
+        ip_link("del", "vcan8")
 
 
 def test_an_interface_that_is_not_there_or_down() -> None:

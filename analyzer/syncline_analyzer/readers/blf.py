@@ -204,11 +204,17 @@ class _Columns:
         self.put_flag(rows, FrameFlag.DLC_INVALID, (~remote & (there < stated)).astype(np.uint64))
 
 
-_Reader = Callable[[ByteColumns, NDArray[np.intp], NDArray[np.intp], _Columns, NDArray[np.intp]], None]
+_Reader = Callable[
+    [ByteColumns, NDArray[np.intp], NDArray[np.intp], _Columns, NDArray[np.intp]], None
+]
 
 
 def _can_message(
-    view: ByteColumns, at: NDArray[np.intp], end: NDArray[np.intp], out: _Columns, rows: NDArray[np.intp]
+    view: ByteColumns,
+    at: NDArray[np.intp],
+    end: NDArray[np.intp],
+    out: _Columns,
+    rows: NDArray[np.intp],
 ) -> None:
     out.channel[rows] = view.u16(at, 0)
     flags = view.u8(at, 2)
@@ -221,7 +227,11 @@ def _can_message(
 
 
 def _can_error(
-    view: ByteColumns, at: NDArray[np.intp], end: NDArray[np.intp], out: _Columns, rows: NDArray[np.intp]
+    view: ByteColumns,
+    at: NDArray[np.intp],
+    end: NDArray[np.intp],
+    out: _Columns,
+    rows: NDArray[np.intp],
 ) -> None:
     out.channel[rows] = view.u16(at, 0)
     out.flags[rows] = FrameFlag.ERROR
@@ -229,7 +239,11 @@ def _can_error(
 
 
 def _can_error_ext(
-    view: ByteColumns, at: NDArray[np.intp], end: NDArray[np.intp], out: _Columns, rows: NDArray[np.intp]
+    view: ByteColumns,
+    at: NDArray[np.intp],
+    end: NDArray[np.intp],
+    out: _Columns,
+    rows: NDArray[np.intp],
 ) -> None:
     out.channel[rows] = view.u16(at, 0)
     out.flags[rows] = FrameFlag.ERROR
@@ -244,7 +258,11 @@ def _can_error_ext(
 
 
 def _can_fd(
-    view: ByteColumns, at: NDArray[np.intp], end: NDArray[np.intp], out: _Columns, rows: NDArray[np.intp]
+    view: ByteColumns,
+    at: NDArray[np.intp],
+    end: NDArray[np.intp],
+    out: _Columns,
+    rows: NDArray[np.intp],
 ) -> None:
     out.channel[rows] = view.u16(at, 0)
     flags, fd_flags = view.u8(at, 2), view.u8(at, 13)
@@ -258,7 +276,11 @@ def _can_fd(
 
 
 def _can_fd_64(
-    view: ByteColumns, at: NDArray[np.intp], end: NDArray[np.intp], out: _Columns, rows: NDArray[np.intp]
+    view: ByteColumns,
+    at: NDArray[np.intp],
+    end: NDArray[np.intp],
+    out: _Columns,
+    rows: NDArray[np.intp],
 ) -> None:
     out.channel[rows] = view.u8(at, 0)
     flags = view.u32(at, 12)

@@ -71,15 +71,13 @@ def compact_bytes(words: Words, count: int) -> Words:
     return _packed(words & field_mask(0, 2 * count, 0x0F))
 
 
-def spaced_bytes(words: Words, count: int) -> Words:
-    """(n,) words whose low `count` (up to 3) bytes are those written as `11 22 33` in each word."""
-    nibbles = words & sum(field_mask(3 * i, 3 * i + 2, 0x0F) for i in range(count))
+def spaced_bytes(words: Words, count: int, *, step: int = 3) -> Words:
+    """(n,) words whose low `count` bytes are those written every `step` characters in each word."""
+    nibbles = words & sum(field_mask(step * i, step * i + 2, 0x0F) for i in range(count))
     pairs = (nibbles << 4) | (nibbles >> 8)
     value = pairs & 0xFF
-    if count > 1:
-        value |= (pairs >> 16) & 0xFF00
-    if count > 2:
-        value |= (pairs >> 32) & 0xFF0000
+    for i in range(1, count):
+        value |= (pairs >> 8 * (step - 1) * i) & (0xFF << 8 * i)
     return value
 
 

@@ -1,281 +1,426 @@
-"""CSV logs: SavvyCAN (GVRET), python-can, and home-made ones with or without a header."""
+"""CSV logs: SavvyCAN (GVRET), python-can, IXXAT, Kvaser, CANTest and home-made ones."""
 
 import base64
 import binascii
 import re
-from dataclasses import dataclass
+from collections.abc import Sequence
+from decimal import Decimal, InvalidOperation
+from itertools import pairwise
 from pathlib import Path
+from statistics import median
+from typing import Final, NamedTuple
 
 from syncline_analyzer.capture import CaptureFacts
-from syncline_analyzer.readers.layout import FrameLayout, Span
+from syncline_analyzer.readers.csv_columns import CsvColumns, is_number
+from syncline_analyzer.readers.layout import FrameLayout, Span, regular_bytes
 from syncline_analyzer.readers.lines import LineFormat, NoFrame, OddFrame, Parsed, bit_flags
-from syncline_analyzer.readers.times import FIRST_UTC_NS, SECOND_NS, Times, decimal_times
+from syncline_analyzer.readers.times import FIRST_UTC_NS, SECOND_NS, Times, decimal_times, utc_ns
 from syncline_schemas.batch import FrameFlag
 
-_NAMES = {
-    "time": "time timestamp time_stamp epoch t time_s timestamp_s time_offset timestamps",
-    "time_ms": "time_ms timestamp_ms",
-    "time_us": "time_us timestamp_us",
-    "time_ns": "time_ns timestamp_ns t_ns",
-    "id": "id arbitration_id can_id cob_id identifier arbitrationid canid id_hex cobid",
-    "extended": "extended ext is_extended is_extended_id ide",
-    "remote": "remote rtr is_remote_frame is_remote",
-    "error": "error is_error_frame is_error",
-    "way": "dir direction rx_tx",
-    "bus": "bus channel interface ch can",
-    "length": "len dlc length dl",
-    "data": "data payload data_hex data_bytes bytes",
+_DAY_NS: Final = 24 * 3600 * SECOND_NS
+_NUMBER = re.compile(rb"(?P<s>\d{1,19})(?:[.,](?P<f>\d+))?")
+_CLOCK = re.compile(
+    rb"(?:(?:(?P<y>\d{4})[-/.](?P<m>\d{1,2})[-/.](?P<d>\d{1,2})"
+    rb"|(?P<d2>\d{1,2})\.(?P<m2>\d{1,2})\.(?P<y2>\d{4}))[ T_-]+)?"
+    rb"(?P<hour>\d{1,3}):(?P<minute>\d{2}):(?P<s>\d{2})(?:[.,:](?P<f>\d+))?Z?"
+)
+_DATE = re.compile(
+    rb"(?P<y>\d{4})[-/.](?P<m>\d{1,2})[-/.](?P<d>\d{1,2})|(?P<d2>\d{1,2})\.(?P<m2>\d{1,2})\.(?P<y2>\d{4})"
+)
+_TOKEN = re.compile(rb"(?:0[xX])?([0-9A-Fa-f]{1,3})[hH]?")
+_NAME_OF_FLAG: Final = {
+    "remote": re.compile(rb"remote|rtr|\xe8\xbf\x9c\xe7\xa8\x8b|\xd4\xb6\xb3\xcc", re.IGNORECASE),
+    "extended": re.compile(rb"ext|xtd|29|\xe6\x89\xa9\xe5\xb1\x95|\xc0\xa9\xd5\xb9", re.IGNORECASE),
+    "error": re.compile(rb"err|fehler", re.IGNORECASE),
+    "fd": re.compile(rb"fd", re.IGNORECASE),
 }
-_ROLE_OF = {name: role for role, names in _NAMES.items() for name in names.split()}
-_HEX = rb"[0-9A-Fa-f]"
-_FLAG = rb"(?:0|1|[Tt]rue|[Ff]alse|TRUE|FALSE)?"
-_TIME = rb"(?P<s>\d{1,19})(?:\.(?P<f>\d+))?"
-_PATTERNS = {
-    "time": _TIME,
-    "time_ms": _TIME,
-    "time_us": _TIME,
-    "time_ns": _TIME,
-    "id": rb"(?P<prefix>0[xX])?(?P<id>" + _HEX + rb"{1,8})",
-    "extended": rb"(?P<extended>" + _FLAG + rb")",
-    "remote": rb"(?P<remote>" + _FLAG + rb")",
-    "error": rb"(?P<error>" + _FLAG + rb")",
-    "way": rb"(?P<way>\w*)",
-    "bus": rb"(?P<bus>[^,;\t]*)",
-    "length": rb"(?P<length>\d{1,2})",
-    "bytes": rb"(?P<data>" + _HEX + rb"{2}(?:[ ,;\t]" + _HEX + rb"{2})*)?[ ,;\t]*",
-    "data": rb"(?:0[xX])?(?P<data>(?:"
-    + _HEX
-    + rb"{2})*|"
-    + _HEX
-    + rb"{2}(?: "
-    + _HEX
-    + rb"{2})*) *",
-    "base64": rb"(?P<base64>[A-Za-z0-9+/=]*)",
-    "other": rb"(?P<other{}>[^,;\t]*)",
-}
-_UNIT_NS = {"time": SECOND_NS, "time_ms": 10**6, "time_us": 1000, "time_ns": 1}
-_EPOCH = re.compile(rb"\d{9,10}\.\d+$")
-_SECONDS = re.compile(rb"\d{1,8}\.\d+$")
-_CHANNEL = re.compile(rb"[vs]?(?:l)?can\d+$", re.IGNORECASE)
-_PREFIXED = re.compile(rb"0[xX]" + _HEX + rb"{1,8}$")
-_PAYLOAD = re.compile(rb"(?:" + _HEX + rb"{2}){0,64}$")
+_SENT = re.compile(
+    rb"t|tx|tx.*|sent|send|out|1|true|\xe5\x8f\x91\xe9\x80\x81|\xb7\xa2\xcb\xcd", re.IGNORECASE
+)
+_KVASER_REMOTE, _KVASER_EXTENDED, _KVASER_ERROR, _KVASER_TX = 0x01, 0x04, 0x20, 0x40
+_ASKED = re.compile(rb"(?:rtr|remote)\b\D*(?P<n>\d)?", re.IGNORECASE)
+_SAMPLE = 500
+_ASSUMED_FAST = 200
+"""A median step above so many units of an unknown kind is no number of milliseconds."""
 
 
-@dataclass(frozen=True, slots=True)
-class CsvColumns:
-    """What stands in which column of a CSV log."""
+class _Time(NamedTuple):
+    """The time of a line: fields of it, or its value where they cannot be read in columns."""
 
-    separator: bytes
-    roles: tuple[str, ...]
-    header: bytes | None = None
-
-    def pattern(self) -> re.Pattern[bytes]:
-        """A line of this log."""
-        quoted = re.escape(self.separator)
-        parts = [
-            _PATTERNS[role].replace(b"{}", b"%d" % place) for place, role in enumerate(self.roles)
-        ]
-        if self.roles[-1] == "bytes":
-            last = parts.pop()
-            joined = rb'"? *' + (rb' *"?' + quoted + rb'"? *').join(parts) + rb' *"?'
-            return re.compile(joined + rb"(?:" + quoted + last + rb")?\s*$")
-        return re.compile(
-            rb'"? *' + (rb' *"?' + quoted + rb'"? *').join(parts) + rb' *"?' + quoted + rb"?\s*$"
-        )
+    times: Times = ()
+    digits: tuple[Span, ...] = ()
+    base_ns: int = 0
+    value_ns: int | None = None
+    known: bool = True
 
 
 class CsvFormat(LineFormat):
-    """A CSV log with known columns."""
+    """A CSV log with known columns; what its header does not tell is guessed from its first lines."""
 
     def __init__(self, path: Path, columns: CsvColumns) -> None:
         super().__init__(CaptureFacts(path, "csv", time_base="none"))
         self._columns = columns
-        self._line = columns.pattern()
-        self._unit_ns = next(
-            (_UNIT_NS[role] for role in columns.roles if role in _UNIT_NS), SECOND_NS
-        )
+        self._at = {role: place for place, role in reversed(list(enumerate(columns.roles)))}
+        self._bytes = [place for place, role in enumerate(columns.roles) if role == "byte"]
+        self._unit_ns = SECOND_NS
+        self._id_base = columns.id_base or 16
+        self._data_base = columns.data_base or 16
+        self._kvaser_flags = False
 
     def prepare(self, head: bytes) -> None:
-        """What the times are."""
-        lines = (self._line.match(line) for line in head.splitlines()[:100])
-        first = next((found for found in lines if found), None)
-        if first is None or "s" not in first.groupdict():
-            self.facts.notes.append("the log has no times")
-            return
-        utc = int(first["s"]) * self._unit_ns >= FIRST_UTC_NS
-        self.facts.time_base = "utc" if utc else "relative"
-        if "remote" not in self._columns.roles:
+        """Find out from the first lines what the times and numbers are."""
+        lines = [line for line in head.splitlines() if line.strip()][: _SAMPLE + 20]
+        rows = [row for line in lines if (row := self._row(line)) is not None][:_SAMPLE]
+        if "remote" not in self._at and "kind" not in self._at and "flags" not in self._at:
             self.facts.notes.append(
                 "remote frames are not marked in this format; they appear as empty data frames"
             )
+        self._guess_numbers(rows)
+        self._guess_times([row[self._time_role] for row in rows] if self._time_role else [])
+
+    @property
+    def _time_role(self) -> str | None:
+        return next((role for role in ("time", "delta") if role in self._at), None)
+
+    def _row(self, line: bytes) -> dict[str, bytes] | None:
+        """Cells by role, of a line that may be a frame."""
+        cells = self._columns.cells(line)
+        row = {
+            role: line[slice(*cells[at])] if at < len(cells) else b""
+            for role, at in self._at.items()
+        }
+        if not is_number(row["id"]):
+            return None
+        row["bytes"] = b" ".join(line[slice(*cells[at])] for at in self._bytes if at < len(cells))
+        return row
+
+    def _guess_numbers(self, rows: Sequence[dict[str, bytes]]) -> None:
+        if self._columns.id_base is None and _ids_are_decimal([row["id"] for row in rows]):
+            self._id_base = 10
+            self.facts.notes.append("identifiers are taken as decimal numbers")
+        texts = [row.get("data", b"") + b" " + row["bytes"] for row in rows]
+        if self._columns.data_base is None and _data_are_decimal(texts):
+            self._data_base = 10
+            self.facts.notes.append("data bytes are taken as decimal numbers")
+        flags = [row.get("flags", b"") for row in rows]
+        self._kvaser_flags = any(flags) and all(re.fullmatch(rb"\d{0,6}", each) for each in flags)
+
+    def _guess_times(self, cells: Sequence[bytes]) -> None:
+        """What the times are: of the clock, from the start, or from line to line, and in which unit."""
+        filled = [cell for cell in cells if cell]
+        if not filled:
+            self.facts.notes.append("the log has no times")
+            return
+        self.facts.time_base = "relative"
+        self.differences = self._time_role == "delta"
+        clock = _CLOCK.fullmatch(filled[0])
+        if clock is not None:
+            dated = clock["y"] or clock["y2"] or "date" in self._at
+            self.wraps_ns = 0 if dated or self.differences else _DAY_NS
+            if dated:
+                self.facts.time_base = "utc"
+                self.facts.notes.append("the log's dates name no time zone; they are taken as UTC")
+            return
+        self._guess_unit(filled)
+        first = _NUMBER.fullmatch(filled[0])
+        if first and int(first["s"]) * self._unit_ns >= FIRST_UTC_NS and not self.differences:
+            # An uptime in microseconds does not get as far as the year 2000.
+            self.facts.time_base = "utc" if self._columns.unit_ns != -1 else "relative"
+            if self._columns.unit_ns == -1 and self._is_epoch(int(first["s"])):
+                self.facts.time_base = "utc"
+        if self.differences:
+            self.facts.notes.append("times are differences; their sum is used")
+
+    def _is_epoch(self, value: int) -> bool:
+        return FIRST_UTC_NS <= value * self._unit_ns < 4 * FIRST_UTC_NS
+
+    def _guess_unit(self, cells: Sequence[bytes]) -> None:
+        fractions = any(b"." in cell or b"," in cell or b"e" in cell.lower() for cell in cells)
+        if self._columns.unit_ns == -1:
+            # GVRET counts microseconds; tools that imitate it write seconds with a fraction.
+            self._unit_ns = SECOND_NS if fractions else 1000
+            return
+        if self._columns.unit_ns is not None:
+            self._unit_ns = self._columns.unit_ns
+            return
+        values = [int(cell) for cell in cells if cell.isdigit()]
+        if fractions or not values:
+            return
+        largest = max(values)
+        for least, unit_ns in (
+            (10**17, 1),
+            (10**14, 1000),
+            (10**11, 10**6),
+            (FIRST_UTC_NS // SECOND_NS, SECOND_NS),
+        ):
+            if largest >= least and not self.differences:
+                self._unit_ns = unit_ns
+                return
+        steps = [b - a for a, b in pairwise(values) if b > a]
+        steps = values if self.differences else steps
+        fast = bool(steps) and median(steps) >= _ASSUMED_FAST
+        self._unit_ns = 1000 if fast else 10**6
+        name = "microseconds" if fast else "milliseconds"
+        self.facts.notes.append(f"the log does not tell the unit of its times; {name} are assumed")
 
     def parse(self, line: bytes) -> Parsed:
         """One line: a frame or the header."""
-        found = self._line.match(line)
-        if found is None:
-            return NoFrame() if line.strip() == self._columns.header else None
-        groups = found.groupdict()
-        bus = self.bus((groups.get("bus") or b"").strip(b'" ') or b"1")
-        if bus is None:
+        row = self._row(line)
+        if row is None:
+            stripped = line.strip().lstrip(b"# ")
+            plain = stripped == self._columns.header or line.lstrip()[:1] in b"#;"
+            return NoFrame() if plain else None
+        cells = self._columns.cells(line)
+        bus = self.bus(row.get("bus") or b"1")
+        time = self._time(line, cells)
+        flags = self._flags(row)
+        if asked := _ASKED.match(row.get("data", b"")):
+            flags |= FrameFlag.REMOTE
+            row["length"] = row.get("length") or asked["n"] or b"0"
+        if bus is None or not time.known:
             return None
-        flags, limit = self._flags(found, groups)
-        times, digits = self._times(found)
-        if groups.get("base64") is not None:
-            return self._base64_frame(found, bus, flags, limit, times)
-        start, end = found.span("data") if groups.get("data") else (0, 0)
-        step = 3 if end - start > 2 and not _PAYLOAD.match(found["data"]) else 2
-        count = (end - start + step - 2) // step
-        stated = int(groups.get("length") or count)
-        if flags & FrameFlag.REMOTE:
-            count = 0
-        elif count != stated:
-            flags |= FrameFlag.DLC_INVALID
-            count = min(count, stated)
-        if count > 8:
-            flags |= FrameFlag.FD
-        if count > 64:
+        identified = self._identifier(row["id"], flags, self._stated(row))
+        if identified is None:
             return None
+        can_id, flags, regular_id = identified
+        data, start, step = self._data(line, cells, row, flags)
+        if data is None or len(data) > 64:
+            return None
+        flags, dlc, count = _lengths(flags, len(data), self._stated(row), padded=bool(self._bytes))
+        data = data[:count]
+        if time.value_ns is not None or not regular_id or (count and not step):
+            t_ns = time.value_ns
+            if t_ns is None:
+                t_ns = time.base_ns + sum(int(line[a:b]) * worth for (a, b), worth in time.times)
+            timed = time.value_ns is not None or bool(time.times)
+            return OddFrame((t_ns, bus, can_id, flags, dlc, data), timed=timed)
+        at = cells[self._at["id"]]
+        prefix = 2 if row["id"][:2] in (b"0x", b"0X") else 0
+        suffix = row["id"][-1:] in (b"h", b"H", b"x", b"X")
         return FrameLayout(
             bus=bus,
-            flags=int(flags),
-            dlc=min(stated, 8) if flags & FrameFlag.REMOTE else count,
-            id_span=found.span("id"),
-            id_limit=limit,
-            times=times,
+            flags=flags,
+            dlc=dlc,
+            id_span=(at[0] + prefix, at[1] - suffix),
+            id_base=16 if prefix else self._id_base,
+            # Where only the size of a number makes it extended, that of its neighbours counts too.
+            id_least=0 if "extended" in self._at or not flags & FrameFlag.EXTENDED else 0x800,
+            id_limit=0x1FFFFFFF if flags & (FrameFlag.EXTENDED | FrameFlag.ERROR) else 0x7FF,
+            times=time.times,
+            t_base_ns=time.base_ns,
             data_start=start,
-            data_step=step,
+            data_step=step or 2,
             data_count=count,
-            digits=digits,
+            digits=time.digits + self._idle_digits(line, cells),
         )
 
-    def _flags(self, found: re.Match[bytes], groups: dict[str, bytes | None]) -> tuple[int, int]:
-        can_id = int(found["id"], 16)
-        extended = len(found["id"]) > 4 and can_id > 0x7FF
-        if groups.get("extended"):
-            extended = _is_true(groups["extended"])
-        flags = bit_flags(extended=extended, tx=(groups.get("way") or b"").lower() == b"tx")
-        if _is_true(groups.get("remote")):
-            flags |= FrameFlag.REMOTE
-        if _is_true(groups.get("error")):
-            flags = (flags | FrameFlag.ERROR) & ~FrameFlag.EXTENDED
-            return int(flags), 0x1FFFFFFF
-        return int(flags), 0x1FFFFFFF if extended else 0x7FF
+    def _stated(self, row: dict[str, bytes]) -> int | None:
+        text = row.get("length", b"")
+        return int(text) if text.isdigit() and len(text) <= 2 else None
 
-    def _times(self, found: re.Match[bytes]) -> tuple[Times, tuple[Span, ...]]:
-        digits: tuple[Span, ...] = tuple(
-            span
-            for name in self._line.groupindex
-            if name.startswith("other")
-            for span in _digit_spans(found, name)
-        )
-        if self.facts.time_base == "none":
-            return (), digits
-        times, finer = decimal_times(found.span("s"), found.span("f"), self._unit_ns)
-        return times, digits + finer
-
-    def _base64_frame(
-        self, found: re.Match[bytes], bus: int, flags: int, limit: int, times: Times
-    ) -> Parsed:
+    def _identifier(
+        self, cell: bytes, flags: int, stated: int | None
+    ) -> tuple[int, int, bool] | None:
+        """Identifier, flags with what it tells, and whether a layout can read it."""
+        prefixed = cell[:2] in (b"0x", b"0X")
+        marked = cell[-1:] in (b"x", b"X") and not prefixed
+        digits = (cell[2:] if prefixed else cell).rstrip(b"xXhH")
         try:
-            data = base64.b64decode(found["base64"], validate=True)
-        except (binascii.Error, ValueError):
+            can_id = int(digits, 16 if prefixed else self._id_base)
+        except ValueError:
             return None
-        can_id = int(found["id"], 16)
-        if can_id > limit or len(data) > 64:
+        if marked or ("extended" not in self._at and can_id > 0x7FF):
+            flags |= FrameFlag.EXTENDED
+        if flags & FrameFlag.ERROR:
+            flags &= ~FrameFlag.EXTENDED
+        wide = flags & (FrameFlag.EXTENDED | FrameFlag.ERROR)
+        if can_id > (0x1FFFFFFF if wide else 0x7FF):
             return None
-        t_ns = sum(int(found.string[a:b]) * worth for (a, b), worth in times)
-        flags |= FrameFlag.FD if len(data) > 8 else 0
-        dlc = len(data)
+        return can_id, flags, len(digits) <= 8
+
+    def _flags(self, row: dict[str, bytes]) -> int:
+        given = {role: _is_true(row.get(role)) for role in ("extended", "remote", "error", "fd")}
+        kind = row.get("kind", b"")
+        if not self._kvaser_flags:
+            kind += b" " + row.get("flags", b"")
+        for role, pattern in _NAME_OF_FLAG.items():
+            given[role] = given[role] or pattern.search(kind) is not None
+        tx = _SENT.fullmatch(row.get("way", b"")) is not None
+        if self._kvaser_flags and row.get("flags"):
+            bits = int(row["flags"])
+            given["remote"] |= bool(bits & _KVASER_REMOTE)
+            given["extended"] |= bool(bits & _KVASER_EXTENDED)
+            given["error"] |= bool(bits & _KVASER_ERROR)
+            tx = tx or bool(bits & _KVASER_TX)
+        flags = bit_flags(
+            extended=given["extended"],
+            tx=tx,
+            fd=given["fd"],
+            brs=given["fd"] and _is_true(row.get("brs")),
+            esi=given["fd"] and _is_true(row.get("esi")),
+        )
+        flags |= FrameFlag.REMOTE if given["remote"] else 0
+        return int(flags | (FrameFlag.ERROR if given["error"] else 0))
+
+    def _data(
+        self, line: bytes, cells: Sequence[Span], row: dict[str, bytes], flags: int
+    ) -> tuple[bytes | None, int, int]:
+        """The data bytes; where they begin and their step, 0 where a layout cannot read them."""
         if flags & FrameFlag.REMOTE:
-            data, dlc = b"", min(int(found["length"] or b"0"), 8)
-        return OddFrame((t_ns, bus, can_id, flags, dlc, data), timed=bool(times))
+            return b"", 0, 0
+        if "base64" in self._at:
+            try:
+                return base64.b64decode(row["base64"], validate=True), 0, 0
+            except (binascii.Error, ValueError):
+                return None, 0, 0
+        if self._bytes:
+            filled = [cells[at] for at in self._bytes if at < len(cells)]
+            filled = [span for span in filled if span[1] > span[0]]
+            if not filled:
+                return b"", 0, 0
+            begin, end = filled[0][0], filled[-1][1]
+            texts = [line[a:b] for a, b in filled]
+        else:
+            begin, end = cells[self._at["data"]] if self._at["data"] < len(cells) else (0, 0)
+            texts = _tokens(line[begin:end], self._data_base)
+        data = _data_bytes(texts, self._data_base)
+        if data is None or self._data_base != 16:
+            return data, 0, 0
+        start, step = regular_bytes(
+            line[begin:end].replace(b"0x", b"  ").replace(b"0X", b"  "), len(data)
+        )
+        return data, begin + start, step
+
+    def _time(self, line: bytes, cells: Sequence[Span]) -> _Time:
+        role = self._time_role
+        if role is None or self.facts.time_base == "none":
+            return _Time()
+        at = self._at[role]
+        start, end = cells[at] if at < len(cells) else (0, 0)
+        cell = line[start:end]
+        if found := _NUMBER.fullmatch(line, start, end):
+            times, digits = decimal_times(found.span("s"), found.span("f"), self._unit_ns)
+            return _Time(times, digits)
+        if found := _CLOCK.fullmatch(line, start, end):
+            base_ns = self._date_ns(found, line, cells)
+            if base_ns is None:
+                return _Time(known=False)
+            times, digits = decimal_times(found.span("s"), found.span("f"), SECOND_NS)
+            hour = ((found.span("hour"), 3600 * SECOND_NS), (found.span("minute"), 60 * SECOND_NS))
+            return _Time(hour + times, digits, base_ns)
+        if not cell:
+            return _Time()
+        try:
+            value = Decimal(cell.replace(b",", b".").decode("ascii", "replace"))
+            t_ns = round(value * self._unit_ns) if value.is_finite() and 0 <= value < 10**19 else -1
+        except (InvalidOperation, ValueError):
+            t_ns = -1
+        return _Time(value_ns=t_ns) if t_ns >= 0 else _Time(known=False)
+
+    def _date_ns(self, found: re.Match[bytes], line: bytes, cells: Sequence[Span]) -> int | None:
+        date: re.Match[bytes] | None = found
+        if not found["y"] and not found["y2"]:
+            at = self._at.get("date", len(cells))
+            date = _DATE.fullmatch(line, *cells[at]) if at < len(cells) else None
+        if date is None:
+            return 0
+        year, month, day = (int(date[name] or date[f"{name}2"]) for name in "ymd")
+        return utc_ns(year, month, day)
+
+    def _idle_digits(self, line: bytes, cells: Sequence[Span]) -> tuple[Span, ...]:
+        """Digits in columns that mean nothing, such as counters."""
+        idle = [
+            cell
+            for cell, role in zip(cells, self._columns.roles, strict=False)
+            if role == "other" or (role == "delta" and self._time_role != "delta")
+        ]
+        if self.facts.time_base == "none":
+            idle += [
+                cells[self._at[role]]
+                for role in ("time", "delta")
+                if role in self._at and self._at[role] < len(cells)
+            ]
+        return tuple(
+            run.span()
+            for start, end in idle
+            for run in re.finditer(rb"\d+", line[:end])
+            if run.start() >= start
+        )
 
 
-def _digit_spans(found: re.Match[bytes], name: str) -> list[Span]:
-    start, end = found.span(name)
-    return [run.span() for run in re.finditer(rb"\d+", found.string[:end]) if run.start() >= start]
+def _lengths(flags: int, there: int, stated: int | None, *, padded: bool) -> tuple[int, int, int]:
+    """Flags, length, and number of data bytes kept; columns of bytes may be `padded` behind them."""
+    if flags & FrameFlag.REMOTE:
+        return flags, min(stated or 0, 8), 0
+    count = there
+    if stated is not None and there != stated:
+        code = stated > 8 and there > 8
+        if not code:
+            invalid = there < stated or not padded
+            flags, count = flags | (FrameFlag.DLC_INVALID if invalid else 0), min(there, stated)
+    if count > 8:
+        flags |= FrameFlag.FD
+    return int(flags), count, count
+
+
+def _tokens(cell: bytes, data_base: int) -> list[bytes]:
+    """The bytes in a cell: apart, or two digits each without anything between."""
+    cell = cell.strip(b"[](){}")
+    tokens = re.split(rb"[\s,;:_-]+", cell.strip())
+    if len(tokens) == 1 and data_base == 16:
+        whole = tokens[0][2:] if tokens[0][:2] in (b"0x", b"0X") else tokens[0]
+        if len(whole) > 2 and len(whole) % 2 == 0:
+            return [whole[i : i + 2] for i in range(0, len(whole), 2)]
+    return [token for token in tokens if token]
+
+
+def _data_bytes(texts: Sequence[bytes], base: int) -> bytes | None:
+    values = []
+    for text in texts:
+        found = _TOKEN.fullmatch(text)
+        if found is None:
+            return None
+        try:
+            value = int(found[1], 16 if text[:2] in (b"0x", b"0X") else base)
+        except ValueError:
+            return None
+        if value > 255:
+            return None
+        values.append(value)
+    return bytes(values)
+
+
+def _ids_are_decimal(cells: Sequence[bytes]) -> bool:
+    """Whether identifiers are decimal: no letter in any, and more than hexadecimal numbers can be.
+
+    Without such a proof they are hexadecimal, as nearly all tools write them.
+    """
+    if not cells or not all(cell.isdigit() for cell in cells):
+        return False
+    as_hex, as_decimal = [int(cell, 16) for cell in cells], [int(cell) for cell in cells]
+    if max(as_decimal) > 0x1FFFFFFF or any(cell[:1] == b"0" and len(cell) > 1 for cell in cells):
+        return False
+    short = all(len(cell) <= 4 for cell in cells)
+    return max(as_hex) > 0x1FFFFFFF or (short and max(as_hex) > 0x7FF >= max(as_decimal))
+
+
+def _data_are_decimal(texts: Sequence[bytes]) -> bool:
+    """Whether data bytes are decimal: no letter in any, and not all of two digits."""
+    tokens = [token for text in texts for token in re.split(rb"[\s,;]+", text) if token]
+    if not tokens or not all(token.isdigit() and len(token) <= 3 for token in tokens):
+        return False
+    lengths = {len(token) for token in tokens}
+    return lengths != {2} and max(map(int, tokens)) <= 255 and (3 in lengths or len(tokens) >= 16)
 
 
 def _is_true(value: bytes | None) -> bool:
-    return (value or b"").lower() in (b"1", b"true")
-
-
-def csv_columns(lines: list[bytes]) -> CsvColumns | None:
-    """The columns of a CSV log, by its header or by what its first lines hold; None when it is none."""
-    filled = [line.strip() for line in lines if line.strip() and not line.startswith(b"#")][:50]
-    if not filled:
-        return None
-    counts = {separator: filled[0].count(separator) for separator in (b",", b";", b"\t")}
-    separator = max(counts, key=lambda one: counts[one])
-    if counts[separator] < 2:
-        return None
-    columns = _by_header(filled, separator) or _by_content(filled, separator)
-    if columns is None or "id" not in columns.roles:
-        return None
-    pattern = columns.pattern()
-    matching = sum(pattern.match(line) is not None for line in filled)
-    return columns if 2 * matching >= len(filled) - 1 and matching else None
-
-
-def _by_header(lines: list[bytes], separator: bytes) -> CsvColumns | None:
-    cells = [_normal(cell) for cell in lines[0].rstrip(separator).split(separator)]
-    roles: list[str] = []
-    for cell in cells:
-        role = _ROLE_OF.get(cell, "other")
-        if re.fullmatch(r"(?:d|b|data|byte|data_byte_?)_?[0-9]{1,2}", cell):
-            roles.append("bytes")
-            break
-        roles.append("other" if role in roles or (role in _UNIT_NS and _has_time(roles)) else role)
-    if "id" not in roles or not {"bytes", "data"} & set(roles):
-        return None
-    if cells[0] == "time_stamp" and "bytes" in roles:
-        roles[0] = "time_us"  # SavvyCAN's GVRET form counts microseconds
-    if "data" in roles and cells[:2] == ["timestamp", "arbitration_id"] and "error" in roles:
-        roles[roles.index("data")] = "base64"  # python-can's CSVWriter
-    return CsvColumns(separator, tuple(roles), lines[0])
-
-
-def _has_time(roles: list[str]) -> bool:
-    return bool(_UNIT_NS.keys() & set(roles))
-
-
-def _normal(cell: bytes) -> str:
-    text = cell.decode("utf-8", "replace").strip('" ').lower()
-    return re.sub(r"[^a-z0-9]+", "_", text).strip("_")
-
-
-def _by_content(lines: list[bytes], separator: bytes) -> CsvColumns | None:
-    for line in lines:
-        roles = _guessed(line.split(separator))
-        if roles is not None:
-            return CsvColumns(separator, roles)
-    return None
-
-
-def _guessed(cells: list[bytes]) -> tuple[str, ...] | None:
-    cells = [cell.strip(b'" ') for cell in cells]
-    roles = ["other"] * len(cells)
-    for wanted, pattern in (("id", _PREFIXED), ("bus", _CHANNEL)):
-        place = next((i for i, cell in enumerate(cells) if pattern.match(cell)), None)
-        if place is not None:
-            roles[place] = wanted
-    times = [i for i, cell in enumerate(cells) if _EPOCH.match(cell)]
-    times += [i for i, cell in enumerate(cells) if _SECONDS.match(cell)]
-    if times:
-        roles[times[0]] = "time"
-    if not _guess_data(cells, roles) or "id" not in roles:
-        return None
-    return tuple(roles)
-
-
-def _guess_data(cells: list[bytes], roles: list[str]) -> bool:
-    for i in range(len(cells) - 1, 0, -1):
-        length = cells[i - 1]
-        if length.isdigit() and len(length) <= 2 and roles[i - 1] == "other":
-            compact = cells[i].replace(b" ", b"")
-            if _PAYLOAD.match(compact) and len(compact) == 2 * int(length):
-                roles[i - 1], roles[i] = "length", "data"
-                if i >= 2 and cells[i - 2] in (b"0", b"1") and roles[i - 2] == "other":
-                    roles[i - 2] = "extended"
-                return True
-    return False
+    return (value or b"").strip().lower() in (
+        b"1",
+        b"true",
+        b"t",
+        b"yes",
+        b"x",
+        b"ja",
+        b"oui",
+        b"y",
+    )

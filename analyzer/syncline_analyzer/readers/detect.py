@@ -1,12 +1,16 @@
 """Which format a file has, found from its content, and the reader for it."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 
 from syncline_analyzer.capture import CaptureReader
+from syncline_analyzer.readers.formats import KNOWN_FORMATS
+from syncline_analyzer.readers.mf4 import MF4_MAGIC, Mf4Reader
+from syncline_analyzer.readers.pcap import PCAP_MAGIC, PcapReader
+from syncline_analyzer.readers.pcapng import PCAPNG_MAGIC, PcapngReader
 from syncline_analyzer.readers.source import (
     BLOCK_BYTES,
     GZIP_MAGIC,
@@ -17,24 +21,17 @@ from syncline_analyzer.readers.source import (
 from syncline_schemas.batch import FrameBatch, Gap
 from syncline_schemas.errors import CaptureError
 
-KNOWN_FORMATS = (
-    "Syncline captures (.mcap), candump logs and screen dumps, Vector .asc and .blf, "
-    "PEAK .trc, IXXAT MiniMon .trc, CSV logs; each also as .gz or .zst"
-)
 _MCAP_MAGIC = b"\x89MCAP"
 _FOREIGN_MAGIC = {
-    b"MDF     ": "an ASAM MDF file",
-    b"UnFinMF ": "an unfinished ASAM MDF file",
-    b"\x0a\x0d\x0d\x0a": "a pcapng file",
-    b"\xd4\xc3\xb2\xa1": "a pcap file",
-    b"\xa1\xb2\xc3\xd4": "a pcap file",
-    b"\x4d\x3c\xb2\xa1": "a pcap file",
+    b"\x34\xcd\xb2\xa1": "a pcap file of a modified kind",
+    b"PAR1": "a Parquet file",
     b"PK\x03\x04": "a ZIP archive",
     b"SQLite format 3": "an SQLite database",
     b"7z\xbc\xaf": "a 7-Zip archive",
     b"BZh": "a bzip2 file",
     b"\xfd7zXZ": "an xz file",
 }
+_BINARY_MAGIC = (_MCAP_MAGIC, b"LOGG", PCAPNG_MAGIC, *PCAP_MAGIC, *MF4_MAGIC, *_FOREIGN_MAGIC)
 _LINES_LOOKED_AT = 2000
 
 
@@ -60,15 +57,29 @@ def open_capture(
         raise CaptureError(f"{path}: is a directory; name the capture files in it")
     head = _head(path)
     if head.startswith(_MCAP_MAGIC):
-        from syncline_analyzer.readers.mcap import McapReader
-        from syncline_analyzer.readers.packed import PackedMcapReader
-
-        kind = PackedMcapReader if _is_packed(path) else McapReader
-        return kind(path, start_ns, end_ns)
+        return _indexed(path, lambda found: _mcap_reader(found, start_ns, end_ns))
     reader = _reader(path, head, block_bytes)
     if start_ns is None and end_ns is None:
         return reader
     return WindowReader(reader, start_ns, end_ns)
+
+
+def _indexed(path: Path, opened: Callable[[Path], CaptureReader]) -> CaptureReader:
+    """A reader of a format that is read through its index; packed files are unpacked first."""
+    if not _is_packed(path):
+        return opened(path)
+    from syncline_analyzer.readers.packed import PackedReader
+
+    return PackedReader(path, opened)
+
+
+def _mcap_reader(path: Path, start_ns: int | None, end_ns: int | None) -> CaptureReader:
+    from syncline_analyzer.readers.mcap import McapReader
+    from syncline_analyzer.readers.ros2 import Ros2Reader, ros2_schemas
+
+    if ros2_schemas(path):
+        return Ros2Reader(path, start_ns, end_ns)
+    return McapReader(path, start_ns, end_ns)
 
 
 class WindowReader:
@@ -121,7 +132,7 @@ def _is_binary(path: Path) -> bool:
         magic = source.read(16)
     finally:
         source.close()
-    return magic.startswith((_MCAP_MAGIC, b"LOGG", *_FOREIGN_MAGIC))
+    return magic.startswith(_BINARY_MAGIC)
 
 
 def _is_packed(path: Path) -> bool:
@@ -135,6 +146,12 @@ def _reader(path: Path, head: bytes, block_bytes: int) -> CaptureReader:
         from syncline_analyzer.readers.blf import BlfReader
 
         return BlfReader(path)
+    if head.startswith(PCAPNG_MAGIC):
+        return PcapngReader(path)
+    if head[:4] in PCAP_MAGIC:
+        return PcapReader(path)
+    if head.startswith(MF4_MAGIC):
+        return _indexed(path, Mf4Reader)
     for magic, what in _FOREIGN_MAGIC.items():
         if head.startswith(magic):
             raise CaptureError(
@@ -145,9 +162,12 @@ def _reader(path: Path, head: bytes, block_bytes: int) -> CaptureReader:
 
 def _text_reader(path: Path, head: bytes, block_bytes: int) -> CaptureReader:
     from syncline_analyzer.readers.asc import AscFormat, is_asc
+    from syncline_analyzer.readers.busmaster import BusmasterFormat, is_busmaster
     from syncline_analyzer.readers.candump import CandumpFormat, is_candump
-    from syncline_analyzer.readers.csv_log import CsvFormat, csv_columns
+    from syncline_analyzer.readers.csv_columns import csv_columns
+    from syncline_analyzer.readers.csv_log import CsvFormat
     from syncline_analyzer.readers.ixxat import IxxatFormat, is_ixxat
+    from syncline_analyzer.readers.kvaser import KvaserFormat, is_kvaser
     from syncline_analyzer.readers.lines import LineFormat, TextReader
     from syncline_analyzer.readers.trc import TrcFormat, is_trc
 
@@ -156,6 +176,10 @@ def _text_reader(path: Path, head: bytes, block_bytes: int) -> CaptureReader:
     form: LineFormat
     if is_ixxat(lines):
         form = IxxatFormat(path)
+    elif is_busmaster(lines):
+        form = BusmasterFormat(path)
+    elif is_kvaser(lines):
+        form = KvaserFormat(path)
     elif is_trc(lines):
         form = TrcFormat(path)
     elif is_asc(lines):

@@ -5,7 +5,10 @@ A format understands one line by a regular expression and gives the places of it
 whose fields hold digits in the same places, is then read without looking at it singly.
 """
 
+import re
 from dataclasses import dataclass, field
+from functools import partial
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +32,9 @@ MAX_LINE = 512
 """Longer lines are read one by one."""
 _WORD = 8
 _EFFECTIVE_DIGITS = 8
+MAX_DATA_STEP = 8
+_BYTE = re.compile(rb"(?<![0-9A-Fa-f])[0-9A-Fa-f]{2}(?![0-9A-Fa-f])")
+_ROWS = re.compile(rb"[0-9A-Fa-f]+")
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,9 +44,9 @@ class FrameLayout:
     Attributes:
         bus, flags, dlc: the same for every line of this layout.
         id_span: the identifier's digits, at most eight, in base `id_base`, each line's value
-            being at most `id_limit`.
+            being at least `id_least` and at most `id_limit`.
         data_start, data_step: first character of the first data byte, and characters from one
-            byte to the next (2 or 3).
+            byte to the next (2 to `MAX_DATA_STEP`).
         data_count: data bytes in the line.
         times: decimal digits and what one is worth in ns.
         t_base_ns: added to the time.
@@ -59,6 +65,7 @@ class FrameLayout:
     t_base_ns: int = 0
     id_base: int = 16
     id_limit: int = 0x7FF
+    id_least: int = 0
     id_constant: int = 0
     digits: tuple[Span, ...] = ()
     anything: tuple[Span, ...] = ()
@@ -67,7 +74,7 @@ class FrameLayout:
         """The frame in one line, or None when its identifier is out of range."""
         start, end = self.id_span
         can_id = self.id_constant + int(line[start:end], self.id_base)
-        if can_id > self.id_limit:
+        if not self.id_least <= can_id <= self.id_limit:
             return None
         t_ns = self.t_base_ns + sum(int(line[a:b]) * worth for (a, b), worth in self.times)
         places = range(
@@ -204,6 +211,8 @@ class LineMatcher:
         good: NDArray[np.bool_] = bad == 0
         can_id = self._can_id(rows, width)
         good &= can_id <= self.layout.id_limit
+        if self.layout.id_least:
+            good &= can_id >= self.layout.id_least
         if not good.all():
             rows, lines, can_id = rows[good], lines[good], can_id[good]
         if len(lines):
@@ -245,7 +254,9 @@ class LineMatcher:
         layout = self.layout
         count = min(8, layout.data_count - 8 * k)
         first = layout.data_start + 8 * k * layout.data_step
-        per_window, take = (4, compact_bytes) if layout.data_step == 2 else (3, spaced_bytes)
+        step = layout.data_step
+        take = compact_bytes if step == 2 else partial(spaced_bytes, step=step)
+        per_window = max(1, (_WORD + step - 2) // step)
         word = np.zeros(len(rows), np.uint64)
         for done in range(0, count, per_window):
             window = _window(rows, width, first + done * layout.data_step + _WORD)
@@ -260,6 +271,23 @@ def _padded(length: int) -> int:
 def _window(rows: NDArray[np.void], width: int, end: int) -> Words:
     """(n,) the eight characters of each line before position `end`."""
     return np.ndarray((len(rows),), "<u8", rows.data, end, (width,))
+
+
+def regular_bytes(text: bytes, count: int) -> tuple[int, int]:
+    """Where the first of `count` data bytes stands, and the step to the next; a step of 0 if irregular.
+
+    >>> regular_bytes(b"  11  A2", 2), regular_bytes(b"0x11,0xA2", 2), regular_bytes(b"1 A2", 2)
+    ((2, 4), (2, 5), (0, 0))
+    """
+    compact = text.strip()
+    if count and len(compact) == 2 * count and _ROWS.fullmatch(compact):
+        return text.index(compact), 2
+    places = [found.start() for found in _BYTE.finditer(text)]
+    if len(places) != count or not places:
+        return 0, 0
+    step = places[1] - places[0] if count > 1 else 3
+    even = all(b - a == step for a, b in pairwise(places))
+    return (places[0], step) if even and step <= MAX_DATA_STEP else (0, 0)
 
 
 def lines_of(text: bytes) -> tuple[bytes, NDArray[np.intp], NDArray[np.intp]]:

@@ -73,6 +73,7 @@ class LineFormat(ABC):
     Attributes:
         origin_ns: added to every time, unless the log has none.
         differences: whether each time is the time since the line before.
+        wraps_ns: after which time they begin at 0 again (times of day), 0 when never.
         markers: words on lines after which other lines mean something else.
     """
 
@@ -82,6 +83,7 @@ class LineFormat(ABC):
         self.facts = facts
         self.origin_ns = 0
         self.differences = False
+        self.wraps_ns = 0
 
     def bus(self, name: bytes) -> int | None:
         """Number of a bus, in the order of appearance; None when a log names more than 256."""
@@ -115,6 +117,8 @@ class TextReader:
         self._block_bytes = block_bytes
         self._matchers: dict[int, list[LineMatcher]] = defaultdict(list)
         self._carry_ns = 0
+        self._wrap_from_ns: int | None = None
+        self._wraps = 0
         self._last_ns: int | None = None
         self._pending: list[LostFrames] = []
         self._resolution = Resolution()
@@ -160,8 +164,10 @@ class TextReader:
         origin_ns = self._form.origin_ns
         if self._form.control(part):
             self._matchers.clear()
-        if self._form.differences and self._form.origin_ns != origin_ns:
-            self._carry_ns = 0
+        if self._form.origin_ns != origin_ns:
+            self._wrap_from_ns, self._wraps = None, 0
+            if self._form.differences:
+                self._carry_ns = 0
 
     def _part(self, part: bytes) -> Iterator[FrameBatch | Gap]:
         text, starts, lengths = lines_of(part)
@@ -274,6 +280,8 @@ class TextReader:
         return int(np.count_nonzero(good)) < 4
 
     def _finish_times(self, batch: LineBatch) -> None:
+        if self._form.wraps_ns:
+            self._unwrap(batch, self._form.wraps_ns)
         if self._form.differences:
             steps = np.where(batch.timed, batch.t_ns, 0)
             batch.t_ns[:] = np.cumsum(steps) + self._carry_ns
@@ -284,6 +292,19 @@ class TextReader:
         self._resolution.sample(batch.t_ns[own], batch.bus[own], batch.can_id[own])
         if self.facts.time_base != "none":
             batch.t_ns += self._form.origin_ns
+
+    def _unwrap(self, batch: LineBatch, wraps_ns: int) -> None:
+        """Add a day, or whatever the times begin again after, at each step back of most of it."""
+        rows = np.flatnonzero(batch.timed)
+        if not len(rows):
+            return
+        t_ns = batch.t_ns[rows]
+        before_ns = int(t_ns[0]) if self._wrap_from_ns is None else self._wrap_from_ns
+        steps = np.diff(t_ns, prepend=before_ns)
+        turns = np.cumsum((steps < -wraps_ns // 2).astype(np.int64) - (steps > wraps_ns // 2))
+        batch.t_ns[rows] = t_ns + (turns + self._wraps) * wraps_ns
+        self._wraps += int(turns[-1])
+        self._wrap_from_ns = int(t_ns[-1])
 
     def _fill_times(self, batch: LineBatch) -> None:
         # A line without a time in a log with times takes that of the line before it.

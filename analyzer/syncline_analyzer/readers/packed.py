@@ -1,25 +1,26 @@
-"""Packed captures of ours: an .mcap is read through its index, so it is unpacked beside first."""
+"""Packed captures of formats that are read through their index: unpacked beside first."""
 
 import shutil
 import tempfile
 import weakref
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from syncline_analyzer.readers.mcap import McapReader
+from syncline_analyzer.capture import CaptureReader
 from syncline_analyzer.readers.source import BLOCK_BYTES, CaptureSource
 from syncline_schemas.batch import FrameBatch, Gap
+from syncline_schemas.errors import CaptureError
 
 
-class PackedMcapReader:
-    """A Syncline capture within .gz or .zst; the unpacked copy goes when the reader does."""
+class PackedReader:
+    """A capture within .gz or .zst; the unpacked copy goes when the reader does."""
 
-    def __init__(self, path: Path, start_ns: int | None = None, end_ns: int | None = None) -> None:
+    def __init__(self, path: Path, opened: Callable[[Path], CaptureReader]) -> None:
         folder = Path(tempfile.mkdtemp(prefix="syncline-"))
         self._remove = weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
-        copy = folder / "capture.mcap"
+        copy = folder / "capture"
         self._damage = _unpack(path, copy)
-        self._reader = McapReader(copy, start_ns, end_ns)
+        self._reader = opened(copy)
         self.facts = self._reader.facts
         self.facts.path = path
 
@@ -37,6 +38,8 @@ def _unpack(path: Path, copy: Path) -> str | None:
         with copy.open("wb") as out:
             while block := source.read(BLOCK_BYTES):
                 out.write(block)
+    except OSError as error:
+        raise CaptureError(f"{path}: cannot be unpacked: {error.strerror or error}") from error
     finally:
         source.close()
     return source.damage

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from syncline_analyzer.readers.byte_columns import ByteColumns, ByteOrder, Column, Places
 from syncline_analyzer.readers.chain import chained
-from syncline_analyzer.readers.pcap import MAX_PACKET, Packets, PacketReader
+from syncline_analyzer.readers.pcap import MAX_PACKET, PacketReader, Packets
 from syncline_analyzer.readers.times import SECOND_NS
 
 PCAPNG_MAGIC: Final = b"\x0a\x0d\x0d\x0a"

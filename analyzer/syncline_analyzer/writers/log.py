@@ -7,6 +7,7 @@ from typing import BinaryIO
 
 import numpy as np
 
+from syncline_analyzer.writers.formats import BUS_NAMES, GAPS, MARKS
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
 
 
@@ -49,7 +50,7 @@ class LogWriter(ABC):
 
     def gap(self, gap: Gap) -> None:
         """Write that the recorder was blind; most formats have no word for it."""
-        self.lost["gaps in the recording"] += 1
+        self.lost[GAPS] += 1
 
     def close(self) -> None:  # noqa: B027  most formats have nothing there
         """Write what belongs at the end; the stream stays open."""
@@ -59,7 +60,7 @@ class LogWriter(ABC):
         numbers = (str(number + 1) for number in range(len(self._survey.buses)))
         renamed = sum(a != b for a, b in zip(self._survey.buses, numbers, strict=True))
         if renamed:
-            self.lost["bus names"] += renamed
+            self.lost[BUS_NAMES] += renamed
 
     def _count_flag(self, batch: FrameBatch, flag: FrameFlag, what: str) -> None:
         marked = int(np.count_nonzero(batch.flags & flag))
@@ -67,4 +68,4 @@ class LogWriter(ABC):
             self.lost[what] += marked
 
     def _count_marks(self, batch: FrameBatch) -> None:
-        self._count_flag(batch, FrameFlag.DLC_INVALID, "marks of a contradictory length")
+        self._count_flag(batch, FrameFlag.DLC_INVALID, MARKS)

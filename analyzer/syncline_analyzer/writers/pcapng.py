@@ -54,8 +54,7 @@ class PcapngWriter(LogWriter):
         super().__init__(stream, survey)
         section = struct.pack("<IHHq", BYTE_ORDER_MAGIC, 1, 0, -1)
         stream.write(_block(SECTION, section + _option(_APPLICATION, b"Syncline") + bytes(4)))
-        for name in survey.buses:
-            stream.write(_block(INTERFACE, self._interface(name)))
+        stream.writelines(_block(INTERFACE, self._interface(name)) for name in survey.buses)
 
     def _interface(self, name: str) -> bytes:
         options = _option(_NAME, name.encode())

@@ -18,6 +18,7 @@ from syncline_analyzer.writers.compose import (
     hexadecimal,
     payload_length,
 )
+from syncline_analyzer.writers.formats import ERROR_CONTENTS
 from syncline_analyzer.writers.log import LogWriter, Survey
 from syncline_schemas.batch import FrameBatch, FrameFlag
 
@@ -97,7 +98,7 @@ class AscWriter(TextWriter):
 
     def _count_lost(self, batch: FrameBatch) -> None:
         self._count_marks(batch)
-        self._count_flag(batch, FrameFlag.ERROR, "contents of error frames")
+        self._count_flag(batch, FrameFlag.ERROR, ERROR_CONTENTS)
 
     def _pieces(self, batch: FrameBatch) -> Sequence[Piece]:
         bus = b" %d  " % (int(batch.bus[0]) + 1)
@@ -152,7 +153,7 @@ class TrcWriter(TextWriter):
 
     def _count_lost(self, batch: FrameBatch) -> None:
         self._count_marks(batch)
-        self._count_flag(batch, FrameFlag.ERROR, "contents of error frames")
+        self._count_flag(batch, FrameFlag.ERROR, ERROR_CONTENTS)
 
     def write(self, batch: FrameBatch) -> None:
         """Write frames, numbered from 1."""
@@ -193,19 +194,18 @@ class CsvWriter(TextWriter):
 
     def __init__(self, stream: BinaryIO, survey: Survey) -> None:
         super().__init__(stream, survey)
-        stream.write(b"timestamp,bus,id,extended,remote,error,dir,dlc,data\n")
-
-    def _count_lost(self, batch: FrameBatch) -> None:
-        self._count_marks(batch)
-        self._count_flag(batch, FrameFlag.FD, "CAN FD flags")
+        stream.write(b"timestamp,bus,id,extended,remote,error,fd,brs,esi,dir,dlc,data\n")
 
     def _pieces(self, batch: FrameBatch) -> Sequence[Piece]:
         extended, error = has(batch, FrameFlag.EXTENDED), has(batch, FrameFlag.ERROR)
         name = self._bus_name(batch).replace(",", "_").encode()
-        state = b",%d,%d,%d,%s,%d," % (
+        state = b",%d,%d,%d,%d,%d,%d,%s,%d," % (
             extended,
             has(batch, FrameFlag.REMOTE),
             error,
+            has(batch, FrameFlag.FD),
+            has(batch, FrameFlag.BRS),
+            has(batch, FrameFlag.ESI),
             b"Tx" if has(batch, FrameFlag.TX) else b"Rx",
             batch.dlc[0],
         )

@@ -34,7 +34,6 @@ from syncline_logger.sources.socketcan_notes import (
     what_is_missing,
 )
 from syncline_logger.sources.socketcan_wire import (
-    CLASSIC_BYTES,
     EXTENDED_BIT,
     FD_BYTES,
     TIMESTAMPING,
@@ -131,8 +130,8 @@ class SocketCanSource:
         return link
 
     def _open_socket(self, link: CanLink) -> None:
-        self._socket = opened = can_socket(link, self._options.filters)
-        self._ring = MessageRing(BATCH, FD_BYTES if link.takes_fd else CLASSIC_BYTES)
+        self._socket = opened = can_socket(link.name, self._options.filters)
+        self._ring = MessageRing(BATCH, FD_BYTES)
         self._drops = KernelDrops(time.time_ns())
         self._index, self._asleep = link.index, False
         if self._clock and stamps_by_hardware(opened, link.name):
@@ -257,7 +256,7 @@ class SocketCanSource:
         return f"bus '{self.facts.name}' (socketcan {self._channel}): {text}"
 
 
-def can_socket(link: CanLink, filters: Sequence[Filter]) -> socket.socket:
+def can_socket(name: str, filters: Sequence[Filter]) -> socket.socket:
     """A socket that hears all of an interface that the filters let through, and every error frame.
 
     Raises OSError.
@@ -269,11 +268,11 @@ def can_socket(link: CanLink, filters: Sequence[Filter]) -> socket.socket:
         opened.setsockopt(SOL_SOCKET, SO_RXQ_OVFL, 1)
         _ask_for_stamps(opened)
         opened.setsockopt(SOL_CAN_RAW, CAN_RAW_ERR_FILTER, struct.pack("=I", _ALL_ERRORS))
-        if link.takes_fd:
-            opened.setsockopt(SOL_CAN_RAW, CAN_RAW_FD_FRAMES, 1)
+        # The interface may be set up anew for CAN FD while it is listened to.
+        opened.setsockopt(SOL_CAN_RAW, CAN_RAW_FD_FRAMES, 1)
         if filters:
             opened.setsockopt(SOL_CAN_RAW, CAN_RAW_FILTER, _filters(filters))
-        opened.bind((link.name,))
+        opened.bind((name,))
     except BaseException:
         opened.close()
         raise

@@ -7,6 +7,7 @@ from operator import itemgetter
 import numpy as np
 from numpy.typing import NDArray
 
+from syncline_logger.node_objects import PDO_PARAMETERS
 from syncline_logger.sdo_listener import LearnedValue, SdoListener
 from syncline_logger.triggers.event import Event
 from syncline_logger.triggers.knowledge import (
@@ -23,6 +24,7 @@ from syncline_schemas.canopen.sdo import abort_meaning
 from syncline_schemas.canopen.services import Service, predefined_pdo, service_of
 from syncline_schemas.decoder import SdoKind
 from syncline_schemas.description import NodeEntry
+from syncline_schemas.devices import identity_objects
 
 Act = Callable[[], Iterator[Event]]
 Rows = NDArray[np.intp]
@@ -45,6 +47,7 @@ class BusWatch:
         self._sdo = SdoListener()
         self._sender = np.zeros(0x800, np.uint8)
         self._stale = True
+        self._cuts: list[int] = []
 
     def update(self, frames: FrameBatch, log_ns: NDArray[np.int64]) -> list[Event]:
         """Events of a batch of this bus, in order of the frames."""
@@ -56,26 +59,46 @@ class BusWatch:
         remote = (frames.flags & FrameFlag.REMOTE) != 0
         service = service_of(frames)
         self._quiet.hear(frames.t_ns)
-        acts: list[tuple[int, int, Act]] = []
-        acts += self._sdo_acts(frames, log_ns, service, remote)
-        if self._stale:
-            self._name_senders()
-        acts += self._command_acts(frames, log_ns, service, remote)
-        sender = np.where(remote, 0, self._sender[frames.can_id & 0x7FF])
-        sender[(service == Service.EMCY) & (frames.dlc <= SYNC_BYTES)] = 0
-        sender[(service == Service.ERROR_CONTROL) & (frames.dlc == 0)] = 0
-        asked = np.flatnonzero(remote & (service == Service.ERROR_CONTROL))
-        for node in np.unique(sender[sender > 0]).tolist():
-            acts += self._node_acts(node, np.flatnonzero(sender == node), frames, log_ns, service)
-        for row in asked.tolist():
-            node, t_ns = int(frames.can_id[row]) & 0x7F, int(frames.t_ns[row])
-            acts.append((row, 2, partial(_request, self._watch(node), t_ns)))
-        acts.sort(key=itemgetter(0, 1))
-        events = [event for _, _, act in acts for event in act()]
+        acts = [
+            *self._sdo_acts(frames, log_ns, service, remote),
+            *self._command_acts(frames, log_ns, service, remote),
+        ]
+        events: list[Event] = []
+        begin = 0
+        for end in [*self._cuts, len(frames)]:
+            part = slice(begin, end)
+            own = [(row - begin, order, act) for row, order, act in acts if begin <= row < end]
+            events += self._part(frames[part], log_ns[part], service[part], remote[part], own)
+            begin = end
         now_ns, now_log_ns = int(frames.t_ns[-1]), int(log_ns[-1])
         for watch in self._nodes.values():
             events += watch.silent_until(now_ns, now_log_ns)
         return events
+
+    def _part(
+        self,
+        frames: FrameBatch,
+        log_ns: NDArray[np.int64],
+        service: NDArray[np.uint8],
+        remote: NDArray[np.bool_],
+        acts: list[tuple[int, int, Act]],
+    ) -> list[Event]:
+        """Events of frames within which no identifier changes its sender."""
+        if not len(frames):
+            return []
+        if self._stale:
+            self._name_senders()
+        sender = np.where(remote, 0, self._sender[frames.can_id & 0x7FF])
+        sender[(service == Service.EMCY) & (frames.dlc <= SYNC_BYTES)] = 0
+        sender[(service == Service.ERROR_CONTROL) & (frames.dlc == 0)] = 0
+        for node in np.unique(sender[sender > 0]).tolist():
+            acts += self._node_acts(node, np.flatnonzero(sender == node), frames, log_ns, service)
+        asked = np.flatnonzero(remote & (service == Service.ERROR_CONTROL))
+        for row in asked.tolist():
+            node, t_ns = int(frames.can_id[row]) & 0x7F, int(frames.t_ns[row])
+            acts.append((row, 2, partial(_request, self._watch(node), t_ns)))
+        acts.sort(key=itemgetter(0, 1))
+        return [event for _, _, act in acts for event in act()]
 
     def gap(self) -> None:
         """The recorder was blind."""
@@ -120,12 +143,15 @@ class BusWatch:
         service: NDArray[np.uint8],
         remote: NDArray[np.bool_],
     ) -> Iterator[tuple[int, int, Act]]:
+        self._cuts.clear()
         sdo = (service == Service.SDO_REQUEST) | (service == Service.SDO_ANSWER)
         rows = np.flatnonzero(sdo & ~remote)
         if not len(rows):
             return
         done = self._sdo.update(frames, rows)
         for value in done.learned:
+            if self._moves(value):
+                self._cuts.append(value.row + 1)
             yield value.row, 1, partial(self._learn, value, int(frames.t_ns[value.row]))
         aborts = np.flatnonzero((done.columns.kind == SdoKind.ABORT) & ~done.segment)
         for at in aborts.tolist():
@@ -138,9 +164,15 @@ class BusWatch:
             event = Event("sdo-abort", t_ns, at_ns, text, self._bus, node, code)
             yield row, 3, partial(_one, event)
 
+    def _moves(self, value: LearnedValue) -> bool:
+        """Whether a value may change who sends on which identifier."""
+        known = self._knowledge.nodes.get(value.node)
+        before = known.value((value.index, value.sub)) if known else None
+        return (value.index == EMCY_ID or value.index in PDO_PARAMETERS) and before != value.data
+
     def _learn(self, value: LearnedValue, t_ns: int) -> Iterator[Event]:
+        self._stale |= self._moves(value) or value.index in identity_objects()
         self._knowledge.learn(value, t_ns)
-        self._stale = True
         if reset_by_write(self._knowledge, value):
             yield from self._watch(value.node).command(t_ns, RESET_NODE, t_ns)
         if value.index == PRODUCER_TIME and value.written:

@@ -1,6 +1,6 @@
 """Waiting for what somebody wants to be told: frames, gaps and bus states in, triggers out."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,25 +42,25 @@ class TriggerWatch:
             else {}
         )
         self._hold_off = HoldOff(hold_off_ns)
+        self._gaps: list[Gap] = []
         self._found: list[Trigger] = []
-
-    @property
-    def values(self) -> tuple[Condition, ...]:
-        """The conditions on decoded values."""
-        return tuple(each for each in self._conditions if each.value is not None)
 
     def update(self, frames: FrameBatch, log_ns: NDArray[np.int64]) -> None:
         """Take in frames of all buses; log_ns: (n,) int64, never decreasing."""
+        gaps, self._gaps = self._gaps, []
         for number, watch in self._buses.items():
             rows = np.flatnonzero(frames.bus == number)
-            if len(rows):
-                self.events(watch.update(frames[rows], log_ns[rows]))
+            own = [gap for gap in gaps if gap.bus in (None, number)]
+            for part in _between(frames.t_ns[rows], own):
+                if part is None:
+                    watch.gap()
+                elif len(part):
+                    self.events(watch.update(frames[rows[part]], log_ns[rows[part]]))
 
     def gap(self, gap: Gap, log_ns: int) -> None:
-        """Take in a stretch in which nothing was heard."""
-        for number, watch in self._buses.items():
-            if gap.bus in (None, number):
-                watch.gap()
+        """Take in a stretch in which nothing was heard; it is told before the frames after it."""
+        if self._buses:
+            self._gaps.append(gap)
         if gap.reason != DID_NOT_RUN:
             lost = f", {gap.lost_frames} frames lost" if gap.lost_frames else ""
             text = f"gap of {(gap.end_ns - gap.start_ns) / 1e9:.3f} s: {gap.reason}{lost}"
@@ -84,6 +84,7 @@ class TriggerWatch:
 
     def finish(self, log_ns: int) -> None:
         """The end: what only it makes sure."""
+        self.update(FrameBatch.empty(), np.zeros(0, np.int64))
         for watch in self._buses.values():
             self.events(watch.finish(log_ns))
 
@@ -103,3 +104,15 @@ class TriggerWatch:
 
     def _name(self, bus: int | None) -> str | None:
         return self._names[bus] if bus is not None and bus < len(self._names) else None
+
+
+def _between(t_ns: NDArray[np.int64], gaps: Sequence[Gap]) -> Iterator[NDArray[np.intp] | None]:
+    """Rows before, between and after gaps; None stands for each gap."""
+    rows, begin = np.arange(len(t_ns)), 0
+    for gap in sorted(gaps, key=lambda each: each.end_ns):
+        after = np.flatnonzero(t_ns[begin:] >= gap.end_ns)
+        end = begin + int(after[0]) if len(after) else len(t_ns)
+        yield rows[begin:end]
+        yield None
+        begin = end
+    yield rows[begin:]

@@ -4,7 +4,7 @@ A machine without a battery clock starts in 1970 or at an old date and gets its 
 server sets clocks that are off. All stamps of a recording are by one of two clocks: UTC as it was
 told at that moment, or log time, which follows UTC forward and stays where UTC is set back. Each
 sample ties both to the time since the machine started, which nothing sets: so what a later UTC says
-moves all stamps before it.
+moves all stamps before it. Of a clock that is set twice between two samples only the sum is known.
 """
 
 from dataclasses import dataclass

@@ -205,6 +205,8 @@ def _doubled_pdo(facts: Facts, timeline: Timeline, nmt: NodeNmt) -> _Sign | None
         starts = _started_twice(timeline, doubles.span[0])
         if not starts or starts[1].t_ns - starts[0].t_ns <= RECORDED_TWICE_NS:
             continue
+        if _answers_two(facts, timeline.history.bus, *doubles.span):
+            continue
         apart = doubles.count >= DOUBLED and doubles.short_ns > RECORDED_TWICE_NS
         if apart and not doubles.stepped and doubles.span[0] >= starts[0].t_ns:
             told = " and ".join(facts.moment(start.t_ns) for start in starts)
@@ -214,6 +216,17 @@ def _doubled_pdo(facts: Facts, timeline: Timeline, nmt: NodeNmt) -> _Sign | None
             seqs = [*(start.seq for start in starts), *doubles.at]
             return _Sign(*doubles.span, how, seqs, sure=False)
     return None
+
+
+def _answers_two(facts: Facts, bus: int, start_ns: int, end_ns: int) -> bool:
+    """Whether most of a time has two SYNC producers: one device that answers both sends as often."""
+    name = facts.context.bus_name(bus)
+    doubled_ns = sum(
+        max(0, min(row.end_ns, end_ns) - max(row.start_ns, start_ns))
+        for row in facts.analysis.sync_doubles
+        if row.bus == name
+    )
+    return 2 * doubled_ns > end_ns - start_ns
 
 
 def _believed(facts: Facts, key: NodeKey, nmt: NodeNmt) -> bool:

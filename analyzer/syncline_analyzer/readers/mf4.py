@@ -1,0 +1,152 @@
+"""ASAM MDF 4 bus logs (CANedge, Vector, ETAS), by way of asammdf: the extra `syncline[mf4]`.
+
+Source: ASAM MDF 4.1 "Bus logging"; channel groups named CAN_DataFrame, CAN_RemoteFrame and
+CAN_ErrorFrame.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from syncline_analyzer.capture import CaptureFacts
+from syncline_analyzer.readers.resolution import Resolution
+from syncline_analyzer.readers.times import FIRST_UTC_NS, SECOND_NS
+from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
+from syncline_schemas.errors import CaptureError
+
+MF4_MAGIC: Final = (b"MDF     ", b"UnFinMF ")
+PIP_LINE: Final = 'pip install "syncline[mf4]"'
+_RECORDS_AT_ONCE: Final = 1 << 17
+_KINDS: Final = {
+    "CAN_DataFrame": 0,
+    "CAN_RemoteFrame": FrameFlag.REMOTE,
+    "CAN_ErrorFrame": FrameFlag.ERROR,
+}
+_MAX_BUSES: Final = 256
+
+
+class Mf4Reader:
+    """The frames of all CAN groups, merged by their times.
+
+    Raises:
+        CaptureError: asammdf is not installed, the file cannot be read, or it holds no CAN frames.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.facts = CaptureFacts(path, "mf4")
+        try:
+            from asammdf import MDF
+        except ImportError as error:
+            raise CaptureError(
+                f"{path}: is an ASAM MDF file; to read it, install asammdf: {PIP_LINE}"
+            ) from error
+        try:
+            self._mdf: Any = MDF(path)
+        except Exception as error:  # whatever a damaged file makes of asammdf
+            raise CaptureError(f"{path}: cannot be read as ASAM MDF: {error}") from error
+        self._groups = list(self._can_groups())
+        if not self._groups:
+            raise CaptureError(f"{path}: an ASAM MDF file without recorded CAN frames")
+        start_ns = round(self._mdf.header.start_time.timestamp() * 1_000_000) * 1000
+        self._start_ns = start_ns if start_ns >= FIRST_UTC_NS else 0
+        self.facts.time_base = "utc" if self._start_ns else "relative"
+        self.facts.notes.append("times are numbers with a fraction in this format")
+
+    def _can_groups(self) -> Iterator[tuple[int, str, int]]:
+        """Index, name and number of records of each group of CAN frames."""
+        for index, group in enumerate(self._mdf.groups):
+            names = {channel.name for channel in group.channels}
+            for kind in _KINDS:
+                if kind in names and group.channel_group.cycles_nr:
+                    yield index, kind, int(group.channel_group.cycles_nr)
+
+    def batches(self) -> Iterator[FrameBatch | Gap]:
+        """Batches in order of time."""
+        resolution = Resolution()
+        pending = [FrameBatch.empty() for _ in self._groups]
+        at = [0] * len(self._groups)
+        while True:
+            for number, (_, _, count) in enumerate(self._groups):
+                if not len(pending[number]) and at[number] < count:
+                    pending[number] = self._frames(number, at[number])
+                    at[number] += _RECORDS_AT_ONCE
+            filled = [each for each in pending if len(each)]
+            if not filled:
+                break
+            # A group that is read to its end hides nothing more; the others may go on later.
+            open_ends = [
+                int(each.t_ns.max())
+                for each, place, group in zip(pending, at, self._groups, strict=True)
+                if len(each) and place < group[2]
+            ]
+            until_ns = min(open_ends, default=int(np.iinfo(np.int64).max))
+            ready = FrameBatch.concat([each[each.t_ns <= until_ns] for each in filled])
+            pending = [each[each.t_ns > until_ns] for each in pending]
+            frames = ready[np.argsort(ready.t_ns, kind="stable")]
+            resolution.sample(frames.t_ns, frames.bus, frames.can_id)
+            self.facts.resolution_ns = resolution.step_ns
+            yield frames
+
+    def _frames(self, number: int, at: int) -> FrameBatch:
+        index, name, _ = self._groups[number]
+        try:
+            signal = self._mdf.get(
+                name, index, record_offset=at, record_count=_RECORDS_AT_ONCE, raw=True
+            )
+        except Exception as error:  # noqa: BLE001  whatever a damaged file makes of asammdf
+            self.facts.damage = f"the frames of {name} cannot be read: {error}"
+            return FrameBatch.empty()
+        stamps = np.rint(np.asarray(signal.timestamps, np.float64) * SECOND_NS).astype(np.int64)
+        return self._batch(name, stamps + self._start_ns, signal.samples)
+
+    def _batch(self, name: str, t_ns: NDArray[np.int64], samples: NDArray[np.void]) -> FrameBatch:
+        fields = samples.dtype.names or ()
+
+        def column(field: str) -> NDArray[np.int64]:
+            wanted = f"{name}.{field}"
+            if wanted not in fields:
+                return np.zeros(len(samples), np.int64)
+            values = samples[wanted]
+            if values.dtype.kind in "SU":
+                return np.isin(values, (b"Tx", "Tx")).astype(np.int64)
+            return values.astype(np.int64)
+
+        raw_id = column("ID")
+        extended = (column("IDE") != 0) | (raw_id & 0x80000000 != 0)
+        flags = np.full(len(samples), _KINDS[name], np.uint16)
+        fd = column("EDL") != 0
+        if _KINDS[name] == FrameFlag.ERROR:
+            extended = fd = np.zeros(len(samples), np.bool_)
+        for flag, given in (
+            (FrameFlag.EXTENDED, extended),
+            (FrameFlag.TX, column("Dir") != 0),
+            (FrameFlag.FD, fd),
+            (FrameFlag.BRS, fd & (column("BRS") != 0)),
+            (FrameFlag.ESI, fd & (column("ESI") != 0)),
+        ):
+            flags |= np.where(given, flag, 0).astype(np.uint16)
+        stated = column("DataLength" if _KINDS[name] != FrameFlag.REMOTE else "DLC")
+        dlc = np.clip(stated, 0, 8 if _KINDS[name] == FrameFlag.REMOTE else 64)
+        data = np.zeros((len(samples), 64 if bool(np.any(dlc > 8)) else 8), np.uint8)
+        if f"{name}.DataBytes" in fields and _KINDS[name] != FrameFlag.REMOTE:
+            width = min(data.shape[1], samples[f"{name}.DataBytes"].shape[1])
+            data[:, :width] = samples[f"{name}.DataBytes"][:, :width]
+            data[np.arange(data.shape[1]) >= dlc[:, np.newaxis]] = 0
+        return FrameBatch(
+            t_ns,
+            self._buses(column("BusChannel")),
+            (raw_id & 0x1FFFFFFF).astype(np.uint32),
+            flags,
+            dlc.astype(np.uint8),
+            data,
+        )
+
+    def _buses(self, channels: NDArray[np.int64]) -> NDArray[np.uint8]:
+        out = np.zeros(len(channels), np.uint8)
+        for channel in np.unique(channels).tolist():
+            full = len(self.facts.buses) >= _MAX_BUSES
+            out[channels == channel] = 255 if full else self.facts.bus_number(str(channel))
+        return out

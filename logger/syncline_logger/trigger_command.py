@@ -1,0 +1,46 @@
+"""`syncline trigger`."""
+
+from pathlib import Path
+
+import click
+
+from syncline_logger.option_types import duration_ns
+
+EPILOG = """\b
+Examples:
+  syncline trigger captures/
+  syncline trigger captures/ --text "the gripper dropped the part"
+"""
+
+
+@click.command(epilog=EPILOG)
+@click.argument(
+    "folder", type=click.Path(exists=True, file_okay=False, path_type=Path), default=Path()
+)
+@click.option("--text", default="", metavar="WORDS", help="What happened; stands in the mark.")
+@click.option(
+    "--wait",
+    "wait_ns",
+    type=duration_ns,
+    metavar="TIME",
+    default="5s",
+    show_default=True,
+    help="How long to wait for a recorder to take it.",
+)
+def trigger(folder: Path, text: str, wait_ns: int) -> None:
+    """Mark this moment in what a recorder writes into FOLDER (this folder, if none is given).
+
+    Works on every system: a small file is put into the folder, which the recorder takes away
+    within a second. Exit code 1 when no recorder took it.
+    """
+    from syncline_logger.triggers.requests import ask
+    from syncline_schemas.errors import UsageError
+
+    try:
+        taken = ask(folder, text, wait_ns / 1e9)
+    except OSError as error:
+        raise UsageError(f"a request cannot be put into {folder}: {error.strerror}") from error
+    if not taken:
+        click.echo(f"syncline: no recorder that writes into {folder} took the request", err=True)
+        raise SystemExit(1)
+    click.echo("the recorder has taken it", err=True)

@@ -1,0 +1,238 @@
+"""Files for triggers alone: nothing is written until one comes, then what lies around it."""
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
+
+from syncline_logger.capture_file import Block
+from syncline_logger.capture_store import CaptureStore, StorePlan
+from syncline_logger.content import Content
+from syncline_logger.disk_trouble import DiskTrouble
+from syncline_logger.finishing import Finisher
+from syncline_logger.manifest import MarkNote
+from syncline_logger.recording_folder import RecordingFolder
+from syncline_logger.triggers.plan import TriggerPlan
+from syncline_logger.triggers.ring import Ring
+from syncline_logger.waiting_room import WaitingRoom
+from syncline_schemas.batch import Gap
+from syncline_schemas.capture.layout import Attachment
+from syncline_schemas.errors import UsageError
+
+TRIGGER_METADATA_NAME = "syncline.trigger"
+"""Metadata record of a file that was written because of a trigger: why it begins where it does."""
+DRAIN_FRAMES = 1 << 17
+"""Frames of the time before a trigger that are written at once beside what comes in: the ring of
+four full buses is on the disk after about a minute."""
+
+
+class EventStore:
+    """Looks like a CaptureStore; each event becomes a recording of its own.
+
+    An event begins with what the ring holds and ends `after_ns` after its last trigger. Triggers
+    that come meanwhile extend it. Its file carries all attachments and metadata given so far.
+
+    Attributes: as those of CaptureStore; `path` is the folder while nothing is written.
+    """
+
+    def __init__(
+        self,
+        plan: StorePlan,
+        triggers: TriggerPlan,
+        *,
+        folder: RecordingFolder | None = None,
+        attachments: Sequence[Attachment] = (),
+        finishes: bool = False,
+    ) -> None:
+        self._plan = plan
+        self._triggers = triggers
+        self._folder = folder
+        self._attachments = {each.name: each for each in attachments}
+        self._metadata: dict[str, Mapping[str, str]] = {}
+        self._ring = Ring(triggers.before_ns, triggers.ring_bytes)
+        self._store: CaptureStore | None = None
+        self._ends_ns = 0
+        self._events = 0
+        self._wanted: MarkNote | None = None
+        """The trigger of an event that could not be begun yet."""
+        self._closed_bytes = self._closed_files = 0
+        self._lost: dict[int, int] = {}
+        self._no_room = WaitingRoom()
+        self.notes: list[str] = []
+        self.path = self.first_path = plan.names.folder
+        self._finisher: Finisher | None = None
+        with suppress(OSError):
+            plan.names.folder.mkdir(parents=True, exist_ok=True)
+        if folder and finishes:
+            self._finisher = Finisher(folder.path, plan.disk, plan.keep.reserve_bytes or 0)
+            self._finisher.add(
+                (each.recording_id, segment) for each, segment in folder.unfinished()
+            )
+
+    @property
+    def bytes_written(self) -> int:
+        """Of all files of all events."""
+        return self._closed_bytes + (self._store.bytes_written if self._store else 0)
+
+    @property
+    def file_count(self) -> int:
+        """Files that hold something."""
+        return self._closed_files + (self._store.file_count if self._store else 0)
+
+    @property
+    def trouble(self) -> DiskTrouble | None:
+        """What the disk refuses; None while all is well or nothing is to be written."""
+        return self._store.trouble if self._store else None
+
+    @property
+    def waiting(self) -> WaitingRoom:
+        """What the disk refused and what was lost by that."""
+        return self._store.waiting if self._store else self._no_room
+
+    def attach(self, attachment: Attachment) -> None:
+        """Attach a file to this event and all that follow."""
+        self._attachments[attachment.name] = attachment
+        if self._store:
+            self._store.attach(attachment)
+
+    def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
+        """Write a metadata record into this event and all that follow."""
+        self._metadata[name] = values
+        if self._store:
+            self._store.add_metadata(name, values)
+
+    def carry(self, name: str, values: Mapping[str, str]) -> None:
+        """Write a metadata record into what follows."""
+        self._metadata[name] = values
+        if self._store:
+            self._store.carry(name, values)
+
+    def mark(self, note: MarkNote, begin_ns: int | None = None, end_ns: int | None = None) -> None:
+        """A trigger: an event begins, or the running one lasts longer."""
+        self._ends_ns = max(self._ends_ns, note.t_ns + self._triggers.after_ns)
+        if self._store is None:
+            self._wanted = self._wanted or note
+            self._begin(note)
+        else:
+            self._store.mark(note, begin_ns, end_ns)
+
+    def write(self, content: Content, now_ns: int) -> None:
+        """Take what was recorded until `now_ns`."""
+        self._look_after()
+        if self._store is None and self._wanted:
+            self._begin(self._wanted)
+        if self._store is None:
+            self._ring.add(content, now_ns)
+            return
+        if len(self._ring):
+            if content:
+                self._ring.hold(content)
+            self._drain(DRAIN_FRAMES + len(content.frames), now_ns)
+        else:
+            self._store.write(content, now_ns)
+        if not len(self._ring) and now_ns >= self._ends_ns:
+            self._end_event(now_ns)
+
+    def retry(self, now_ns: int, *, last: bool = False) -> None:
+        """Try the disk again when it is time to, or because it is the last time."""
+        if self._store:
+            self._store.retry(now_ns, last=last)
+
+    def take_missed(self) -> tuple[list[Gap], list[Block]]:
+        """Once the disk is back: what was lost meanwhile, and the notes that were to be written."""
+        if self._store is None:
+            return [], []
+        self.notes += self._store.notes
+        self._store.notes.clear()
+        return self._store.take_missed()
+
+    def finish(self, name: str, values: Callable[[], Mapping[str, str]], end_ns: int) -> None:
+        """Write what is left of a running event and close it."""
+        if self._store:
+            self._drain(None, end_ns)
+            self._store.finish(name, values, end_ns)
+            self.notes += self._store.notes
+        if self._finisher:
+            self._finisher.close(5.0)
+
+    def abandon(self) -> None:
+        """Leave the files as they are; they can be read up to the last chunk."""
+        if self._store:
+            self._store.abandon()
+
+    def _begin(self, note: MarkNote) -> None:
+        """Begin an event with what the ring holds; a refusal is tried again with the next chunk."""
+        first_ns = self._ring.first_ns
+        start_ns = note.t_ns if first_ns is None else min(first_ns, note.t_ns)
+        number = self._events
+        run = self._plan.metadata.recording_id
+        recording_id = f"{run}-{number:04d}"
+        about = replace(self._plan.metadata, recording_id=recording_id)
+        names = replace(self._plan.names, recording_id=recording_id)
+        record = {
+            "run": run,
+            "event": str(number),
+            "t_ns": str(note.t_ns),
+            "reason": note.reason,
+            "begins": self._why_it_begins(first_ns, note.t_ns),
+            "before_ns": str(self._triggers.before_ns),
+            "after_ns": str(self._triggers.after_ns),
+        }
+        try:
+            store = CaptureStore(
+                replace(self._plan, metadata=about, names=names),
+                start_ns,
+                folder=self._folder,
+                attachments=list(self._attachments.values()),
+            )
+        except (OSError, UsageError) as error:
+            self.notes.append(f"the file of trigger '{note.reason}' cannot be begun: {error}")
+            return
+        for name, values in {**self._metadata, TRIGGER_METADATA_NAME: record}.items():
+            store.add_metadata(name, values)
+        store.waiting.lost_frames |= self._lost
+        store.mark(note)
+        self._store, self._wanted = store, None
+        self._events += 1
+        self.path = store.path
+        self.first_path = store.first_path if number == 0 else self.first_path
+
+    def _why_it_begins(self, first_ns: int | None, t_ns: int) -> str:
+        if first_ns is None:
+            return "with the trigger: nothing was recorded before it"
+        span = f"{(t_ns - first_ns) / 1e9:.0f} s before the trigger"
+        if self._ring.short:
+            return f"{span}: the memory of {self._triggers.ring_bytes} bytes holds no more"
+        if t_ns - first_ns < self._triggers.before_ns * 9 // 10:
+            return f"{span}: where the recorder began, or the last event ended"
+        return f"{span}, as wanted"
+
+    def _drain(self, frames: int | None, now_ns: int) -> None:
+        """Write the oldest contents of the ring, about so many frames; None = all."""
+        assert self._store is not None
+        written = 0
+        while len(self._ring) and (frames is None or written < frames):
+            content = self._ring.pop()
+            self._store.write(content, now_ns)
+            written += len(content.frames)
+
+    def _end_event(self, now_ns: int) -> None:
+        assert self._store is not None
+        after_s = self._triggers.after_ns / 1e9
+        reason = f"{after_s:.0f} s after the last trigger"
+        lost = sum(self._store.waiting.lost_frames.values())
+        values = {"end_ns": str(now_ns), "reason": reason, "lost_frames": str(lost)}
+        self._store.retry(now_ns, last=True)
+        self._store.finish("syncline.stop", lambda: values, now_ns)
+        self.notes += self._store.notes
+        self._lost = dict(self._store.waiting.lost_frames)
+        self._no_room.lost_frames |= self._lost
+        self._closed_bytes += self._store.bytes_written
+        self._closed_files += self._store.file_count
+        self.first_path = self.first_path if self._events > 1 else self._store.first_path
+        self._store = None
+        self.path = self._plan.names.folder
+        self._ring.short = False
+
+    def _look_after(self) -> None:
+        for done in self._finisher.done() if self._finisher else ():
+            self.notes += [done.text] if done.text else []

@@ -87,7 +87,8 @@ def record_for(recording_id: str, rate: float, act: Callable[[], None] | None) -
         RecordOptions(
             recording_id=recording_id,
             split=Split(size_bytes=30_000),
-            keep=Keep(size_bytes=40_000_000),
+            # A full disk would make room by deleting; here every frame is to be counted.
+            keep=Keep() if act else Keep(size_bytes=40_000_000),
         ),
         stop=stop,
         on_start=lambda path: threading.Thread(target=work, daemon=True).start(),

@@ -1,7 +1,8 @@
 """Writes the pages made from the code: `uv run python -m docs.generate`.
 
-`commands.md` comes from the commands' own --help, `findings.md` from the rules, `devices/*.md` from
-the devices' files and from the tables that their readers know.
+`commands.md` comes from the commands' own --help, `findings.md` from the rules, `formats.md` from the
+registries of readers and writers, `devices/*.md` from the devices' files and from the tables that
+their readers know.
 """
 
 import sys
@@ -15,6 +16,8 @@ import click
 from syncline_analyzer.findings import RULES
 from syncline_analyzer.findings.bonds import BONDS
 from syncline_analyzer.findings.rule import Rule
+from syncline_analyzer.readers.formats import READ_FORMATS
+from syncline_analyzer.writers.formats import PACKINGS, WRITE_FORMATS
 from syncline_logger.cli import cli
 from syncline_logger.device_sheet import HANDLED, Section, objects, sections
 from syncline_schemas.description import BUS_KEYS, NODE_KEYS
@@ -278,6 +281,61 @@ def _line(cells: "tuple[str, ...] | list[str]") -> str:
     return f"| {' | '.join(cells)} |"
 
 
+FORMATS_HEADER = """# Formats
+
+Made from the registries of readers and writers by `python -m docs.generate`; tests keep it true. The format of a file is found from its
+content, whatever its name; each may be packed as `.gz` or `.zst`. Several files are one session, in any order: segments of a recording
+join, what lies between files is a gap, files that overlap in time are different buses. What a file cannot tell is kept as a fact of the
+capture: `syncline info` shows it, and no finding rests on it.
+
+```sh
+syncline info customer/*                    # what each file is, whether it is whole, what could not be read
+syncline analyze a.log.gz b.pcapng c.blf    # one session
+syncline convert customer.trc customer.mcap
+```
+"""
+WRITE_HEADER = """## What is written
+
+`syncline convert IN... OUT`: the ending of OUT chooses. What the format cannot hold of what the inputs have is counted and told, and
+`ConvertResult.lost` in Python has it; nothing is dropped silently.
+"""
+_EVERY_FORMAT = """
+Every format holds: stamps to the nanosecond (text formats write microseconds where all stamps are whole ones), identifiers, extended
+identifiers, remote frames with their length, direction, CAN FD with its flags, and that there was an error frame.
+"""
+
+
+def formats_page() -> str:
+    """What is read and written, and what each format cannot hold."""
+    reads = Section(
+        "What is read",
+        ("format", "usual endings", "which", "cannot tell", "how that shows"),
+        [
+            (each.name, " ".join(each.endings), each.what, _listed(each.cannot), _listed(each.told))
+            for each in READ_FORMATS
+        ],
+    )
+    writes = Section(
+        "",
+        ("format", "endings", "also packed", "cannot hold"),
+        [
+            (
+                each.name,
+                " ".join(each.endings),
+                " ".join(PACKINGS) if each.packed_outside else "packed inside",
+                _listed(each.cannot),
+            )
+            for each in WRITE_FORMATS
+        ],
+    )
+    lines = [FORMATS_HEADER, *_markdown(reads), WRITE_HEADER, *_markdown(writes)]
+    return "\n".join(lines).rstrip() + "\n" + _EVERY_FORMAT
+
+
+def _listed(words: "tuple[str, ...]") -> str:
+    return "; ".join(words) or "-"
+
+
 def pages() -> Mapping[str, str]:
     """Every made page by its place in the folder."""
     own = {f"devices/{name}.md": device_page(load_device(name, ())) for name in device_names(())}
@@ -285,6 +343,7 @@ def pages() -> Mapping[str, str]:
         "commands.md": commands_page(),
         "findings.md": findings_page(),
         "bus-description.md": description_page(),
+        "formats.md": formats_page(),
         "devices/README.md": devices_page(),
         **own,
     }

@@ -7,6 +7,7 @@ from typing import Literal, NamedTuple, Protocol
 
 from syncline_schemas.batch import FrameBatch, Gap
 from syncline_schemas.capture.learned import Settings
+from syncline_schemas.capture.mark import Mark
 
 TimeBase = Literal["utc", "relative", "none"]
 """Whether stamps are UTC, count from the start of the log, or are not in the log at all."""
@@ -55,6 +56,8 @@ class CaptureFacts:
     foreign_errors: set[str] = field(default_factory=set)
     """Buses whose error frames hold no SocketCAN classes, but what another driver puts there."""
     notes: list[str] = field(default_factory=list)
+    marks: list[Mark] = field(default_factory=list)
+    """Moments that the recorder marked; of one file at most a thousand."""
 
     def bus_number(self, name: str) -> int:
         """Number of the bus of this name, which is appended when it is new."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from syncline_analyzer.capture import CaptureFacts, TimeBase
 from syncline_analyzer.context import Context
-from syncline_analyzer.results import CaptureRow, GapRow
+from syncline_analyzer.results import CaptureRow, GapRow, MarkRow
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
 from syncline_schemas.wording import counted
 
@@ -80,6 +80,7 @@ class Census:
             + _strangers(context)
             + self._fd_notes(context),
             damage=[f"{each.path}: {each.damage}" for each in facts if each.damage],
+            marks=_marks(facts),
         )
 
     def _fd_notes(self, context: Context) -> list[str]:
@@ -89,6 +90,20 @@ class Census:
             for bus, count in sorted(self._fd.items())
             if count
         ]
+
+
+def _marks(facts: Sequence[CaptureFacts]) -> list[MarkRow]:
+    """What the recorder marked, in order of time."""
+    rows = [
+        MarkRow(each.t_ns, each.reason, _name(about.buses, each.bus), each.node)
+        for about in facts
+        for each in about.marks
+    ]
+    return sorted(rows, key=lambda row: row.t_ns)
+
+
+def _name(buses: Sequence[str], number: int | None) -> str | None:
+    return buses[number] if number is not None and number < len(buses) else None
 
 
 def _strangers(context: Context) -> list[str]:

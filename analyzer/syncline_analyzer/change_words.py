@@ -37,7 +37,8 @@ def change_words(
     if facts is not None and facts.change:
         return facts.change.format(value=new, words=_value(facts, key, new), unit=facts.unit)
     return (
-        _measuring(device, profile, facts, key, old, new)
+        _undocumented(device, key, new)
+        or _measuring(device, profile, facts, key, old, new)
         or _of_cia_301(facts, key, new)
         or f"{name} {_value(facts, key, new)}"
     )
@@ -83,6 +84,18 @@ def _value(facts: ObjectFacts | None, key: Key, value: int) -> str:
     if facts is None or not facts.unit or facts.scale_object is not None:
         return str(value)
     return f"{value * facts.scale:.10g} {facts.unit}"
+
+
+def _undocumented(device: Device | None, key: Key, new: int) -> str:
+    """Words for an object that only related firmware has, "" for others."""
+    words = device.quirks.undocumented.get(key[0], "") if device else ""
+    if device is None or not words or device.object(*key) is not None:
+        return ""
+    alias = device.measurement.get("direction_alias", {})
+    if key != alias.get("object"):
+        return f"undocumented: {words}"
+    counting = _bit("direction", "", on=bool(new >> alias["bit"] & 1))
+    return f"{counting}, if it is as in related firmware (undocumented)"
 
 
 def _measuring(

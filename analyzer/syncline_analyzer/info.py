@@ -9,6 +9,7 @@ from syncline_analyzer.capture import TimeBase
 from syncline_analyzer.clock_repair import repair_clocks
 from syncline_analyzer.readers import open_capture
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
+from syncline_schemas.capture.mark import Mark
 
 
 @dataclass(slots=True)
@@ -51,6 +52,7 @@ class CaptureInfo:
     metadata: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     damage: str | None = None
+    marks: list[Mark] = field(default_factory=list)
 
     @property
     def whole(self) -> bool:
@@ -109,6 +111,7 @@ def inspect(path: str | Path) -> CaptureInfo:
     info.has_description = facts.description_toml is not None
     info.eds_files = sorted(facts.eds_files)
     info.notes, info.damage = list(facts.notes), facts.damage
+    info.marks = list(facts.marks)
     return info
 
 

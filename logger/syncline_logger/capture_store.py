@@ -144,8 +144,7 @@ class CaptureStore:
         first = not self._open.segment.marks
         self._open.segment.mark(note)
         if first:
-            values = {"t_ns": str(note.t_ns), "reason": note.reason}
-            self._beside(lambda file: file.add_metadata(MARK_METADATA_NAME, values))
+            self._beside(lambda file: file.add_metadata(MARK_METADATA_NAME, _record(note)))
             self._save()
 
     def write(self, content: Content, now_ns: int) -> None:
@@ -234,13 +233,14 @@ class CaptureStore:
         """A new file with all that every segment carries. Raises OSError."""
         plan = self._plan
         path = plan.names.written(self._number, start_ns)
+        kept = self._kept_for if start_ns < self._kept_until_ns else None
         try:
             file = CaptureFile(
                 path,
                 replace(plan.metadata, segment=self._number, created_ns=start_ns),
                 plan.buses,
                 attachments=list(self._attachments.values()),
-                metadata=self._metadata,
+                metadata=self._metadata | ({MARK_METADATA_NAME: _record(kept)} if kept else {}),
                 compression=plan.compression,
                 zstd_level=plan.zstd_level,
                 sync=plan.sync,
@@ -250,9 +250,7 @@ class CaptureStore:
             # A file that could not be taken away, or a stranger's: the next number is free.
             self._number += self._number > 0
             raise
-        segment = Segment(self._number, path.name)
-        if self._kept_for and start_ns < self._kept_until_ns:
-            segment.mark(self._kept_for)
+        segment = Segment(self._number, path.name, marks=[kept] if kept else [])
         self._manifest.segments.append(segment)
         self._number += 1
         self.path = path
@@ -364,6 +362,10 @@ class CaptureStore:
     def _save(self, manifest: Manifest | None = None) -> None:
         if self._folder:
             self._folder.save(manifest or self._manifest)
+
+
+def _record(note: MarkNote) -> Mapping[str, str]:
+    return {"t_ns": str(note.t_ns), "reason": note.reason}
 
 
 def _manifest(plan: StorePlan, start_ns: int) -> Manifest:

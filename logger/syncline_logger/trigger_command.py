@@ -14,9 +14,7 @@ Examples:
 
 
 @click.command(epilog=EPILOG)
-@click.argument(
-    "folder", type=click.Path(exists=True, file_okay=False, path_type=Path), default=Path()
-)
+@click.argument("folder", type=click.Path(path_type=Path), default=Path())
 @click.option("--text", default="", metavar="WORDS", help="What happened; stands in the mark.")
 @click.option(
     "--wait",
@@ -36,6 +34,8 @@ def trigger(folder: Path, text: str, wait_ns: int) -> None:
     from syncline_logger.triggers.requests import ask
     from syncline_schemas.errors import UsageError
 
+    if not folder.is_dir():
+        raise UsageError(f"{folder} is no folder; name the one into which the recorder writes")
     try:
         taken = ask(folder, text, wait_ns / 1e9)
     except OSError as error:

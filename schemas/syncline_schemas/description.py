@@ -11,6 +11,7 @@ from typing import Any, Self
 from syncline_schemas.devices import (
     EDS_SUFFIXES,
     Device,
+    check_numbers,
     configured,
     device_from_files,
     is_path,
@@ -209,6 +210,8 @@ class _Reader:
             self.errors.append(f"{where}.name: {name!r} is no text")
         device = self._device(table, where)
         overrides = dict(self._pairs(table.get("overrides", {}), f"{where}.overrides"))
+        if device is None:
+            self.errors += [f"{where}.overrides: {each}" for each in check_numbers(overrides)]
         stated: dict[tuple[int, int], int] = {}
         try:
             if device is not None:

@@ -65,11 +65,12 @@ def linear_scale(
 
 
 class _Settings:
-    """What is known of a device's settings: overrides first, then objects, then defaults."""
+    """What is known of a device's settings: by the bus, the user's overrides, and defaults."""
 
     def __init__(
         self, device: Device | None, lookup: Lookup, overrides: Mapping[str, Any] | None
     ) -> None:
+        self.device = device
         self.data = device.measurement if device else {}
         self._lookup = lookup
         self._given = dict(overrides or {})
@@ -79,17 +80,51 @@ class _Settings:
         value = self._given.get(name)
         return None if value == "auto" else value
 
-    def known(self, override: str, role: str) -> _Known:
-        """Number for a role of the measurement: override, object, or the device's default."""
+    def known(self, override: str, role: str, least: int = 0) -> _Known:
+        """Number for a role of the measurement: what the bus told, the override, what is assumed.
+
+        Numbers below `least` tell nothing.
+        """
+        found = self.object(role, least)
+        if found is not None and not found[1]:
+            return found
         value = self.given(override)
         if isinstance(value, int | float):
             return int(value), False
-        key = self.data.get(role)
-        found = self._lookup(*key) if key is not None else None
-        if found is not None and found[0] >= 0:
+        if found is not None:
             return found
         default = self.data.get("defaults", {}).get(role)
         return (int(default), True) if default is not None else None
+
+    def object(self, role: str, least: int = 0) -> _Known:
+        """Value of the object that has a role, None where it is not known or below `least`."""
+        key = self.data.get(role)
+        found = self._lookup(*key) if key is not None else None
+        return found if found is not None and found[0] >= least else None
+
+    def aliased_direction(self) -> int | None:
+        """Direction bit of an object that only related firmware has; None where none is known."""
+        place = self.data.get("direction_alias")
+        quirks = self.device.quirks.undocumented if self.device else {}
+        if place is None or place["object"][0] not in quirks:
+            return None
+        found = self._lookup(*place["object"])
+        return found[0] >> place["bit"] & 1 if found is not None else None
+
+    def lacks(self, role: str, beside: str) -> bool:
+        """Whether the device's dictionary has the object of one role and not that of another."""
+        missing, there = self.data.get(role), self.data.get(beside)
+        if self.device is None or missing is None or there is None:
+            return False
+        return self.device.object(*there) is not None and self.device.object(*missing) is None
+
+    def switched(self) -> _Known:
+        """Whether the scaling is on: 1 or 0; None where nothing says so."""
+        choice = self.given("scaling")
+        if choice:
+            return int(choice == "on"), False
+        place = self.data["scaling"]
+        return self.flag("scaling") if self._lookup(*place["object"]) is not None else None
 
     def flag(self, role: str) -> _Known:
         """One bit of an object: (0 or 1, assumed); None where the device has no such bit."""
@@ -104,19 +139,19 @@ class _Settings:
 def encoder_scale(
     device: Device | None, lookup: Lookup, overrides: Mapping[str, Any] | None = None
 ) -> EncoderScale:
-    """Scale of an encoder from the user's overrides, the objects known, and the device's defaults.
+    """Scale of an encoder from the objects known, the user's overrides, and the device's defaults.
 
-    Overrides: `cpr`, `turns`, `range`, `scaling` ("on" | "off"), `direction` ("cw" | "ccw"),
-    `max_rpm`.
+    Overrides: the numbers `cpr`, `turns` and `range` hold unless the bus told otherwise; `scaling`
+    ("on" | "off") and `direction` ("cw" | "ccw") say how its bits are to be read; `max_rpm`.
     """
     settings = _Settings(device, lookup, overrides)
-    cpr, scaling_assumed = _counts_per_turn(settings)
-    range_counts = _range_counts(settings, cpr)
+    per_turn = _counts_per_turn(settings)
+    cpr, range_counts = per_turn.known, _range_counts(settings, per_turn)
     direction, direction_assumed = _clockwise(settings)
     assumed = {
         "cpr": cpr is None or cpr[1],
         "range": range_counts is None or range_counts[1],
-        "scaling": scaling_assumed,
+        "scaling": per_turn.switch_assumed,
         "direction": direction_assumed,
     }
     limit = settings.given("max_rpm") or (device.limits.get("max_rpm") if device else None)
@@ -141,47 +176,130 @@ def sent_in(scale: EncoderScale, bits: int, *, signed: bool = False) -> EncoderS
     return replace(scale, range_counts=1 << bits, cut_bits=bits)
 
 
-def _counts_per_turn(settings: _Settings) -> tuple[_Known, bool]:
-    """Counts per turn, and whether the scaling switch was assumed."""
-    programmed = _positive(settings.known("cpr", "counts_per_turn"))
-    if isinstance(settings.given("cpr"), int):
-        return programmed, False
-    if "scaling" not in settings.data:
-        hardware = _positive(settings.known("", "hardware_counts_per_turn"))
-        return programmed or ((hardware[0], True) if hardware else None), False
-    choice = settings.given("scaling")
-    switch = (int(choice == "on"), False) if choice else settings.flag("scaling")
-    assert switch is not None
-    if switch[0]:
-        return programmed, switch[1]
-    hardware = _positive(settings.known("", "hardware_counts_per_turn"))
+@dataclass(frozen=True, slots=True)
+class _PerTurn:
+    """Counts per turn; `is_programmed` where they are those of 6001h, with which 6002h counts.
+
+    `in_doubt` where that rests on a switch that is not known.
+    """
+
+    known: _Known
+    switch_assumed: bool = False
+    is_programmed: bool = True
+    in_doubt: bool = False
+
+
+def _counts_per_turn(settings: _Settings) -> _PerTurn:
+    """Counts per turn in force: what the bus told of them counts more than the override."""
+    told = _told_per_turn(settings)
+    value = settings.given("cpr")
+    if isinstance(value, int) and (told.known is None or told.known[1]):
+        return _PerTurn((value, False))
+    return told
+
+
+def _told_per_turn(settings: _Settings) -> _PerTurn:
+    """Counts per turn by 6001h, or by 6501h while the scaling is off (CiA 406, 6000h bit 2)."""
+    programmed = settings.known("", "counts_per_turn", 1)
+    hardware = settings.known("", "hardware_counts_per_turn", 1)
+    guess = (hardware[0], True) if hardware else None
+    no_hardware = settings.lacks("hardware_counts_per_turn", "counts_per_turn")
+    if "scaling" not in settings.data or (hardware is None and no_hardware):
+        return _PerTurn(programmed or guess)
+    switch = settings.switched()
+    same = programmed is not None and hardware is not None and programmed[0] == hardware[0]
+    if switch is None and programmed is not None:
+        certain = same or hardware is None
+        known = programmed[0], programmed[1] or not certain
+        return _PerTurn(known, not same, in_doubt=not certain)
+    if switch is not None and switch[0]:
+        return _PerTurn(programmed or guess, switch[1])
     if hardware is None:
-        return None, switch[1]
-    same = programmed is not None and programmed[0] == hardware[0] and not programmed[1]
-    certain = not switch[1] or not hardware[1] or same
-    return (hardware[0], not certain), switch[1] and not same
+        unsure = (programmed[0], True) if programmed else None
+        return _PerTurn(unsure, switch is None or switch[1], in_doubt=True)
+    is_sure = programmed is not None and not programmed[1]
+    same = same and is_sure
+    is_off = switch is not None and not switch[1]
+    certain = same or is_off or not (hardware[1] or is_sure)
+    return _PerTurn((hardware[0], not certain), not is_off and not same, same)
 
 
-def _range_counts(settings: _Settings, cpr: _Known) -> _Known:
-    total = _positive(settings.known("range", "range"))
-    if total is not None and not total[1]:
+def _range_counts(settings: _Settings, per_turn: _PerTurn) -> _Known:
+    """The measuring range in force: 6002h counts in units of 6001h, so only where those count."""
+    cpr, total = per_turn.known, settings.object("range", 1)
+    if total is not None and not total[1] and per_turn.is_programmed:
+        return total[0], per_turn.in_doubt
+    turns = settings.object("turns", 1)
+    if cpr is not None and turns is not None and not cpr[1] and not turns[1]:
+        return cpr[0] * turns[0], False
+    value = settings.given("range")
+    if isinstance(value, int):
+        return value, False
+    turns = settings.known("turns", "turns", 1)
+    if cpr is not None and turns is not None:
+        return cpr[0] * turns[0], cpr[1] or turns[1]
+    if per_turn.is_programmed or cpr is None or total is None:
         return total
-    turns = _positive(settings.known("turns", "turns"))
-    if cpr is None or turns is None:
-        return total
-    return cpr[0] * turns[0], cpr[1] or turns[1]
-
-
-def _positive(known: _Known) -> _Known:
-    return known if known is not None and known[0] > 0 else None
+    programmed = settings.object("counts_per_turn", 1)
+    turned = total[0] // programmed[0] if programmed and not total[0] % programmed[0] else 0
+    return (cpr[0] * turned, True) if turned else None
 
 
 def _clockwise(settings: _Settings) -> tuple[bool, bool]:
     choice = settings.given("direction")
     if choice:
         return choice == "cw", False
+    by_alias = settings.aliased_direction()
+    if by_alias is not None:
+        return by_alias == 0, True
     found = settings.flag("direction")
     return (found[0] == 0, found[1]) if found is not None else (True, True)
+
+
+@dataclass(frozen=True, slots=True)
+class ContradictedSetting:
+    """A number that the user gave of a device, and what the device told of it by its objects."""
+
+    name: str
+    given: int
+    told: int
+    objects: tuple[tuple[int, int], ...]
+
+
+_PER_TURN = ("counts_per_turn", "hardware_counts_per_turn")
+_TOLD_BY = {
+    "cpr": _PER_TURN,
+    "range": ("range", "turns", *_PER_TURN),
+    "turns": ("turns",),
+    "res": ("resolution",),
+    "quad": ("quadrant",),
+    "angle_def": ("definition",),
+}
+"""Roles of the objects that tell the number of a setting."""
+
+
+def contradicted_settings(
+    device: Device | None, lookup: Lookup, overrides: Mapping[str, Any]
+) -> list[ContradictedSetting]:
+    """Numbers among the overrides that the device tells otherwise, which counts more."""
+    settings = _Settings(device, lookup, {"scaling": overrides.get("scaling", "auto")})
+    per_turn = _counts_per_turn(settings)
+    found = []
+    for name, roles in _TOLD_BY.items():
+        given = overrides.get(name)
+        if not isinstance(given, int):
+            continue
+        match name:
+            case "cpr":
+                told = per_turn.known
+            case "range":
+                told = _range_counts(settings, per_turn)
+            case _:
+                told = settings.object(roles[0], 0 if name in ("quad", "angle_def") else 1)
+        if told is not None and not told[1] and told[0] != given:
+            keys = (settings.data[role] for role in roles if role in settings.data)
+            found.append(ContradictedSetting(name, given, told[0], tuple(keys)))
+    return found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -250,9 +368,10 @@ class AxisScale:
 
     Attributes:
         name: what the axis shows under the angle definition in force.
-        low_deg, high_deg: possible angles, high included only for +/-180.
+        low_deg, high_deg: possible angles; 360 itself is none.
         unsigned_16: 16-bit values are to be read unsigned (0..360 deg overflows int16).
         ambiguous_16: 16-bit values repeat within the range.
+        forced_16: the user says that 16-bit values are unsigned, so that they show 0..360.
     """
 
     name: str
@@ -260,6 +379,26 @@ class AxisScale:
     high_deg: float
     unsigned_16: bool
     ambiguous_16: bool
+    forced_16: bool = False
+
+    def of_bits(self, bits: int) -> "AxisScale":
+        """The axis as an object of so many bits shows it."""
+        if bits != 16 or not self.forced_16:
+            return self
+        return replace(self, low_deg=0.0, high_deg=360.0)
+
+    @property
+    def relative(self) -> "AxisScale":
+        """The axis where a zero point is subtracted from it: half a circle becomes a whole one."""
+        if self.high_deg - self.low_deg >= 360.0:
+            return self
+        return replace(self, low_deg=-180.0, high_deg=180.0)
+
+    def outside(self, angle_deg: Degrees) -> NDArray[np.bool_]:
+        """Which angles the axis cannot show (JN2100 sheet 6.2, 6.3, 6.6)."""
+        beyond = angle_deg >= 360.0 if self.high_deg == 360.0 else angle_deg > self.high_deg
+        outside: NDArray[np.bool_] = (angle_deg < self.low_deg) | beyond
+        return outside
 
 
 @dataclass(frozen=True, slots=True)
@@ -286,9 +425,9 @@ _PLAIN: dict[str, Any] = {
     "name": "",
     "geometry": "perpendicular",
     "axes": ("longitudinal", "lateral"),
-    "low": (-90, -90),
-    "high": (90, 90),
-    "corrected": (0, 1),
+    "low": (-180, -180),
+    "high": (180, 180),
+    "corrected": (),
 }
 
 
@@ -301,7 +440,7 @@ def tilt_scale(
     `perp_formula` ("asin" | "atan").
     """
     settings = _Settings(device, lookup, overrides)
-    resolution = _positive(settings.known("res", "resolution")) or (1, True)
+    resolution = settings.known("res", "resolution", 1) or (1, True)
     quadrant = settings.known("quad", "quadrant") or (0, False)
     chosen = settings.known("angle_def", "definition") or (0, False)
     deg_per_count = resolution[0] * float(settings.data.get("resolution_deg", 0.001))
@@ -325,13 +464,14 @@ def tilt_scale(
 def _axis(
     definition: Mapping[str, Any], axis: int, quadrant: int, deg_per_count: float, choice: Any
 ) -> AxisScale:
-    corrected = quadrant == 2 and axis in definition["corrected"]
-    full_circle = corrected or (quadrant == 0 and definition["high"][axis] > 180)
-    low, high = (0.0, 360.0) if full_circle else (-180.0, 180.0)
+    low, high = float(definition["low"][axis]), float(definition["high"][axis])
+    if quadrant and axis in definition["corrected"]:
+        low, high = (0.0, 360.0) if quadrant == 2 else (-180.0, 180.0)
     ambiguous = 65536 * deg_per_count < 360.0
-    overflows = full_circle and 32768 * deg_per_count < 360.0 and not ambiguous
-    unsigned = overflows if choice is None else choice in ("yes", True)
-    return AxisScale(definition["axes"][axis], low, high, unsigned, ambiguous)
+    overflows = high > 180 and 32768 * deg_per_count < 360.0 and not ambiguous
+    forced = choice in ("yes", True)
+    unsigned = overflows if choice is None else forced
+    return AxisScale(definition["axes"][axis], low, high, unsigned, ambiguous, forced)
 
 
 def tilt_axis(device: Device | None, index: int) -> int | None:
@@ -344,7 +484,8 @@ def tilt_deg(raw: Counts, bits: int, deg_per_count: float, axis: AxisScale) -> D
     """Degrees of raw values of a `bits`-wide signed object: raw x 6000h / 1000 (JN2100 sheet 6.1).
 
     Where 0..360 deg overflow 16 bits, a value is read unsigned if that gives a possible angle;
-    an impossible one stays as sent, so that it shows.
+    an impossible one stays as sent, so that it shows. Where the user says that 16 bits are
+    unsigned, all of them are.
 
     >>> axis = AxisScale("", 0, 360, True, False)
     >>> tilt_deg(np.array([-30536, -2370]), 16, 0.01, axis).round(2).tolist()
@@ -354,7 +495,8 @@ def tilt_deg(raw: Counts, bits: int, deg_per_count: float, axis: AxisScale) -> D
     if bits != 16 or not axis.unsigned_16:
         return signed
     unsigned = (raw & 0xFFFF).astype(np.float64) * deg_per_count
-    return np.where(unsigned < axis.high_deg, unsigned, signed)
+    possible = unsigned < axis.high_deg
+    return unsigned if axis.forced_16 else np.where(possible, unsigned, signed)
 
 
 def tilt_steps(angle_deg: Degrees) -> Degrees:
@@ -383,3 +525,10 @@ def measured_by(
 def position_objects(device: Device | None) -> tuple[tuple[int, int], ...]:
     """Objects (index, sub) whose values make angle traces."""
     return tuple(device.measurement.get("position", ())) if device else ()
+
+
+def measuring_device(device: Device | None, device_type: int | None) -> Device | None:
+    """Whose rules a node measures by: its device, else one of the CiA profile that 1000h names."""
+    if position_objects(device):
+        return device
+    return standard_device((device_type or 0) & 0xFFFF)

@@ -1,9 +1,14 @@
 """Tilt of a two-axis inclinometer: its four angle definitions and the direction of gravity.
 
 Frame (JN2100 sheet 6.2): xy = mounting plane, x = printed arrow, z perpendicular to it, all
-right-handed; longitudinal = turn about y, lateral = turn about x. `gravity` is (n, 3), a unit
-vector in that frame that is (0, 0, 1) when level, with the signs with which the manual's excavator
-table (8.5) comes out. Angles are degrees, (n,). What cannot be converted is NaN.
+right-handed; longitudinal = turn about y, lateral = turn about x. `gravity` is (n, 3), the vertical
+as a unit vector in that frame: (0, 0, 1) when level, with the signs with which the manual's
+excavator table (8.5) comes out (gx = sin of the longitudinal angle, gy = sin of the lateral one, for
+a tilt about one axis). A pose turns that very vector into the z axis of the world, so that a
+positive longitudinal angle raises x and a positive lateral angle raises y: a right-handed turn about
+x, and a left-handed one about y. In which sense a real sensor counts, the manual does not say (its
+drawing is lost): where it counts the other way, both angles change their sign and the pose is turned
+by half a turn about z. Angles are degrees, (n,). What cannot be converted is NaN.
 """
 
 from dataclasses import dataclass
@@ -139,11 +144,12 @@ def slope_deg(gravity: Vectors) -> Degrees:
 def pose_of(gravity: Vectors) -> NDArray[np.float64]:
     """The pose of the sensor without a turn about the vertical, which no inclinometer knows.
 
-    Quaternions (n, 4) as x, y, z, w, that turn vectors of the sensor's frame into a world with z up.
-    Turns about x and y follow the right-hand rule; the manual does not draw their sense.
+    Quaternions (n, 4) as x, y, z, w, that turn vectors of the sensor's frame into a world with z up:
+    `gravity` itself becomes (0, 0, 1). A positive longitudinal angle raises x, a positive lateral one
+    y; in which sense the sensor counts is not in the manual.
     """
     x, y, z = np.asarray(gravity, np.float64).T
-    quaternion = np.stack([y, x, np.zeros(len(x)), 1.0 + z], axis=1)
+    quaternion = np.stack([y, -x, np.zeros(len(x)), 1.0 + z], axis=1)
     # Upside down there are many shortest ways: take the turn about x.
     quaternion[np.hypot(x, y) + 1.0 + z < _NOWHERE] = [1.0, 0.0, 0.0, 0.0]
     quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)

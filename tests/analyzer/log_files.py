@@ -4,6 +4,7 @@ import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from decimal import Decimal
 from io import BytesIO
 
 from mcap.writer import CompressionType, Writer
@@ -33,9 +34,9 @@ FRAMES: tuple[Row, ...] = (
     row(1_500, 0x18DAF110, bytes(range(64)), flags=FD | BRS | EXTENDED),
     row(1_650, 0x111, b"\x01\x02", flags=FD | BRS | ESI, bus=1),
     row(3_601_000_000, 0x000, bytes.fromhex("0100"), flags=TX),
-    row(90_000_000_000, 0x085, bytes.fromhex("3081110000000000")),
+    row(30_000_000_000, 0x085, bytes.fromhex("3081110000000000")),
 )
-"""Every kind of frame, on two buses, over more than a day."""
+"""Every kind of frame, on two buses, past midnight."""
 
 Encoder = Callable[[Sequence[Row]], bytes]
 Keeper = Callable[[Row], Row | None]
@@ -161,8 +162,8 @@ def asc(frames: Sequence[Row]) -> bytes:
 
 def trc(frames: Sequence[Row]) -> bytes:
     """PEAK TRC 2.1."""
-    days = (T0_NS // 10**9) / 86400 + 25569
-    lines = [";$FILEVERSION=2.1", f";$STARTTIME={days:.14f}", ";$COLUMNS=N,O,T,B,I,d,R,L,D", ";"]
+    days = Decimal(T0_NS // 10**9) / 86400 + 25569
+    lines = [";$FILEVERSION=2.1", f";$STARTTIME={days:.20f}", ";$COLUMNS=N,O,T,B,I,d,R,L,D", ";"]
     for number, frame in enumerate(frames, 1):
         flags, ms = _flags(frame), (frame[0] - T0_NS) // 1000
         kind = "DT"

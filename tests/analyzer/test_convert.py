@@ -8,9 +8,18 @@ import pytest
 
 from syncline_analyzer.convert import convert
 from syncline_analyzer.info import inspect
+from syncline_analyzer.writers.formats import (
+    BUS_NAMES,
+    ERROR_CONTENTS,
+    GAPS,
+    MARKS,
+    WRITE_FORMATS,
+    WriteFormat,
+)
 from syncline_schemas.batch import FrameFlag, Gap
 from syncline_schemas.errors import CaptureError, UsageError
 from tests.analyzer.log_builder import T0_NS, read, rows
+from tests.analyzer.log_files import FRAMES, busmaster, sll2
 
 LOG = """(1700000000.000001) can0 123#1122
 (1700000000.000002) can0 20000040#0001020304050607
@@ -36,7 +45,11 @@ def _source(tmp_path: Path, text: str = LOG, name: str = "a.log") -> Path:
         ("x.asc", {"bus names": 2, "contents of error frames": 1}),
         ("x.blf", {"bus names": 2}),
         ("x.trc", {"bus names": 2, "contents of error frames": 1}),
-        ("x.csv", {"CAN FD flags": 1}),
+        ("x.log.zst", {}),
+        ("x.pcapng", {}),
+        ("x.pcapng.gz", {}),
+        ("x.csv", {}),
+        ("x.csv.zst", {}),
     ],
 )
 def test_what_a_format_cannot_hold_is_counted(
@@ -47,6 +60,61 @@ def test_what_a_format_cannot_hold_is_counted(
     assert result.lost == lost
     assert result.complete == (not lost)
     assert len(read(tmp_path / name)[0]) == 5
+
+
+def test_parquet_holds_every_column(tmp_path: Path) -> None:
+    import pandas as pd
+
+    result = convert([_source(tmp_path)], tmp_path / "x.parquet")
+    assert (result.frames, result.lost) == (5, {})
+    table = pd.read_parquet(tmp_path / "x.parquet")
+    assert table.t.astype("int64").tolist() == [T0_NS + k * 1000 for k in (1, 2, 3, 4, 3)]
+    assert table.t.dt.tz is not None
+    assert table.bus.tolist() == ["can0", "can0", "vcan7", "can0", "can0"]
+    assert table.can_id.tolist() == [0x123, 0x40, 0x18FF0011, 0x70A, 0x181]
+    assert table.data.tolist() == [b"\x11\x22", bytes(range(8)), b"\x5a", b"", b"\0"]
+    assert table.dlc.tolist() == [2, 8, 1, 1, 1]
+    marked = {
+        name: table.index[table[name]].tolist() for name in table if table[name].dtype == bool
+    }
+    assert marked == {
+        "extended": [2],
+        "remote": [3],
+        "error": [1],
+        "fd": [2],
+        "brs": [2],
+        "esi": [],
+        "tx": [4],
+        "length_contradicts": [],
+    }
+
+
+def test_a_name_that_a_format_has_to_change_is_counted(tmp_path: Path) -> None:
+    capture = tmp_path / "bag"
+    capture.write_bytes(sll2(FRAMES))
+    assert convert([capture], tmp_path / "x.log").lost == {"bus names": 2}
+    assert convert([capture], tmp_path / "x.pcapng").lost == {}
+
+
+def test_what_is_known_besides_the_frames_is_not_lost_silently(tmp_path: Path) -> None:
+    capture = tmp_path / "bm.log"
+    capture.write_bytes(busmaster(FRAMES))
+    assert convert([capture], tmp_path / "x.mcap").lost == {}
+    assert convert([capture], tmp_path / "x.pcapng").lost == {}
+    assert read(tmp_path / "x.pcapng")[1].bitrates == {"1": 500_000}
+    assert convert([capture], tmp_path / "x.csv").lost == {"bit rates": 1}
+
+
+@pytest.mark.parametrize("form", WRITE_FORMATS, ids=[form.name for form in WRITE_FORMATS])
+def test_what_a_format_loses_is_what_its_entry_says(tmp_path: Path, form: WriteFormat) -> None:
+    contradictory = "  (1700000005.000000)  can0  123   [4]  05\n"
+    text = LOG + DROPPED + contradictory
+    known = {GAPS, MARKS, BUS_NAMES, ERROR_CONTENTS}
+    if form.name not in ("asc", "trc", "blf"):
+        known -= {BUS_NAMES}  # only numbered buses lose these names
+    result = convert([_source(tmp_path, text)], tmp_path / f"x{form.endings[0]}")
+    assert result.frames == 6
+    assert set(result.lost) == set(form.cannot) & known
 
 
 def test_a_capture_keeps_gaps_and_a_log_counts_them(tmp_path: Path) -> None:
@@ -75,7 +143,7 @@ def test_what_the_inputs_could_not_tell_is_handed_on(tmp_path: Path) -> None:
     assert result.lost == {"bus names": 1, "that there are no times": 1}
 
 
-@pytest.mark.parametrize("name", ["x.doc", "x", "x.mcap.gz", "a.log"])
+@pytest.mark.parametrize("name", ["x.doc", "x", "x.mcap.gz", "x.parquet.zst", "a.log"])
 def test_an_output_that_makes_no_sense_is_refused(tmp_path: Path, name: str) -> None:
     source = _source(tmp_path)
     with pytest.raises(UsageError):

@@ -210,3 +210,88 @@ def test_what_restored_defaults_took_back_is_not_called_unstorable() -> None:
     restored = told.finding("device.defaults_pending")
     (lost,) = (link for link in restored.chain if link.id == "device.lost_at_reset")
     assert "back from 20 to 515 (the defaults were restored)" in lost.text
+
+
+def overridden(text: str, device: str = "lir-ma158k") -> Script:
+    script = encoder(device)
+    script.overrides = text
+    return turning(script)
+
+
+@pytest.mark.triggers("device.override_contradicted")
+@pytest.mark.parametrize(
+    ("override", "told"),
+    [("cpr = 4096", TURN), ("turns = 16", 4096), ("range = 77", TURN * 4096)],
+)
+def test_the_bus_counts_more_than_a_number_of_the_description(override: str, told: int) -> None:
+    result = overridden(override).told()
+    found = result.finding("device.override_contradicted")
+    name, _, given = override.partition(" = ")
+    assert (found.severity, found.node) == ("warning", 1)
+    assert f"{name} = {given}" in found.text
+    assert f"told {told}" in found.text
+    assert found.evidence
+    assert result.trace_row().shows.startswith(f"{TURN} counts per turn, range {TURN * 4096}")
+    assert [each for each in result.ids if each.startswith("angle.")] == []
+
+
+@pytest.mark.near_miss("device.override_contradicted")
+@pytest.mark.parametrize("override", ["cpr = 8192", "range = 33554432\nmax_rpm = 500", ""])
+def test_a_number_that_the_bus_bears_out_is_right(override: str) -> None:
+    assert "device.override_contradicted" not in overridden(override).told().ids
+
+
+@pytest.mark.near_miss("device.override_contradicted")
+def test_a_number_that_the_bus_does_not_tell_is_the_users() -> None:
+    script = Script("haomiao-38", overrides="cpr = 4096")
+    told = turning(script).told()
+    assert told.accusations == []
+    assert told.trace_row().shows.startswith("4096 counts per turn")
+
+
+@pytest.mark.triggers("device.override_contradicted")
+def test_a_resolution_that_was_read_counts_more() -> None:
+    script = Script("jn2100", 10, overrides="res = 10").read(-50, 0x6000, 0, 100, size=2)
+    told = script.pdo(0, 1000, 20, lambda _: (200, 100), bits=16).told()
+    assert told.trace(0x6010).value[0] == pytest.approx(20.0)
+    assert "res = 10" in told.finding("device.override_contradicted").text
+
+
+def on_one_shaft(other: int, *, also: int | None = None) -> Script:
+    """Node 2 is said to share a shaft; node `also` turns with it."""
+    script = encoder()
+    script.more = (
+        f'[node.2]\ndevice = "lir-ma158k"\nsame_shaft_as = {other}\n[node.2.objects]\n'
+        '"6001" = 8192\n"6502" = 4096\n'
+    )
+    for node in (1, *((also,) if also else ())):
+        script.node = node
+        turning(script)
+    return script
+
+
+@pytest.mark.triggers("device.shafts_not_compared")
+def test_a_shaft_that_no_other_node_is_on_is_told() -> None:
+    found = on_one_shaft(9, also=2).told().finding("device.shafts_not_compared")
+    assert (found.severity, found.node) == ("info", 2)
+    assert "no position of node 9" in found.text
+    assert "same_shaft_as = 9" in found.check_next
+
+
+@pytest.mark.triggers("device.shafts_not_compared")
+def test_an_encoder_that_is_not_there_cannot_be_compared() -> None:
+    found = on_one_shaft(1).told().finding("device.shafts_not_compared")
+    assert "no position of node 2" in found.text
+
+
+@pytest.mark.near_miss("device.shafts_not_compared")
+def test_shafts_that_are_compared_are_left_in_peace() -> None:
+    told = on_one_shaft(1, also=2).told()
+    assert "device.shafts_not_compared" not in told.ids
+    assert told.analysis.shafts[0].compared > 0
+
+
+@pytest.mark.near_miss("device.shafts_not_compared")
+def test_a_bus_on_which_neither_encoder_is_says_nothing() -> None:
+    script = on_one_shaft(9)
+    assert "device.shafts_not_compared" not in script.told().ids

@@ -16,7 +16,7 @@ from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
 from syncline_schemas.errors import CaptureError
 from tests.analyzer.log_builder import CAPTURES, T0_NS, Row, read, rows
 
-ENDINGS = [".log", ".asc", ".blf", ".trc", ".csv", ".mcap"]
+ENDINGS = [".log", ".asc", ".blf", ".trc", ".csv", ".pcapng", ".mcap"]
 SCREEN = (
     " (1700000000.{i:06d})  can0  {id:03X}   [{n}]  {data}\n"
     " (1700000000.{i:06d})  can0  18FF0000   [1]  05   '.'\n"
@@ -129,7 +129,8 @@ def test_an_empty_file_is_no_capture(tmp_path: Path) -> None:
         (b"\x28\xb5\x2f\xfdgarbage", "nothing can be read"),
         (b"LOGG", "cut off"),
         (b"MDF     4.10", "ASAM MDF"),
-        (b"\x0a\x0d\x0d\x0a" + bytes(50), "pcapng"),
+        (b"\xd4\xc3\xb2\xa1", "cut off"),
+        (b"PAR1", "Parquet"),
         (b"a,b,c\n1,2,3\n", "no known format"),
     ],
 )
@@ -242,6 +243,19 @@ LINES = {
     ),
     "trc": (";$FILEVERSION=1.1\n;$STARTTIME=45244.9\n", "  17)  1234.5  Rx   0123  2  11 A4\n"),
     "csv": ("timestamp,bus,id,extended,dlc,data\n", "1700000000.123456,can0,0x123,0,2,11a4\n"),
+    "kvaser": (
+        "Chn Identifier Flg   DLC  D0...1...2...3...4...5...6..D7       Time     Dir\n",
+        " 0    00000123 X       2  11  A4                            154.266550 R\n",
+    ),
+    "busmaster": (
+        "***BUSMASTER Ver 3.2.2***\n***PROTOCOL CAN***\n***HEX***\n***SYSTEM MODE***\n",
+        "11:49:12:9420 Rx 1 0x123 s 2 11 A4\n",
+    ),
+    "home-made": (
+        "Zeit [ms];ID;Kanal;Typ;B0;B1\n",
+        "12345,678;00000A23;1;Data;0x11;0xA4\n",
+    ),
+    "clock": ("Time,Id,Data\n", "2023-11-14 22:13:20.123,7A1,11 A4\n"),
     "ixxat": (
         "ASCII Trace IXXAT MiniMon V3\nDate: 28.01.2025\nStart time: 10:47:15\n",
         '"00:02:20.66";"83";"Std";"";"11 A4 "\n',

@@ -332,6 +332,22 @@ def test_answers_after_the_client_s_time_out() -> None:
     assert "it took 700 ms, and the client waits 500 ms" in finding.text
 
 
+def asked_twice(first_ms: float) -> list[Row]:
+    """Two reads that the client gives up after 500 ms, and an answer 700 ms after the second."""
+    asked = [frame(t, 0x605, "4000100000000000") for t in (first_ms, 9000)]
+    aborted = [frame(t + 500, 0x605, "8000100000000405") for t in (first_ms, 9000)]
+    return ordered(asked, aborted, [frame(9700, 0x585, "4300100096010100")])
+
+
+@pytest.mark.triggers("sdo.late_answer")
+@pytest.mark.parametrize(("first_ms", "told"), [(2000, "700 ms"), (8000, "1.7 s")])
+def test_an_answer_is_not_that_to_a_request_of_long_ago(first_ms: float, told: str) -> None:
+    """Unless the client repeats it at its time-out: then a busy node answers the first."""
+    alive = ordered(heartbeats(0, 10_000), heartbeats(0, 10_000, node=9))
+    late = [f for f in run(*ordered(asked_twice(first_ms), alive)).findings() if "late" in f.id]
+    assert [f"it took {told}, and the client waits 500 ms" in f.text for f in late] == [True]
+
+
 @pytest.mark.near_miss("sdo.late_answer")
 def test_two_clients_that_read_the_same_object() -> None:
     asked = [frame(t, 0x605, "4000100000000000") for t in (100, 101)]

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from syncline_logger.manifest import Manifest, MarkNote, Segment
 from syncline_logger.retention import Keep, surplus
 from syncline_logger.segments import Split
+from syncline_logger.triggers.plan import TriggerPlan
 from tests.logger.store_runs import T0, FailingDisk, Run, S, files_of, is_sorted, numbers_in
 
 DAY = 86_400 * S
@@ -156,7 +157,8 @@ def test_a_file_that_was_replaced_by_another_is_not_deleted(tmp_path: Path) -> N
 
 
 def test_a_marked_segment_of_an_earlier_recording_stays(tmp_path: Path) -> None:
-    before = Run(tmp_path, recording_id="old", split=Split(6_000)).step(6)
+    alone = TriggerPlan(before_ns=0, after_ns=0)
+    before = Run(tmp_path, recording_id="old", split=Split(6_000), triggers=alone).step(6)
     before.recording.mark("EMCY 8130h", before.now_ns)
     before.step(6).finish()
     [marked] = [

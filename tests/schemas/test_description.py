@@ -143,6 +143,36 @@ overrides = { quad = 9, cpr = 1 }
     assert said.count("\n") == 11
 
 
+@pytest.mark.parametrize("device", ['device = "lir-da158a"', ""])
+@pytest.mark.parametrize(
+    ("setting", "said"),
+    [
+        ("range = 1.5", "range: 1.5 is no whole number from 1 to"),
+        ("range = 4096.0", "range: 4096.0 is no whole number"),
+        ("cpr = 0", "cpr: 0 is no whole number from 1 to 4294967295"),
+        ("cpr = true", "cpr: True is no "),
+        ("turns = -1", "turns: -1 is no whole number"),
+        ("max_rpm = 0", "max_rpm: 0 is no number from 0.001 to 1e+06"),
+        ("max_rpm = nan", "max_rpm: nan is no number"),
+        ("reset_quiet_s = -1", "reset_quiet_s: -1 is no number from 0 to 3600"),
+        ("bootup_bytes = [300]", "bootup_bytes: [300] is no list of numbers from 0 to 255"),
+    ],
+)
+def test_numbers_of_settings_must_make_sense(device: str, setting: str, said: str) -> None:
+    with pytest.raises(DescriptionError) as caught:
+        BusDescription.loads(f"[node.1]\n{device}\n[node.1.overrides]\n{setting}\n")
+    assert f"node.1.overrides: {'settings of lir-da158a: ' if device else ''}{said}" in str(
+        caught.value
+    )
+
+
+def test_every_wrong_number_is_told_at_once() -> None:
+    text = '[node.1]\ndevice = "lir-da158a"\n[node.1.overrides]\ncpr = 0\nturns = -1\nrange = 1.5'
+    with pytest.raises(DescriptionError) as caught:
+        BusDescription.loads(text)
+    assert all(name in str(caught.value) for name in ("cpr: 0", "turns: -1", "range: 1.5"))
+
+
 def test_what_is_no_toml_or_not_there(tmp_path: Path) -> None:
     with pytest.raises(DescriptionError, match="is no TOML"):
         BusDescription.loads("[bus")

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from syncline_schemas.devices import load_device
+from syncline_schemas.devices import load_device, standard_device
 from syncline_schemas.measurement import (
     EncoderScale,
     Lookup,
@@ -64,11 +64,52 @@ def test_the_range_follows_from_the_turns_where_it_was_not_read() -> None:
     assert (guessed.range_counts, guessed.assumed) == (8192, ("range",))
 
 
-def test_the_user_has_the_last_word() -> None:
-    told = scale("lir-da158", {0x6001: 131072}, cpr=1024, turns=16, direction="ccw", max_rpm=100)
+def test_the_user_has_the_word_where_the_bus_told_nothing() -> None:
+    told = scale("lir-da158", cpr=1024, turns=16, direction="ccw", max_rpm=100)
     assert (told.counts_per_turn, told.range_counts, told.clockwise) == (1024, 16384, False)
     assert (told.assumed, told.max_rpm) == ((), 100)
     assert scale("lir-da158", {0x6001: 131072}, cpr="auto").counts_per_turn == 131072
+
+
+def test_numbers_that_the_bus_told_count_more_than_those_of_the_user() -> None:
+    told = scale("lir-da158", {0x6001: 8192, 0x6502: 4096}, cpr=4096, turns=16, range=77)
+    assert (told.counts_per_turn, told.range_counts) == (8192, 8192 * 4096)
+    assert scale("haomiao-38", {0x6000: 0}, cpr=4096).counts_per_turn == 8192
+    assert scale("haomiao-38", {0x6001: 4096}, cpr=4096).counts_per_turn == 4096, "assumed only"
+    assert tilt({0x6000: 10, 0x2040: 1}, res=100, quad=2).deg_per_count == pytest.approx(0.01)
+    assert tilt({0x6000: 10, 0x2040: 1}, res=100, quad=2).axes[0].high_deg == 180
+
+
+HARDWARE = {0x6001: 4096, 0x6002: 4096 * 4096, 0x6501: 8192, 0x6502: 4096}
+"""Programmed to half the counts per turn that the hardware has."""
+
+
+@pytest.mark.parametrize(
+    ("known", "cpr", "total", "assumed"),
+    [
+        (HARDWARE | {0x6000: 0}, 8192, 8192 * 4096, ()),
+        (HARDWARE | {0x6000: 4}, 4096, 4096 * 4096, ()),
+        (HARDWARE | {0x6000: 5}, 4096, 4096 * 4096, ()),
+        ({0x6000: 0, 0x6001: 4096, 0x6002: 4096 * 16, 0x6501: 8192}, 8192, 8192 * 16, ("range",)),
+        ({0x6000: 0, 0x6001: 4096, 0x6002: 4096 * 16}, 4096, 4096 * 16, ("cpr", "range")),
+        ({0x6001: 4096, 0x6002: 4096 * 16}, 4096, 4096 * 16, ("scaling", "direction")),
+        (HARDWARE, 4096, 4096 * 4096, ("cpr", "range", "scaling", "direction")),
+        (HARDWARE | {0x6501: 4096}, 4096, 4096 * 4096, ("direction",)),
+    ],
+)
+def test_scaling_of_any_encoder_of_cia_406(
+    known: dict[int, int], cpr: int, total: int, assumed: tuple[str, ...]
+) -> None:
+    """While 6000h bit 2 is 0 the hardware counts (6501h, 6502h), not 6001h and 6002h."""
+    read = encoder_scale(standard_device(406), lookup(known))
+    assert (read.counts_per_turn, read.range_counts, read.assumed) == (cpr, total, assumed)
+
+
+def test_the_user_says_whether_the_scaling_is_on() -> None:
+    for choice, cpr in (("on", 4096), ("off", 8192)):
+        read = encoder_scale(standard_device(406), lookup(HARDWARE), {"scaling": choice})
+        assert (read.counts_per_turn, read.range_counts) == (cpr, cpr * 4096)
+        assert read.assumed == ("direction",)
 
 
 @pytest.mark.parametrize(
@@ -135,11 +176,17 @@ def tilt(known: dict[int, int], **overrides: object) -> TiltScale:
         ({0x6000: 10, 0x2040: 2}, 0, True, False, (0, 360)),
         ({0x6000: 10, 0x2040: 1}, 0, False, False, (-180, 180)),
         ({0x6000: 1, 0x2040: 2}, 0, False, True, (0, 360)),
-        ({0x6000: 10, 0x2040: 2, 0x2044: 1}, 0, False, False, (-180, 180)),
+        ({0x6000: 10, 0x2040: 2, 0x2044: 1}, 0, False, False, (-90, 180)),
         ({0x6000: 10, 0x2040: 2, 0x2044: 1}, 1, True, False, (0, 360)),
         ({0x6000: 10, 0x2040: 0, 0x2044: 1}, 1, True, False, (0, 360)),
-        ({0x6000: 10, 0x2040: 2, 0x2044: 2}, 0, False, False, (-180, 180)),
-        ({0x6000: 10, 0x2040: 2, 0x2044: 3}, 1, False, False, (-180, 180)),
+        ({0x6000: 10, 0x2040: 2, 0x2044: 2}, 0, False, False, (-90, 90)),
+        ({0x6000: 10, 0x2040: 2, 0x2044: 2}, 1, True, False, (0, 360)),
+        ({0x6000: 10, 0x2040: 2, 0x2044: 3}, 1, False, False, (-90, 90)),
+        ({0x6000: 10, 0x2040: 0, 0x2044: 0}, 0, False, False, (-90, 90)),
+        ({0x6000: 10, 0x2040: 0, 0x2044: 0}, 1, False, False, (-90, 90)),
+        ({0x6000: 10, 0x2040: 0, 0x2044: 2}, 1, False, False, (-180, 180)),
+        ({0x6000: 10, 0x2040: 0, 0x2044: 3}, 0, False, False, (-180, 180)),
+        ({0x6000: 10, 0x2040: 1, 0x2044: 1}, 1, False, False, (-180, 180)),
     ],
 )
 def test_how_sixteen_bits_are_read(
@@ -148,6 +195,27 @@ def test_how_sixteen_bits_are_read(
     found = tilt(known).axes[axis]
     assert (found.unsigned_16, found.ambiguous_16) == (unsigned, ambiguous)
     assert (found.low_deg, found.high_deg) == low_high
+
+
+def test_which_angles_an_axis_can_show() -> None:
+    full, half, quarter = (tilt({0x2040: quad}).axes[0] for quad in (2, 1, 0))
+    assert full.outside(np.array([-0.1, 0, 359.9, 360])).tolist() == [True, False, False, True]
+    assert half.outside(np.array([-180.1, -180, 180, 180.1])).tolist() == [True, False, False, True]
+    assert quarter.outside(np.array([-90.1, -90, 90, 120])).tolist() == [True, False, False, True]
+
+
+def test_sixteen_bits_that_the_user_calls_unsigned_are() -> None:
+    axis = tilt({0x6000: 10, 0x2040: 1}, i16_unsigned="yes").axes[0]
+    raw = np.array([35000 - 65536, -1, 1000])
+    assert tilt_deg(raw, 16, 0.01, axis).tolist() == pytest.approx([350.0, 655.35, 10.0])
+    assert tilt_deg(raw, 32, 0.01, axis).tolist() == pytest.approx([-305.36, -0.01, 10.0])
+    assert axis.of_bits(16).outside(np.array([350.0, 655.35])).tolist() == [False, True]
+    assert axis.of_bits(32).outside(np.array([-10.0, 350.0])).tolist() == [False, True]
+
+
+def test_an_inclinometer_of_no_known_device_may_show_half_a_circle() -> None:
+    axis = tilt_scale(standard_device(410), lookup({0x6000: 10})).axes[0]
+    assert (axis.low_deg, axis.high_deg) == (-180, 180)
 
 
 def test_what_was_assumed_of_an_inclinometer() -> None:

@@ -56,7 +56,7 @@ class ByteColumns:
         taken = view[np.minimum(at + offset, len(view) - 1)]
         return taken.view(np.uint8).reshape(len(at), width)
 
-    def words(self, start: int, end: int, offset: int = 0, step: int = 4) -> Column:
+    def words(self, start: int, end: int, offset: int = 0, step: int = 4) -> NDArray[np.int64]:
         """(m,) the four bytes at `offset` behind each `step`-th place of [start, end), int64."""
         count = max(0, -(-(end - start) // step))
         view = np.ndarray((count,), f"{self._order}u4", self._data, start + offset, (step,))

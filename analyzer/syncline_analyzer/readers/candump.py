@@ -33,7 +33,11 @@ SCREEN_LINE = re.compile(
     rb"\.(?P<df>\d+)|(?P<s>\d+)\.(?P<f>\d+))\)\s*|(?P<bs>\d+)\.(?P<bf>\d+)\s+)?"
     rb"(?P<bus>[A-Za-z_][^\s()\[\]#]*)\s+(?:(?P<way>RX|TX)\s+(?P<brs>[B-])\s+(?P<esi>[E-])\s+)?"
     rb"(?P<id>" + _HEX + rb"{1,8})\s+(?:\[(?P<n>\d{1,2})\]|\{" + _HEX + rb"\})"
-    rb"(?:\s+(?P<remote>remote request)|\s+(?P<data>"
+    rb"(?:\s+(?P<remote>remote request)|\s+(?P<swapped>(?:[01]{8}|"
+    + _HEX
+    + rb"{2})(?:`(?:[01]{8}|"
+    + _HEX
+    + rb"{2}))+)(?=\s|$)|\s+(?P<bits>[01]{8}(?: [01]{8})*)(?=\s|$)|\s+(?P<data>"
     + _HEX
     + rb"{2}(?: "
     + _HEX
@@ -137,6 +141,9 @@ class CandumpFormat(LineFormat):
         if count > (64 if flags & FrameFlag.FD else 8) or stated > 64:
             return None
         dlc = count
+        odd = _odd_data(found)
+        if odd is not None and len(odd) <= 64:
+            return self._odd_screen_frame(found, int(flags), stated, odd)
         if found["remote"] is not None:
             flags |= FrameFlag.REMOTE
             dlc = min(stated, 8)
@@ -157,6 +164,20 @@ class CandumpFormat(LineFormat):
             anything=_tail(found, tail) if 0 < count == stated else (),
             t_base_ns=base_ns,
         )
+
+    def _odd_screen_frame(
+        self, found: re.Match[bytes], flags: int, stated: int, data: bytes
+    ) -> Parsed:
+        """A frame whose data are printed as bits (`-i`) or from the last to the first (`-S`)."""
+        times, digits, base_ns = self._screen_times(found)
+        if base_ns is None:
+            return None
+        flags |= FrameFlag.DLC_INVALID if len(data) != stated else 0
+        layout = self._layout(
+            found, flags, len(data), times, digits, data_start=0, data_count=0, t_base_ns=base_ns
+        )
+        row = None if layout is None else layout.row(found.string)
+        return None if row is None else OddFrame((*row[:5], data), timed=bool(times))
 
     def _screen_times(self, found: re.Match[bytes]) -> tuple[Times, tuple[Span, ...], int | None]:
         if found["date"] is not None:
@@ -220,6 +241,14 @@ class CandumpFormat(LineFormat):
         )
 
 
+def _odd_data(found: re.Match[bytes]) -> bytes | None:
+    if found["swapped"] is None and found["bits"] is None:
+        return None
+    written = (found["swapped"] or found["bits"]).replace(b"`", b" ").split()
+    data = bytes(int(byte, 2 if len(byte) == 8 else 16) for byte in written)
+    return data[::-1] if found["swapped"] else data
+
+
 def _tail(found: re.Match[bytes], tail: Span) -> tuple[Span, ...]:
     # Only a column in quotes cannot be taken for something else in another line.
     if tail[0] < 0:
@@ -250,4 +279,5 @@ def _are_differences(head: bytes) -> bool:
 
 def is_candump(lines: list[bytes]) -> bool:
     """Whether any of these lines is one of candump's."""
-    return any(LOG_LINE.match(line) or SCREEN_LINE.match(line) for line in lines)
+    plain = (_ESCAPES.sub(b"", line) for line in lines)
+    return any(LOG_LINE.match(line) or SCREEN_LINE.match(line) for line in plain)

@@ -53,7 +53,16 @@ _UNITS: Final = {
     "ns": 1,
     "nanoseconds": 1,
 }
-_BASES: Final = {"hex": 16, "hexadecimal": 16, "h": 16, "dec": 10, "decimal": 10}
+_BASES: Final = {
+    "hex": 16,
+    "hexadecimal": 16,
+    "h": 16,
+    "dec": 10,
+    "decimal": 10,
+    "dez": 10,
+    "dezimal": 10,
+    "déc": 10,
+}
 _FILLERS: Final = frozenset(("abs", "rel", "absolute", "relative", "utc", "of", "day"))
 _BYTE_NAME: Final = re.compile(r"(?:d|b|db|data|byte|data_byte|databyte)_?[0-9]{1,2}")
 _ENCODINGS: Final = ("utf-8", "gb18030", "cp1252")
@@ -161,7 +170,7 @@ def _by_header(line: bytes) -> CsvColumns | None:
     unit_ns = id_base = data_base = None
     for name in names:
         role, unit, base = _role(name)
-        if role in columns and role != "byte":
+        if role in columns and role not in ("byte", "kind"):
             # Of two kinds of times the first counts, but a time counts more than a difference.
             role = "other"
         if role in ("time", "delta") and unit is not None and unit_ns is None:

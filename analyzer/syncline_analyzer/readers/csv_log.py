@@ -61,6 +61,7 @@ class CsvFormat(LineFormat):
         super().__init__(CaptureFacts(path, "csv", time_base="none"))
         self._columns = columns
         self._at = {role: place for place, role in reversed(list(enumerate(columns.roles)))}
+        self._kinds = [place for place, role in enumerate(columns.roles) if role == "kind"]
         self._bytes = [place for place, role in enumerate(columns.roles) if role == "byte"]
         self._unit_ns = SECOND_NS
         self._id_base = columns.id_base or 16
@@ -91,6 +92,7 @@ class CsvFormat(LineFormat):
         }
         if not is_number(row["id"]):
             return None
+        row["kind"] = b" ".join(line[slice(*cells[at])] for at in self._kinds if at < len(cells))
         row["bytes"] = b" ".join(line[slice(*cells[at])] for at in self._bytes if at < len(cells))
         return row
 

@@ -108,7 +108,7 @@ READ_FORMATS: Final = (
     ReadFormat(
         "mf4",
         (".mf4",),
-        'ASAM MDF 4 bus logs; needs `pip install "syncline[mf4]"`',
+        "ASAM MDF 4 bus logs; needs `pip install asammdf`",
         ("times finer than its floating-point numbers", _NAMES),
     ),
 )

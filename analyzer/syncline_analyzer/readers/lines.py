@@ -259,11 +259,11 @@ class TextReader:
         t_ns = parsed.row[0] if isinstance(parsed, OddFrame) else 0
         if isinstance(parsed, NoFrame):
             t_ns = parsed.t_ns or 0
-        return parsed if t_ns < MAX_T_NS else None
+        return parsed if abs(t_ns) < MAX_T_NS else None
 
     def _put_layout(self, layout: FrameLayout, text: bytes, batch: LineBatch, line: int) -> bool:
         row = layout.row(text)
-        if row is None or row[0] >= MAX_T_NS:
+        if row is None or abs(row[0]) >= MAX_T_NS:
             return False
         self._resolution.written(layout.times)
         batch.put_row(line, row, timed=bool(layout.times))

@@ -95,6 +95,7 @@ class McapReader:
             self.facts.clock = scanned.metadata.clock
             self.facts.resolution_ns = scanned.metadata.resolution_ns
             self.facts.time_base = _time_base(scanned.metadata.time_base)
+        self.facts.marks = list(scanned.marks)
         learned = scanned.metadata_records.get(LEARNED_METADATA_NAME, {})
         self.facts.learned = learned_settings(learned)
         for attachment in scanned.attachments:

@@ -1,4 +1,4 @@
-"""ASAM MDF 4 bus logs (CANedge, Vector, ETAS), by way of asammdf: the extra `syncline[mf4]`.
+"""ASAM MDF 4 bus logs (CANedge, Vector, ETAS), by way of asammdf, which is no dependency.
 
 Source: ASAM MDF 4.1 "Bus logging"; channel groups named CAN_DataFrame, CAN_RemoteFrame and
 CAN_ErrorFrame.
@@ -18,7 +18,7 @@ from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
 from syncline_schemas.errors import CaptureError
 
 MF4_MAGIC: Final = (b"MDF     ", b"UnFinMF ")
-PIP_LINE: Final = 'pip install "syncline[mf4]"'
+PIP_LINE: Final = "pip install asammdf"
 _RECORDS_AT_ONCE: Final = 1 << 17
 _KINDS: Final = {
     "CAN_DataFrame": 0,

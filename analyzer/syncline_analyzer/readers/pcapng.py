@@ -129,8 +129,8 @@ class PcapngReader(PacketReader):
 
     def _chain(self, view: ByteColumns, at: int, end: int) -> tuple[Places, int]:
         sizes = view.words(at, end, 4)
-        sizes = np.where((sizes >= 12) & (sizes <= MAX_PACKET), sizes, 0)
-        places, used = chained(sizes, 4, end - at)
+        lengths = np.where((sizes >= 12) & (sizes <= MAX_PACKET), sizes, 0)
+        places, used = chained(lengths, 4, end - at)
         return places + at, used + at
 
     def _runs(self, view: ByteColumns, data: bytes, places: Places) -> Iterator[Places | int]:

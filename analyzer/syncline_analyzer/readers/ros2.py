@@ -20,7 +20,7 @@ from syncline_analyzer.readers.resolution import Resolution
 from syncline_analyzer.readers.times import FIRST_UTC_NS, SECOND_NS
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
 from syncline_schemas.capture.chunk_content import ChunkContent, open_chunk
-from syncline_schemas.capture.record_file import Lost, RawChunk, RecordFile
+from syncline_schemas.capture.record_file import Definition, Lost, RawChunk, RecordFile
 
 CLASSIC_SCHEMAS: Final = ("can_msgs/msg/Frame", "ros2_socketcan_msgs/msg/Frame")
 FD_SCHEMAS: Final = ("ros2_socketcan_msgs/msg/FdFrame",)
@@ -74,8 +74,8 @@ class Ros2Reader:
         with self._path.open("rb") as file:
             records = RecordFile(file)
             summary = records.summary()
-            for each in (*summary.schemas, *summary.channels) if summary else ():
-                self._register(each)
+            if summary is not None:
+                self._register(*summary.schemas, *summary.channels)
             for record in records.records():
                 if isinstance(record, mcap_records.Schema | mcap_records.Channel):
                     self._register(record)
@@ -100,10 +100,14 @@ class Ros2Reader:
                 "each topic is taken for a bus; ros2_socketcan's to_can_bus and from_can_bus are one"
             )
 
-    def _register(self, record: mcap_records.Schema | mcap_records.Channel) -> None:
-        if isinstance(record, mcap_records.Schema):
-            self._schemas.setdefault(record.id, record)
-            return
+    def _register(self, *records: Definition) -> None:
+        for record in records:
+            if isinstance(record, mcap_records.Schema):
+                self._schemas.setdefault(record.id, record)
+            else:
+                self._add_channel(record)
+
+    def _add_channel(self, record: mcap_records.Channel) -> None:
         schema = self._schemas.get(record.schema_id)
         if record.id in self._channels or schema is None or schema.name not in SCHEMAS:
             return
@@ -118,8 +122,7 @@ class Ros2Reader:
         if isinstance(content, str):
             self._damage.append(f"chunk at byte {raw.offset} is damaged: {content}")
             return
-        for each in content.definitions:
-            self._register(each)
+        self._register(*content.definitions)
         if content.damage:
             self._damage.append(f"chunk at byte {raw.offset}: {content.damage}")
         batches: list[FrameBatch] = []

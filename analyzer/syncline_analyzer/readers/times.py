@@ -53,7 +53,7 @@ def utc_ns(
     year: int, month: int, day: int, hour: int = 0, minute: int = 0, second: int = 0
 ) -> int | None:
     """A date as ns since the UNIX epoch; None when there is no such date, or not in int64."""
-    if not 1 <= year < 2200:
+    if not 1900 <= year < 2200:
         return None
     try:
         moment = datetime(year, month, day, hour, minute, second, tzinfo=UTC)

@@ -29,7 +29,7 @@ from syncline_analyzer.results.bus import (
     OverloadRow,
     TimeStampRow,
 )
-from syncline_analyzer.results.capture import CaptureRow, GapRow
+from syncline_analyzer.results.capture import CaptureRow, GapRow, MarkRow
 from syncline_analyzer.results.device import DeviceHealthRow, ObjectChangeRow
 from syncline_analyzer.results.emcy import EmcyContextRow, EmcyRow, ErrorHistoryRow, ErrorRow
 from syncline_analyzer.results.finding import SEVERITY_RANK, Finding, Link, Severity
@@ -79,6 +79,7 @@ __all__ = [
     "LatenessRow",
     "Link",
     "LssRow",
+    "MarkRow",
     "NmtCommandRow",
     "NmtStateRow",
     "NodeRow",

@@ -15,6 +15,16 @@ class GapRow:
 
 
 @dataclass(frozen=True, slots=True)
+class MarkRow:
+    """A moment that the recorder marked: a trigger, or somebody's wish; no fault by itself."""
+
+    t_ns: int
+    reason: str
+    bus: str | None = None
+    node: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class CaptureRow:
     """The capture as a whole."""
 
@@ -38,6 +48,8 @@ class CaptureRow:
     """What could not be read of damaged files; empty when all are whole."""
     cut_ns: int | None = None
     """First stamp taken in where only a part of the capture was; capture time stays since `first_ns`."""
+
+    marks: list[MarkRow] = field(default_factory=list)
 
     @property
     def begin_ns(self) -> int:

@@ -9,6 +9,7 @@ from syncline_analyzer.views.palette import (
     EMCY_CLEAR_COLOUR,
     EMCY_COLOUR,
     GAP_COLOUR,
+    MARK_COLOUR,
     SEVERITY_COLOURS,
     STATE_COLOURS,
     Rgb,
@@ -72,6 +73,8 @@ def marks(analysis: Analysis) -> list[Marks]:
         Marks("EMCY", EMCY_COLOUR, "down", 2, raised),
         Marks("EMCY cleared", EMCY_CLEAR_COLOUR, "up", 2, cleared),
         Marks("recorder blind", GAP_COLOUR, "square", 1, [(gap.start_ns, 0) for gap in gaps]),
+        Marks("marked by the recorder", MARK_COLOUR, "diamond", 2,
+              [(mark.t_ns, 0) for mark in analysis.capture.marks]),
         *(Marks(f"finding: {severity}", SEVERITY_COLOURS[severity], "diamond", 1,
                 _found(analysis, severity)) for severity in severities),
     ]  # fmt: skip
@@ -123,6 +126,11 @@ def nmt_events(analysis: Analysis) -> Iterator[Event]:
         blind = duration(gap.end_ns - gap.start_ns)
         text = f"{gap.bus or 'all buses'}: recorder blind for {blind}: {printable(gap.reason)}"
         yield Event(gap.start_ns, None, "warning", text)
+    for mark in capture.marks:
+        where = f"{mark.bus}: " if mark.bus else ""
+        yield Event(
+            mark.t_ns, None, "info", f"{where}marked by the recorder: {printable(mark.reason)}"
+        )
     labels = names_of(analysis.nodes)
     for state in analysis.nmt_states:
         label = labels.get((state.bus, state.node), node_label(state.node))

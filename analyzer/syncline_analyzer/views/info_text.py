@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from syncline_analyzer.info import CaptureInfo
-from syncline_analyzer.views.words import Clock, duration, printable
+from syncline_analyzer.views.words import Clock, capture_time, duration, printable
 
 MAX_ROWS = 5
 
@@ -29,6 +29,9 @@ def _facts(info: CaptureInfo) -> Iterator[tuple[str, str]]:
         yield "blind", f"for {duration(gap.end_ns - gap.start_ns)}: {gap.reason}"
     if info.gap_count > MAX_ROWS:
         yield "blind", f"{info.gap_count} stretches in all"
+    for mark in info.marks[:MAX_ROWS]:
+        begin_ns = info.first_ns or mark.t_ns
+        yield "marked", f"{capture_time(mark.t_ns - begin_ns)}: {mark.reason}"
     yield from _contents(info)
 
 

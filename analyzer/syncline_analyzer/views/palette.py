@@ -43,6 +43,7 @@ SEVERITY_COLOURS: dict[str, Rgb] = {
 EMCY_COLOUR: Rgb = (255, 45, 120)
 EMCY_CLEAR_COLOUR: Rgb = (0, 200, 170)
 GAP_COLOUR: Rgb = (120, 120, 120)
+MARK_COLOUR: Rgb = (150, 90, 255)
 
 LINE_COLOURS: tuple[Rgb, ...] = (
     (80, 160, 255),

@@ -25,7 +25,9 @@ _GREY = (130, 130, 130)
 _ARROW: tuple[tuple[float, ...], tuple[float, ...]] = ((0.6, 0, 0), (0.45, 0, 0))
 """Origin and vector of the printed x arrow on the box."""
 _NEEDLES = (("longitudinal", (0.9, 0.0, 0.0), 1), ("lateral", (0.0, 0.9, 0.0), 0))
-"""(name, where it points when level, axis about which it turns) of each angle shown by itself."""
+"""(name, where it points when level, axis about which it turns) of each angle shown by itself.
+
+A positive angle raises them, as it raises the axes of a pose (`syncline_schemas.tilt`)."""
 
 
 def shown_tilts(analysis: Analysis) -> list[TiltTrace]:
@@ -145,8 +147,8 @@ def _arrows(vector: tuple[float, ...]) -> Callable[[int], Any]:
 
 
 def _turned_about(axis: int, angle_deg: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Quaternions (n, 4), x y z w, of turns about x (0) or y (1)."""
-    half = np.radians(angle_deg) / 2
+    """Quaternions (n, 4), x y z w, of turns about x (0), or about y (1) the left-handed way."""
+    half = np.radians(angle_deg) / 2 * (-1.0 if axis == 1 else 1.0)
     turns = np.zeros((len(half), 4))
     turns[:, axis], turns[:, 3] = np.sin(half), np.cos(half)
     return turns

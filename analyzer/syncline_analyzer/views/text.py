@@ -469,4 +469,8 @@ def recording_lines(analysis: Analysis, clock: Clock) -> Iterable[str]:
         yield f"blind {stretch} on {gap.bus or 'all buses'}: {gap.reason}{lost}"
     if len(capture.gaps) > MAX_ROWS:
         yield f"and {len(capture.gaps) - MAX_ROWS} more stretches in which the recorder was blind"
+    for mark in capture.marks[:MAX_ROWS]:
+        yield f"marked at {clock.short(mark.t_ns)}: {printable(mark.reason)}"
+    if len(capture.marks) > MAX_ROWS:
+        yield f"and {len(capture.marks) - MAX_ROWS} more marks"
     yield from capture.notes

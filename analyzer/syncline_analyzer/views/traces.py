@@ -69,6 +69,7 @@ def trace_listings(
     followers = [r for r in analysis.followers if _belongs(node, r, (r.bus, r.other))]
     found = [
         _traces(rows, analysis.trace_events, labels),
+        _read_as([row for row in rows if row.shows], labels),
         _motion([row for row in rows if _moves(row)], labels),
         _shafts(shafts, labels, clock),
         _followers(followers, labels),
@@ -119,6 +120,23 @@ def _filled(title: str, heads: Sequence[str], rows: list[list[str]], always: int
 
 def _label(labels: Labels, bus: str, node: int) -> str:
     return labels.get((bus, node), node_label(node))
+
+
+def _read_as(rows: Sequence[TraceRow], labels: Labels) -> Listing:
+    """Scale, range and reference (absolute, relative, unknown) by which the values are read."""
+    return Listing(
+        "Traces read as",
+        ["bus", "node", "object", "read as"],
+        [
+            [
+                row.bus,
+                _label(labels, row.bus, row.node),
+                trace_object(row.object),
+                printable(row.shows),
+            ]
+            for row in rows
+        ],
+    )
 
 
 def _traces(rows: Sequence[TraceRow], events: Sequence[TraceEventRow], labels: Labels) -> Listing:

@@ -17,14 +17,12 @@ class WriteFormat:
         name: as in `ReadFormat.name`.
         endings: of the output, the first being the usual one.
         packed_outside: whether .gz or .zst may follow; the others are packed inside.
-        holds_relative: whether it says that times are no dates.
         cannot: what it cannot hold, in the words in which `convert` counts it.
     """
 
     name: str
     endings: tuple[str, ...]
     packed_outside: bool = True
-    holds_relative: bool = True
     cannot: tuple[str, ...] = ()
 
 
@@ -43,7 +41,6 @@ WRITE_FORMATS: Final = (
     WriteFormat(
         "candump",
         (".log", ".candump", ".txt"),
-        holds_relative=False,
         cannot=(*_FOREIGN, NO_DATES, BIT_RATES, MARKS),
     ),
     WriteFormat("asc", (".asc",), cannot=(*_FOREIGN, BIT_RATES, MARKS, BUS_NAMES, ERROR_CONTENTS)),
@@ -51,9 +48,11 @@ WRITE_FORMATS: Final = (
         "blf", (".blf",), packed_outside=False, cannot=(*_FOREIGN, BIT_RATES, MARKS, BUS_NAMES)
     ),
     WriteFormat("trc", (".trc",), cannot=(*_FOREIGN, BIT_RATES, MARKS, BUS_NAMES, ERROR_CONTENTS)),
-    WriteFormat("pcapng", (".pcapng",), holds_relative=False, cannot=(*_FOREIGN, NO_DATES, MARKS)),
+    WriteFormat("pcapng", (".pcapng",), cannot=(*_FOREIGN, NO_DATES, MARKS)),
     WriteFormat(
-        "csv", (".csv",), holds_relative=False, cannot=(*_FOREIGN, NO_DATES, BIT_RATES, MARKS)
+        "csv",
+        (".csv",),
+        cannot=(*_FOREIGN, NO_DATES, BIT_RATES, MARKS, BUS_NAMES),
     ),
     WriteFormat("parquet", (".parquet",), packed_outside=False, cannot=(*_FOREIGN, BIT_RATES)),
 )

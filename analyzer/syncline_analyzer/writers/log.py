@@ -62,6 +62,12 @@ class LogWriter(ABC):
         if renamed:
             self.lost[BUS_NAMES] += renamed
 
+    def _count_changed_names(self, forbidden: str) -> None:
+        """For formats whose fields end with a character that may be part of a name."""
+        changed = sum(forbidden in name for name in self._survey.buses)
+        if changed:
+            self.lost[BUS_NAMES] += changed
+
     def _count_flag(self, batch: FrameBatch, flag: FrameFlag, what: str) -> None:
         marked = int(np.count_nonzero(batch.flags & flag))
         if marked:

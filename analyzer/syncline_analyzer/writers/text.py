@@ -64,6 +64,10 @@ class TextWriter(LogWriter):
 class CandumpWriter(TextWriter):
     """`candump -L`; a frame sent by the recorder ends with ` T`, as `candump -L -x` has it."""
 
+    def __init__(self, stream: BinaryIO, survey: Survey) -> None:
+        super().__init__(stream, survey)
+        self._count_changed_names(" ")
+
     def _pieces(self, batch: FrameBatch) -> Sequence[Piece]:
         name = self._bus_name(batch).replace(" ", "_").encode()
         tail = b" T\n" if has(batch, FrameFlag.TX) else b"\n"
@@ -194,6 +198,7 @@ class CsvWriter(TextWriter):
 
     def __init__(self, stream: BinaryIO, survey: Survey) -> None:
         super().__init__(stream, survey)
+        self._count_changed_names(",")
         stream.write(b"timestamp,bus,id,extended,remote,error,fd,brs,esi,dir,dlc,data\n")
 
     def _pieces(self, batch: FrameBatch) -> Sequence[Piece]:

@@ -176,6 +176,7 @@ class EventStore:
             "begins": self._why_it_begins(first_ns, note.t_ns),
             "before_ns": str(self._triggers.before_ns),
             "after_ns": str(self._triggers.after_ns),
+            "chunks_without_decoded_channels": str(self._ring.thinned),
         }
         try:
             store = CaptureStore(

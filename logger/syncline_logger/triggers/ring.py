@@ -54,6 +54,8 @@ class _Entry:
     frames: _Packed
     specs: list[ChannelSpec]
     decoded: tuple[list[ChannelSpec], _Packed] | None
+    thinned: bool = False
+    """Whether the decoded channels went for want of room."""
 
     @property
     def bytes(self) -> int:
@@ -68,7 +70,6 @@ class Ring:
 
     Attributes:
         bytes: held now.
-        decoded_dropped: contents that lost their decoded channels for want of room.
         short: whether contents went for want of room that are not older than `before_ns`.
     """
 
@@ -78,11 +79,16 @@ class Ring:
         self._entries: deque[_Entry] = deque()
         self._whole = 0
         """Entries at the head that have no decoded channels."""
-        self.bytes = self.decoded_dropped = 0
+        self.bytes = 0
         self.short = False
 
     def __len__(self) -> int:
         return len(self._entries)
+
+    @property
+    def thinned(self) -> int:
+        """Contents that lost their decoded channels for want of room."""
+        return sum(entry.thinned for entry in self._entries)
 
     @property
     def first_ns(self) -> int | None:
@@ -117,7 +123,7 @@ class Ring:
         while self.bytes > self._max_bytes and self._whole < len(self._entries):
             entry = self._entries[self._whole]
             before = entry.bytes
-            self.decoded_dropped += entry.decoded is not None
+            entry.thinned = entry.decoded is not None
             entry.decoded = None
             self.bytes -= before - entry.bytes
             self._whole += 1

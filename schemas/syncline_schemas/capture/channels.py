@@ -10,6 +10,7 @@ from syncline_schemas.capture.layout import (
     CLOCK_TOPIC,
     FRAME_SCHEMA_NAME,
     GAP_TOPIC,
+    MARK_TOPIC,
     PROTOBUF,
     BusInfo,
     topic_part,
@@ -29,6 +30,7 @@ class Kind(IntEnum):
     STATUS = 3
     CLOCK = 4
     OTHER = 5
+    MARK = 6
 
 
 _KIND_OF_SCHEMA = {
@@ -36,6 +38,7 @@ _KIND_OF_SCHEMA = {
     "syncline.Gap": Kind.GAP,
     "syncline.BusStatus": Kind.STATUS,
     "syncline.ClockSample": Kind.CLOCK,
+    "syncline.Mark": Kind.MARK,
 }
 _BUS_TOPIC = re.compile(r"/can/(?P<bus>[^/]+)/(?:frames|status)")
 
@@ -96,7 +99,8 @@ class ChannelTable:
     def _kind_by_topic(self, topic: str) -> Kind:
         if _BUS_TOPIC.fullmatch(topic):
             return Kind.FRAME if topic.endswith("/frames") else Kind.STATUS
-        return {GAP_TOPIC: Kind.GAP, CLOCK_TOPIC: Kind.CLOCK}.get(topic, Kind.OTHER)
+        own = {GAP_TOPIC: Kind.GAP, CLOCK_TOPIC: Kind.CLOCK, MARK_TOPIC: Kind.MARK}
+        return own.get(topic, Kind.OTHER)
 
     def _bus_number(self, channel: mcap_records.Channel, *, add: bool) -> int:
         metadata = dict(channel.metadata)

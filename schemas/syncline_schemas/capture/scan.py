@@ -31,6 +31,7 @@ from syncline_schemas.capture.layout import (
     CaptureMetadata,
 )
 from syncline_schemas.capture.loss import LossTracker
+from syncline_schemas.capture.mark import MAX_MARKS, Mark, mark_of
 from syncline_schemas.capture.record_file import (
     ChunkPlace,
     Definition,
@@ -88,6 +89,7 @@ class ScanFacts:
         damage: what could not be read, each in words.
         lost_chunks: chunks that are in the file and cannot be read.
         lost_frames: frames known to be lost with them; others may be uncounted.
+        marks: the first thousand; `mark_count` are all.
     """
 
     profile: str = ""
@@ -101,6 +103,8 @@ class ScanFacts:
     damage: list[str] = field(default_factory=list)
     lost_chunks: int = 0
     lost_frames: int = 0
+    marks: list[Mark] = field(default_factory=list)
+    mark_count: int = 0
 
 
 class CaptureScan:
@@ -269,6 +273,7 @@ class CaptureScan:
             yield from self._range.wanted(self._gap(content, row))
             start = until
         yield self._frames(content, frame_rows[start:])
+        self._take_marks(content, kind)
         yield from self._samples(content, kind)
 
     def _frames(self, content: ChunkContent, rows: NDArray[np.intp]) -> FrameBatch:
@@ -289,6 +294,18 @@ class CaptureScan:
         gap = gap_of(message)
         start_ns, end_ns = self.repair.log_t_ns(gap.start_ns), self.repair.log_t_ns(gap.end_ns)
         return replace(gap, start_ns=start_ns, end_ns=max(start_ns, end_ns))
+
+    def _take_marks(self, content: ChunkContent, kind: NDArray[np.uint8]) -> None:
+        for row in np.flatnonzero(kind == Kind.MARK).tolist():
+            message = self._parsed(syncline_pb2.Mark, content, row)
+            if message is None:
+                continue
+            mark = mark_of(message)
+            if self.repair is not None:
+                mark = replace(mark, t_ns=self.repair.log_t_ns(mark.t_ns))
+            if self._range.holds(mark.t_ns):
+                self.facts.mark_count += 1
+                self.facts.marks += [mark] if len(self.facts.marks) < MAX_MARKS else []
 
     def _samples(self, content: ChunkContent, kind: NDArray[np.uint8]) -> Iterator[Item]:
         for row in np.flatnonzero((kind == Kind.STATUS) | (kind == Kind.CLOCK)).tolist():

@@ -92,6 +92,9 @@ from syncline_schemas.devices.model import (
     register_bits as register_bits,
 )
 from syncline_schemas.devices.settings import (
+    check_numbers as check_numbers,
+)
+from syncline_schemas.devices.settings import (
     configured as configured,
 )
 from syncline_schemas.devices.settings import (

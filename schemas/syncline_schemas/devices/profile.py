@@ -142,6 +142,7 @@ _MEASUREMENT: dict[str, Convert] = {
     "offset": object_key,
     "preset": object_key,
     "direction": _BIT,
+    "direction_alias": _BIT,
     "scaling": _BIT,
     "gray": _BIT,
     "reference": _KEYS,

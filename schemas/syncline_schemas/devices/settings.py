@@ -10,6 +10,54 @@ from syncline_schemas.devices.profile import QUIRKS
 from syncline_schemas.errors import DescriptionError
 
 
+_COUNTS = (1, (1 << 32) - 1)
+WHOLE_NUMBERS: dict[str, tuple[int, int]] = {
+    "cpr": _COUNTS,
+    "turns": _COUNTS,
+    "range": (1, 1 << 32),
+    "res": (1, (1 << 16) - 1),
+    "quad": (0, (1 << 8) - 1),
+    "angle_def": (0, (1 << 8) - 1),
+}
+"""Settings that `syncline_schemas.measurement` reads as whole numbers: (least, greatest)."""
+NUMBERS: dict[str, tuple[float, float]] = {
+    "max_rpm": (0.001, 1_000_000),
+    "max_rpm_mech": (0.001, 1_000_000),
+    "reset_quiet_s": (0, 3600),
+}
+"""Settings that are any number: (least, greatest)."""
+_ITEMS = {"bootup_bytes": (1 << 8) - 1, "vendor_ids": (1 << 32) - 1}
+"""Greatest number in a list of numbers from 0 on."""
+
+
+def check_numbers(given: Mapping[str, Any]) -> list[str]:
+    """What is wrong with the numbers among a node's settings, whatever its device is."""
+    errors = []
+    for name, value in given.items():
+        try:
+            _is_sensible(name, value)
+        except ValueError as error:
+            errors.append(f"{name}: {error}")
+    return errors
+
+
+def _is_sensible(name: str, value: Any) -> None:
+    """Raise ValueError where a number is none that the setting can have."""
+    if value == "auto" and name not in _ITEMS:
+        return
+    if name in WHOLE_NUMBERS:
+        low, high = WHOLE_NUMBERS[name]
+        is_whole = isinstance(value, int) and not isinstance(value, bool)
+        need(is_whole and low <= value <= high, value, f"whole number from {low} to {high}")
+    elif name in NUMBERS:
+        least, most = NUMBERS[name]
+        need(least <= to_number(value) <= most, value, f"number from {least:g} to {most:g}")
+    elif name in _ITEMS:
+        most = _ITEMS[name]
+        inside = all(0 <= item <= most for item in to_list(integer)(value))
+        need(inside, value, f"list of numbers from 0 to {most}")
+
+
 def stated_objects(device: Device, given: Mapping[str, Any], node: int) -> dict[Key, int]:
     """Values of objects that a user's settings state: (index, sub) -> value.
 
@@ -61,6 +109,7 @@ def configured(device: Device, given: Mapping[str, Any]) -> Device:
             continue
         try:
             _suits(setting, value)
+            _is_sensible(name, value)
             if setting.quirk and value != "auto":
                 changed[setting.quirk] = QUIRKS[setting.quirk](_quirk_value(setting, value))
             if setting.object in facts and value != "auto":

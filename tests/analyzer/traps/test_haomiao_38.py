@@ -36,6 +36,42 @@ def test_trap_01_the_printed_direction_frame_writes_2100h() -> None:
     assert says(found.text + found.cause + found.check_next, "LIR", "20 kbit/s")
 
 
+def turned_round(**changes: object) -> Script:
+    """6000h was read, and half-way 2100h = 1 is acknowledged."""
+    script = turning(encoder(**changes).read(-10, 0x6000, 0, 0, size=2), 0, 3000)
+    return script.write(1500, 0x2100, value=1)
+
+
+def test_trap_01_what_related_firmware_makes_of_it_is_assumed_from_then_on() -> None:
+    told = turned_round().told()
+    row = told.trace_row()
+    assert says(row.shows, "rising counter-clockwise")
+    assert says(turning(encoder().read(-10, 0x6000, 0, 0, size=2), 0, 3000).told().trace_row().shows,
+                "rising clockwise")  # fmt: skip
+    assert "direction" in row.assumed
+    assert row.cuts == 1
+    (change,) = (c for c in told.analysis.object_changes if c.index == 0x2100)
+    assert says(change.words, "counter-clockwise", "related firmware", "undocumented")
+
+
+def test_trap_01_what_6000h_says_later_counts_more() -> None:
+    told = turned_round().write(2000, 0x6000, value=0, size=2).told()
+    assert says(told.trace_row().shows, "rising clockwise")
+
+
+def test_trap_01_a_refused_write_turns_nothing_round() -> None:
+    script = turning(encoder().read(-10, 0x6000, 0, 0, size=2), 0, 3000)
+    told = script.write(1500, 0x2100, value=1, abort=0x06020000).told()
+    assert says(told.trace_row().shows, "rising clockwise")
+    assert "direction" not in told.trace_row().assumed
+
+
+def test_trap_01_the_user_says_that_2100h_is_nothing() -> None:
+    told = turned_round(overrides="alias_2100 = false").told()
+    assert says(told.trace_row().shows, "rising clockwise")
+    assert "direction" not in told.trace_row().assumed
+
+
 @pytest.mark.triggers("device.bit_rate_change")
 @pytest.mark.near_miss("device.undocumented_write")
 def test_trap_01_on_a_lir_the_same_bytes_are_a_bit_rate() -> None:

@@ -588,3 +588,122 @@ def test_a_value_that_rests_on_an_assumed_scale_is_said_to_beside_an_error() -> 
     found = script.told().finding("emcy.active")
     assert says(found.cause, "by an assumed scale")
     assert any(text.startswith("scale of") for text in found.assumed)
+
+
+# -- ranges of the angles (sheet 6.2, 6.3, 6.6)
+
+READ = {"res": 100, "quad": 2, "definition": 0, "teach": 2, "zero": 2}
+
+
+@pytest.mark.triggers("angle.out_of_range")
+@pytest.mark.parametrize(
+    ("read", "values", "outside"),
+    [
+        ({"quad": 0}, (1200, 850), [LONG]),
+        ({"quad": 0}, (-901, 1500), [LONG, LATERAL]),
+        ({"quad": 2}, (3600, 0), [LONG]),
+        ({"quad": 1}, (1801, -1800), [LONG]),
+        ({"quad": 1, "definition": 2}, (910, 1790), [LONG]),
+        ({"quad": 0, "definition": 3}, (1790, 910), [LATERAL]),
+        ({"quad": 2, "definition": 1}, (300, 3600), [LATERAL]),
+    ],
+)
+def test_angles_that_the_settings_rule_out(
+    read: dict[str, int], values: tuple[int, int], outside: list[int]
+) -> None:
+    told = running(settings(tilt(), **READ | read), 0, 1000, *values).told()
+    rows = {index: told.trace_row(index) for index in (LONG, LATERAL)}
+    assert [i for i, row in rows.items() if row.flags["out_of_range"] == row.samples] == outside
+    assert [i for i, row in rows.items() if row.flags["out_of_range"]] == outside
+    found = told.finding("angle.out_of_range")
+    assert says(found.text, "the scale is as it was read")
+
+
+@pytest.mark.near_miss("angle.out_of_range")
+@pytest.mark.parametrize(
+    ("read", "values"),
+    [
+        ({"quad": 0}, (900, -900)),
+        ({"quad": 0, "zero": 1}, (1200, -1500)),
+        ({"quad": 0, "definition": 1}, (1200, 3599)),
+        ({"quad": 0, "definition": 2}, (900, 1800)),
+        ({"quad": 1}, (1200, -1800)),
+        ({"quad": 2}, (3599, 0)),
+    ],
+)
+def test_angles_that_the_settings_allow(read: dict[str, int], values: tuple[int, int]) -> None:
+    """A zero point is subtracted, so that angles may leave the half circle."""
+    told = running(settings(tilt(), **READ | read), 0, 1000, *values).told()
+    assert told.accusations == []
+    assert not told.trace_row(LONG).flags["out_of_range"]
+
+
+def test_a_zero_point_that_nobody_told_of_is_said_to_be_assumed_away() -> None:
+    read = {name: value for name, value in READ.items() if name != "zero"}
+    told = running(settings(tilt(), **read | {"quad": 0}), 0, 1000, 1200, 0).told()
+    found = told.finding("angle.out_of_range")
+    assert says(found.text, "the scale is assumed")
+    assert found.assumed == ["no zero point (2046h)"]
+
+
+def test_one_wrong_resolution_is_one_finding() -> None:
+    """TPDO1 and TPDO2 show the same impossible angle."""
+    script = running(settings(tilt(), quad=2), 0, 1000, -2370, 0)
+    script.pdo(3, 1000, 20, lambda _: (-2370, 0), base=0x280)
+    found = script.told().finding("angle.out_of_range")
+    assert says(found.text, "16 bit", "32 bit", "-237 deg")
+
+
+def test_sixteen_bits_are_unsigned_where_the_user_says_so() -> None:
+    """2040h = 1 was read, TPDO1 sends 350.00 deg all the same, TPDO2 -10.00."""
+    script = settings(tilt(overrides='i16_unsigned = "yes"'), **READ | {"res": 10, "quad": 1})
+    running(script, 0, 1000, 35_000, 0).pdo(3, 1000, 20, lambda _: (-1000, 0), base=0x280)
+    told = script.told()
+    assert told.accusations == []
+    assert "device.wrong_device" not in told.ids
+    assert told.trace(LONG).value[0] == pytest.approx(350.0)
+    assert told.trace(0x6110).value[0] == pytest.approx(-10.0)
+    assert says(told.trace_row(LONG).shows, "0 .. 360 deg")
+
+
+def test_a_reset_leaves_the_reference_unknown() -> None:
+    """Whether 2042h survives is not said (traps 12 and 28); a zero point is stored at once."""
+    for zero, shows in ((2, "reference unknown"), (1, "relative")):
+        script = running(settings(tilt(), **READ | {"zero": zero}), 0, 900)
+        script.nmt(950, 0x81).boot(970).nmt(980, 0x01)
+        told = running(script, 1000, 2000).told()
+        assert says(told.trace_row(LONG).shows, shows), zero
+        assert not says(told.trace_row(LONG).shows, "absolute")
+    again = settings_at(script, 1500, teach=2, zero=2)
+    assert says(again.told().trace_row(LONG).shows, "absolute")
+
+
+def settings_at(script: Script, at: float, **read: int) -> Script:
+    objects = {"teach": 0x2042, "zero": 0x2046}
+    for count, (name, value) in enumerate(read.items()):
+        script.read(at + 3 * count, objects[name], 0, value, size=1)
+    return script
+
+
+def test_a_pose_that_is_held_has_no_spread_below_nothing() -> None:
+    told = running(settings(tilt(), **READ), 0, 1000, 0, 0).told()
+    std = told.trace_row(LONG).std_deg
+    assert std == 0
+    assert str(std) == "0.0"
+
+
+@pytest.mark.triggers("device.wrong_device")
+def test_some_impossible_angles_put_the_named_device_in_doubt() -> None:
+    """An encoder named a JN2100: of its counts a part is impossible as an angle."""
+    script = tilt()
+    script.heartbeat(0, 5000).pdo(5, 5000, 50, lambda k: (2000 + 30 * k, 0), bits=16)
+    told = script.told()
+    row = told.trace_row(LONG)
+    assert 0.1 * row.samples < row.flags["out_of_range"] < 0.5 * row.samples
+    found = told.finding("device.wrong_device")
+    assert (found.severity, says(found.text, "was named a JN2100")) == ("info", True)
+
+
+def test_views_say_how_the_values_are_read() -> None:
+    told = running(settings(tilt(), **READ), 0, 1000).told()
+    assert says(told.summary, "traces read as", "0 .. 360 deg", "absolute")

@@ -13,12 +13,15 @@ from syncline_analyzer.findings.angle.words import (
 )
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.results import Finding, TraceEventRow, TraceRow
+from syncline_schemas.wording import counted
 
 WIDE = 0x100
 """From the index of a 16-bit slope to that of the same axis in 32 bits (CiA 410)."""
 WARNINGS = 0x6505
 _AT_PRESET = "preset value"
 _ASSUMED = "assumed"
+_Outside = tuple[TraceRow, list[TraceEventRow]]
+"""A trace and its events "out of range"."""
 
 
 def _jumps(facts: Facts) -> Iterator[Finding]:
@@ -77,32 +80,49 @@ def _preset(facts: Facts, trace: TraceRow, group: Sequence[TraceEventRow]) -> Fi
 
 def _out_of_range(facts: Facts) -> Iterator[Finding]:
     """Values that the object cannot have: the scale is wrong rather than the sensor."""
+    slopes: dict[tuple[str, int], list[_Outside]] = {}
     for trace in facts.analysis.traces:
         events = events_of(facts.analysis, trace, "out of range")
-        if not events:
-            continue
-        assumed = any(event.text.startswith(_ASSUMED) for event in events)
-        tilt = trace.unit == "deg"
-        objects = "6000h (resolution) or 2040h (quadrant)" if tilt else "6001h or 6002h (range)"
-        first = events[0]
-        yield Finding(
-            "angle.out_of_range",
-            "warning",
-            trace.bus,
-            trace.node,
-            first.t_ns,
-            events[-1].t_ns + 1,
-            f"{trace.name} of {facts.inside(trace.bus, trace.node)} shows values that it cannot have in"
-            f" {trace.flags['out_of_range']} of {trace.samples} samples; the"
-            f" first{facts.at(first.t_ns)} is {number(first.after)} {trace.unit}"
-            f" ({'the scale is assumed' if assumed else 'the scale is as it was read'}).",
-            f"The scale that was assumed is wrong: {objects}; the sensor itself may be fine."
-            if assumed
-            else f"{objects} changed without a message in this capture, or the device is faulty.",
-            f"Read {objects} from the device, or state them in the bus description.",
-            evidence_of(events),
-            assumed=scale_of(trace) if assumed else [],
-        )
+        if events and trace.unit == "deg":
+            slopes.setdefault((trace.bus, trace.node), []).append((trace, events))
+        elif events:
+            yield _outside(facts, [(trace, events)])
+    # Both slopes in both widths rest on the same 6000h and 2040h.
+    for found in slopes.values():
+        yield _outside(facts, found)
+
+
+def _outside(facts: Facts, found: Sequence[_Outside]) -> Finding:
+    """One finding on all objects of a node with the same scale."""
+    trace, _ = found[0]
+    events = sorted((e for _, each in found for e in each), key=lambda e: e.seq)
+    first = events[0]
+    worst = next(t for t, each in found if first in each)
+    assumed = any(event.text.startswith(_ASSUMED) for event in events)
+    tilt = trace.unit == "deg"
+    objects = "6000h (resolution) or 2040h (quadrant)" if tilt else "6001h or 6002h (range)"
+    shown = " and ".join(
+        f"{t.name} in {t.flags['out_of_range']} of {counted(t.samples, 'sample')}" for t, _ in found
+    )
+    words = {word for t, _ in found for word in scale_of(t)}
+    zeroed = any("reference" in event.text for event in events)
+    return Finding(
+        "angle.out_of_range",
+        "warning",
+        trace.bus,
+        trace.node,
+        first.t_ns,
+        max(event.t_ns for event in events) + 1,
+        f"{facts.who(trace.bus, trace.node)} shows values that it cannot have: {shown}; the"
+        f" first{facts.at(first.t_ns)} is {number(first.after)} {worst.unit}"
+        f" ({'the scale is assumed' if assumed else 'the scale is as it was read'}).",
+        f"The scale that was assumed is wrong: {objects}; the sensor itself may be fine."
+        if assumed
+        else f"{objects} changed without a message in this capture, or the device is faulty.",
+        f"Read {objects} from the device, or state them in the bus description.",
+        evidence_of(events),
+        assumed=[*sorted(words), *(["no zero point (2046h)"] if zeroed else [])] if assumed else [],
+    )
 
 
 def _frozen(facts: Facts) -> Iterator[Finding]:
@@ -249,7 +269,11 @@ RULES: tuple[Rule, ...] = (
         "angle.out_of_range",
         "A measured value that the object cannot have: the scale is wrong, or the device is faulty.",
         "The first sample of each such stretch.",
-        ("The text says whether the scale was only assumed.",),
+        (
+            "The text says whether the scale was only assumed.",
+            "Both slopes of an inclinometer, in both widths, are one finding.",
+            "A zero point that is subtracted may move a slope beyond 90 deg.",
+        ),
         _out_of_range,
         untimed=True,
     ),

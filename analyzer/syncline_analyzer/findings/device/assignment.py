@@ -20,7 +20,7 @@ from syncline_schemas.wording import counted
 
 MIN_FRAMES = 3
 """Frames of a wrong length from which on they count."""
-IMPOSSIBLE_SHARE = 0.5
+IMPOSSIBLE_SHARE = 0.1
 """Share of impossible values from which on the device itself is doubted."""
 MIN_SAMPLES = 10
 MISSING = 0x06020000

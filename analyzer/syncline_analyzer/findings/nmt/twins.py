@@ -337,6 +337,7 @@ RULES = (
                 " before or after, tell two devices from such a task."
             ),
             "Where the heartbeats of all nodes come twice it is the recorder.",
+            "PDOs in two cadences prove nothing while two producers send SYNC.",
         ),
         _doubled,
     ),

@@ -265,7 +265,7 @@ class AngleFold:
         self._note_jumps(state, key, piece, derived, converter)
         if isinstance(converter, Encoder) and self._context.timed:
             self._note_leaps(state, key, piece, converter)
-        self._note_outside(state, piece, derived)
+        self._note_outside(state, piece, derived, converter)
         note_frozen(state, piece)
         device = self._context.shadow.device(key[0], key[1])
         if (key[2] >> 8, key[2] & 0xFF) in alarm_objects(device):
@@ -323,12 +323,16 @@ class AngleFold:
         return f"; it landed at the preset value {preset}" if distance < per_turn else ""
 
     @staticmethod
-    def _note_outside(state: TraceState, piece: Samples, derived: Derived) -> None:
+    def _note_outside(
+        state: TraceState, piece: Samples, derived: Derived, converter: Converter
+    ) -> None:
         """The first sample of each stretch of impossible values."""
         outside = derived.flags >> 4 & 1
         starts = np.flatnonzero(np.diff(outside.astype(np.int8), prepend=int(state.outside)) > 0)
         state.outside = bool(outside[-1])
         doubtful = sorted(state.assumed - {"direction"})
+        if isinstance(converter, Tilt) and converter.may_be_zeroed:
+            doubtful.append("reference")
         assumed = f"assumed: {', '.join(doubtful)}" if doubtful else "scale as read"
         for row in starts.tolist():
             state.note(

@@ -120,7 +120,7 @@ class Followers:
     ) -> None:
         """Take in an unbroken piece of an encoder; of a node with several the first one heard."""
         range_deg = converter.range_deg
-        if not self._context.timed or not np.isfinite(range_deg):
+        if not self._context.timed or not np.isfinite(range_deg) or not len(piece.seq):
             return
         track = self._tracks.setdefault(key[:2], _Track(key[2]))
         if track.object != key[2]:

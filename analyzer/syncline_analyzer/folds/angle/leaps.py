@@ -64,16 +64,16 @@ class Leaps:
     """(seq, t_ns, position) of the last samples by source."""
     _judged: dict[int, int] = field(default_factory=dict)
     """`seq` of the last sample by source that is done with."""
-    _scale: EncoderScale | None = None
+    _scales: dict[int, EncoderScale] = field(default_factory=dict)
     _preset: int | None = None
 
     def end(self) -> list[Leap]:
         """Leaps near the end of what was added; what comes next does not go on from here."""
         found: list[Leap] = []
         for source, samples in self._tails.items():
-            if self._scale is not None and len(samples[0]) > STEADY + 1:
+            if len(samples[0]) > STEADY + 1:
                 judged = self._judged.get(source, -1)
-                found += _near_the_end(samples, judged, self._scale, self._preset)
+                found += _near_the_end(samples, judged, self._scales[source], self._preset)
                 self._judged[source] = int(samples[0][-1])
         self._tails.clear()
         return sorted(found, key=lambda leap: leap.seq)
@@ -88,7 +88,7 @@ class Leaps:
         """Leaps among (seq, t_ns, position) of one source, each (n,)."""
         if scale.range_counts is None or scale.counts_per_turn is None:
             return []
-        self._scale, self._preset = scale, preset
+        self._scales[source], self._preset = scale, preset
         tail = self._tails.get(source)
         if tail is not None:
             samples = (

@@ -36,14 +36,15 @@ def note_frozen(state: TraceState, piece: Samples) -> None:
 
 def follow_fast(state: TraceState, piece: Samples, derived: Derived, limit_rpm: float) -> None:
     """Follow the stretches in which it turns faster than it may."""
-    t_ns = piece.t_ns[derived.fast]
+    assert derived.speeds is not None
+    rows, speed = derived.speeds.fast, derived.speeds.fast_rpm
+    t_ns = piece.t_ns[rows]
     before_ns = -APART_NS - 1 if state.fast is None else state.fast.end_ns
     starts = np.flatnonzero(np.diff(t_ns, prepend=before_ns) > APART_NS).tolist()
-    speed = np.abs(derived.columns["speed_rpm"])[derived.fast]
     for begin, stop in pairwise([*sorted({0, *starts}), len(t_ns)]):
         if begin in starts:
             note_fast(state)
-            row = int(derived.fast[begin])
+            row = int(rows[begin])
             state.fast = Fast(int(piece.seq[row]), int(t_ns[begin]), 0, 0.0, limit_rpm)
         assert state.fast is not None
         known = speed[begin:stop][np.isfinite(speed[begin:stop])]
@@ -110,11 +111,11 @@ def _repeating(converter: Tilt, value: float) -> str:
 
 
 def _too_seldom(state: TraceState, converter: Encoder) -> str:
-    scale = converter.scale
+    scale, reach = converter.scale, converter.reach_counts
     spacing_ns = min(state.link.spacing_ns.values(), default=0.0)
-    if not scale.counts_per_turn or not scale.range_counts or not spacing_ns:
+    if not scale.counts_per_turn or not reach or not spacing_ns:
         return ""
-    limit = ambiguous_rpm(scale.range_counts, scale.counts_per_turn, spacing_ns / 1e9)
+    limit = ambiguous_rpm(reach, scale.counts_per_turn, spacing_ns / 1e9)
     state.told_below_rpm = limit
     return (
         f"samples every {spacing_ns / 1e6:.4g} ms tell direction and speed only below"

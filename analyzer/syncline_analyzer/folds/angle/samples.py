@@ -27,7 +27,9 @@ class Samples:
     """Samples of one object, in order of `seq`; all (n,).
 
     `source` is the COB-ID that carried a sample, `SDO_SOURCE` for SDO reads. `valid` is False
-    where the frame is too short (`raw` is then the one before), `frozen` True where a sibling moves meanwhile (None: nowhere).
+    where the frame is too short (`raw` is then the one before), `frozen` True where a sibling moves
+    meanwhile, `singular` where an angle means nothing in that pose (None: nowhere). `entry.bits` is
+    the width of the widest source, `bits` that of each sample (None: all alike).
     """
 
     entry: MappedObject
@@ -37,6 +39,39 @@ class Samples:
     valid: NDArray[np.bool_]
     source: NDArray[np.int64]
     frozen: NDArray[np.bool_] | None = None
+    bits: NDArray[np.int64] | None = None
+    singular: NDArray[np.bool_] | None = None
+
+    @property
+    def told(self) -> NDArray[np.bool_]:
+        """Samples (n,) that tell where the shaft or the platform is."""
+        told = self.valid
+        for bad in (self.frozen, self.singular):
+            told = told if bad is None else told & ~bad
+        return told
+
+    @property
+    def widths(self) -> NDArray[np.int64]:
+        """Bits of each sample (n,)."""
+        return np.full(len(self.seq), self.entry.bits, np.int64) if self.bits is None else self.bits
+
+    def part(self, begin: int, stop: int) -> "Samples":
+        """Samples from one row to before another one."""
+        if begin == 0 and stop >= len(self.seq):
+            return self
+        rows = slice(begin, stop)
+        return Samples(
+            self.entry,
+            self.seq[rows],
+            self.t_ns[rows],
+            self.raw[rows],
+            self.valid[rows],
+            self.source[rows],
+            *(
+                None if column is None else column[rows]
+                for column in (self.frozen, self.bits, self.singular)
+            ),
+        )
 
 
 class SampleReader:
@@ -61,18 +96,17 @@ class SampleReader:
         for key, samples in self._from_sdo(bus, self._reads_seen.get(bus, -1), last_seq):
             found.setdefault(key, []).append(samples)
         self._reads_seen[bus] = last_seq
-        return {key: _joined(self._alike(key, parts)) for key, parts in found.items()}
+        return {key: self._widest(key, joined(parts)) for key, parts in found.items()}
 
-    def _alike(self, key: Key, parts: list[Samples]) -> list[Samples]:
-        """Samples of one object with as many bits as its narrowest source has so far."""
-        bits = min(self._bits.get(key, 64), *(part.entry.bits for part in parts))
-        self._bits[key] = bits
-        return [
-            replace(part, entry=replace(part.entry, bits=bits), raw=part.raw & (1 << bits) - 1)
-            if part.entry.bits > bits and part.entry.kind == "unsigned"
-            else part
-            for part in parts
-        ]
+    def _widest(self, key: Key, samples: Samples) -> Samples:
+        """Samples of one object that know the width of its widest source so far."""
+        widest = max(self._bits.get(key, 0), samples.entry.bits)
+        self._bits[key] = widest
+        if widest == samples.entry.bits:
+            return samples
+        return replace(
+            samples, entry=replace(samples.entry, bits=widest), bits=samples.widths
+        )
 
     def _from_pdo(self, block: Block, bus: int, can_id: int) -> Iterator[tuple[Key, Samples]]:
         rows = block.batch.rows(bus, can_id)
@@ -260,18 +294,37 @@ def _resigned(raw: int, entry: MappedObject) -> int:
     return raw - (1 << entry.bits) if entry.kind == "signed" and raw >> entry.bits - 1 else raw
 
 
-def _joined(parts: list[Samples]) -> Samples:
+def joined(parts: list[Samples]) -> Samples:
     """Samples of several sources as one trace, in order of `seq`."""
     if len(parts) == 1:
         return parts[0]
     seq = np.concatenate([part.seq for part in parts])
     order = np.argsort(seq, kind="stable")
-    widest = max((part.entry for part in parts), key=lambda entry: bool(entry.name))
+    bits = max(part.entry.bits for part in parts)
+    alike = all(part.bits is None and part.entry.bits == bits for part in parts)
+    named = max((part.entry for part in parts), key=lambda entry: bool(entry.name))
     return Samples(
-        widest,
+        replace(named, bits=bits),
         seq[order],
         np.concatenate([part.t_ns for part in parts])[order],
         np.concatenate([part.raw for part in parts])[order],
         np.concatenate([part.valid for part in parts])[order],
         np.concatenate([part.source for part in parts])[order],
+        _marked([part.frozen for part in parts], order, parts),
+        None if alike else np.concatenate([part.widths for part in parts])[order],
+        _marked([part.singular for part in parts], order, parts),
     )
+
+
+def _marked(
+    marks: list[NDArray[np.bool_] | None],
+    order: NDArray[np.intp],
+    parts: list[Samples],
+) -> NDArray[np.bool_] | None:
+    if all(mark is None for mark in marks):
+        return None
+    whole = [
+        np.zeros(len(part.seq), np.bool_) if mark is None else mark
+        for mark, part in zip(marks, parts, strict=True)
+    ]
+    return np.concatenate(whole)[order]

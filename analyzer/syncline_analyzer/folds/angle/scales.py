@@ -13,7 +13,6 @@ from syncline_schemas.measurement import (
     linear_scale,
     measured_by,
     position_objects,
-    sent_in,
     tilt_axis,
     tilt_scale,
 )
@@ -69,14 +68,19 @@ class Scales:
             tilt = replace(tilt, assumed=(*tilt.assumed, *profile))
             reference = self._reference(bus, node, device, seq)
             zeroed = self._zeroed(bus, node, device, seq)
-            return Tilt(tilt, tilt.axes[axis], piece.entry.bits, reference=reference, zeroed=zeroed)
+            bits = piece.entry.bits
+            shown = tilt.axes[axis].of_bits(bits)
+            if zeroed:
+                shown = shown.relative
+            return Tilt(tilt, shown, bits, reference=reference, zeroed=zeroed)
         if by is not None:
             way = linear_scale(by, device_type, lookup)
             if way is not None:
                 return Plain(*way)
             signed = piece.entry.kind == "signed"
-            encoder = sent_in(encoder_scale(by, lookup, overrides), piece.entry.bits, signed=signed)
-            return Encoder(replace(encoder, assumed=(*encoder.assumed, *profile)))
+            encoder = encoder_scale(by, lookup, overrides)
+            encoder = replace(encoder, signed=signed, assumed=(*encoder.assumed, *profile))
+            return Encoder(encoder, piece.entry.bits)
         return Plain(piece.entry.scale, piece.entry.unit)
 
     def _acting(
@@ -85,6 +89,8 @@ class Scales:
         """The value that acts at `seq`: on some devices a new scale acts after a restart only."""
         shadow, pending = self._context.shadow, quirks(device).pending_until_reset
         known = shadow.get(bus, node, key[0], key[1], seq)
+        if known is not None and self._outdated(bus, node, device, key, known, seq):
+            return None
         if not pending or device is None:
             return known
         histories = dict(shadow.history(bus, node))
@@ -98,6 +104,22 @@ class Scales:
                 return known
             return known if (known.seq or 0) > (changed.seq or 0) else None
         return known
+
+    def _outdated(
+        self,
+        bus: int,
+        node: int,
+        device: Device | None,
+        key: tuple[int, int],
+        known: Known,
+        seq: int,
+    ) -> bool:
+        """Whether the direction bit itself became known after that of its alias."""
+        roles = device.measurement if device else {}
+        if key != roles.get("direction_alias", {}).get("object") or "direction" not in roles:
+            return False
+        own = self._context.shadow.get(bus, node, *roles["direction"]["object"], seq)
+        return own is not None and own.confirmed and (own.seq or 0) > (known.seq or 0)
 
     def _doubtful(
         self,
@@ -120,8 +142,7 @@ class Scales:
         keys = device.measurement.get("reference", ()) if device else ()
         if not keys:
             return ""
-        shadow = self._context.shadow
-        values = [shadow.confirmed(bus, node, index, sub, seq) for index, sub in keys]
+        values = [self._sure(bus, node, device, key, seq) for key in keys]
         if 1 in values:
             return "relative"
         return "absolute" if all(value == 2 for value in values) else "reference unknown"
@@ -129,9 +150,16 @@ class Scales:
     def _zeroed(self, bus: int, node: int, device: Device | None, seq: int) -> bool:
         """Whether the device subtracts a zero point from its angles."""
         key = device.measurement.get("zero") if device else None
-        if key is None:
-            return False
-        return self._context.shadow.confirmed(bus, node, key[0], key[1], seq) == 1
+        return key is not None and self._sure(bus, node, device, key, seq) == 1
+
+    def _sure(
+        self, bus: int, node: int, device: Device | None, key: tuple[int, int], seq: int
+    ) -> int | None:
+        """A number as the node told it; None after a reset that it may not have survived."""
+        known = self._context.shadow.get(bus, node, *key, seq)
+        if known is None or not known.confirmed or not isinstance(known.value, int):
+            return None
+        return None if self._doubtful(bus, node, device, key, known, seq) else known.value
 
 
 def scale_objects(device: Device | None) -> list[tuple[int, int]]:
@@ -141,7 +169,7 @@ def scale_objects(device: Device | None) -> list[tuple[int, int]]:
     assert device is not None
     keys = [device.measurement[role] for role in _SCALE_ROLES if role in device.measurement]
     keys += device.measurement.get("reference", ())
-    flags = [device.measurement.get(role) for role in ("direction", "scaling")]
+    flags = [device.measurement.get(role) for role in ("direction", "direction_alias", "scaling")]
     return keys + [flag["object"] for flag in flags if flag]
 
 

@@ -11,7 +11,6 @@ from syncline_analyzer.folds.angle.samples import Key, Samples
 from syncline_analyzer.folds.angle.trace import Encoder
 from syncline_analyzer.results import ShaftRow, ShaftTrace, TraceEventRow
 from syncline_analyzer.series import Thinner
-from syncline_schemas.measurement import EncoderScale
 
 TOLERANCE_DEG = 2.0
 """Distance that is allowed at standstill where the user states none."""
@@ -80,18 +79,17 @@ class _Encoder:
     last_ns: int = 0
     last_deg: float = 0.0
 
-    def add(self, piece: Samples, deg: Floats, segment: int, scale: EncoderScale) -> None:
+    def add(
+        self, piece: Samples, deg: Floats, segment: int, circle_deg: float, max_rpm: float | None
+    ) -> None:
         """Take in a piece; turns are not sure any more once a step was too long to tell."""
         if segment != self.segment:
             self.segment, self.unsure = segment, False
             self.last_ns, self.last_deg = int(piece.t_ns[0]), float(deg[0])
-        assert scale.range_counts is not None
-        assert scale.counts_per_turn is not None
-        circle_deg = scale.range_counts / scale.counts_per_turn * 360.0
         span = np.diff(piece.t_ns, prepend=self.last_ns)
         doubtful = np.abs(np.diff(deg, prepend=self.last_deg)) > circle_deg / 4
-        if scale.max_rpm is not None:
-            doubtful |= span * (scale.max_rpm * 6 / 1e9) > circle_deg / 2
+        if max_rpm is not None:
+            doubtful |= span * (max_rpm * 6 / 1e9) > circle_deg / 2
         unsure = np.maximum.accumulate(doubtful) | self.unsure
         self.unsure = bool(unsure[-1])
         self.last_ns, self.last_deg = int(piece.t_ns[-1]), float(deg[-1])
@@ -328,16 +326,16 @@ class Shafts:
         self, key: Key, piece: Samples, unwrapped_deg: Floats, segment: int, converter: Encoder
     ) -> None:
         """Take in an unbroken piece of an encoder."""
-        scale = converter.scale
-        if not self._context.timed or scale.range_counts is None or scale.counts_per_turn is None:
+        circle_deg, max_rpm = converter.range_deg, converter.scale.max_rpm
+        if not self._context.timed or not np.isfinite(circle_deg) or not len(piece.seq):
             return
         for pair in self._all():
             if key[:2] == pair.member and pair.object in (0, key[2]):
                 pair.object = key[2]
-                pair.own.add(piece, unwrapped_deg, segment, scale)
+                pair.own.add(piece, unwrapped_deg, segment, circle_deg, max_rpm)
             elif key[:2] == pair.other and pair.other_object in (0, key[2]):
                 pair.other_object = key[2]
-                pair.foreign.add(piece, unwrapped_deg, segment, scale)
+                pair.foreign.add(piece, unwrapped_deg, segment, circle_deg, max_rpm)
 
     def join(self) -> None:
         """Compare what both encoders of each pair have sent."""

@@ -1,28 +1,28 @@
 """One angle trace from block to block: its segments, its events and what its row is made of."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.folds.angle.gray import GrayTest
 from syncline_analyzer.folds.angle.leaps import Leap, Leaps
+from syncline_analyzer.folds.angle.link import Floats, Link
 from syncline_analyzer.folds.angle.samples import SDO_SOURCE, Samples
 from syncline_analyzer.folds.angle.silence import Pauses
 from syncline_analyzer.folds.angle.statistics import Statistics
+from syncline_analyzer.folds.angle.speeds import MAX_EVENTS
 from syncline_analyzer.folds.angle.trace import (
     AMBIGUOUS,
     FROZEN,
-    MAX_EVENTS,
     OUT_OF_RANGE,
     SCALE_ASSUMED,
     SILENCE,
+    SINGULAR,
     Converter,
     Derived,
     Encoder,
-    Floats,
-    Link,
     Tilt,
 )
 from syncline_analyzer.results import TRACE_FLAGS, EventKind, Trace, TraceEventRow, TraceRow
@@ -32,6 +32,18 @@ MOVES = ("jump", "step", "spike", "preset", "unsure step")
 """Events in which a position moves as no shaft does."""
 MAX_SAMPLES = 250_000
 """Samples of a trace that are kept; beyond, the extremes of runs of samples."""
+
+
+class Cut(NamedTuple):
+    """A moment at which a trace must be cut; `write` when an SDO write is the reason.
+
+    Without a text something became known that may change the scale: the trace is cut only if so.
+    """
+
+    seq: int
+    t_ns: int
+    text: str
+    write: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,12 +93,19 @@ class TraceState:
     pauses: Pauses = field(default_factory=Pauses)
     leaps: Leaps = field(default_factory=Leaps)
     last_raw: int | None = None
+    narrowest: int = 64
+    """Bits of the narrowest source so far."""
+    held: Samples | None = None
+    """Samples that wait for those after them, which may show that a cut belongs there."""
+    held_cuts: list[Cut] = field(default_factory=list)
+    ahead: list[Leap] = field(default_factory=list)
+    """Leaps that were found and whose samples are not taken in yet."""
     fast: Fast | None = None
     top_rpm: float | None = None
     told_below_rpm: float | None = None
     untold_speeds: int = 0
     silent: list[int] = field(default_factory=list)
-    """`seq` of the samples of this block that come after a silence."""
+    """`seq` of the samples that come after a silence and are not taken in yet."""
     wide: int = 0
     """Steps of which the other way round may be as likely."""
     sources: dict[int, int] = field(default_factory=dict)
@@ -94,13 +113,12 @@ class TraceState:
     moved_from_ns: dict[int, int] = field(default_factory=dict)
     """Stamp of the sample before a move by the `seq` of the one after."""
 
-    def end(self) -> None:
-        """Judge what waited for the samples after it."""
-        self.leapt(self.leaps.end())
-
-    def leapt(self, leaps: Iterable[Leap]) -> None:
-        """Steps and spikes that the speed limit lets pass; each source shows them, one is told."""
-        for leap in leaps:
+    def leapt(self, until: int) -> None:
+        """Steps and spikes up to `until` that the speed limit lets pass; each source shows them,
+        one is told."""
+        due = [leap for leap in self.ahead if leap.seq <= until]
+        self.ahead = [leap for leap in self.ahead if leap.seq > until]
+        for leap in sorted(due, key=lambda leap: leap.seq):
             since_ns = leap.t_ns - leap.span_ns
             told = [e.t_ns for e in self.events if e.kind in MOVES]
             if any(since_ns - leap.span_ns <= t_ns <= leap.t_ns for t_ns in told):
@@ -115,7 +133,6 @@ class TraceState:
 
     def cut(self, seq: int, t_ns: int, text: str) -> None:
         """Begin a new segment; nothing is joined over it."""
-        self.end()
         self.link.cut()
         self.statistics.cut()
         if not self.begun:
@@ -148,10 +165,13 @@ class TraceState:
         self.name = piece.entry.name or self.name
         derived = converter.derive(self.link, piece, timed=timed)
         flags = derived.flags
-        if piece.frozen is not None:
-            flags = flags | np.where(piece.frozen, FROZEN, 0).astype(np.uint16)
+        broken = self._broken(piece, derived)
+        for mark, flag in ((piece.frozen, FROZEN), (piece.singular, SINGULAR)):
+            if mark is not None:
+                flags = flags | np.where(mark, flag, 0).astype(np.uint16)
         if self.silent:
             flags = flags | np.where(np.isin(piece.seq, self.silent), SILENCE, 0).astype(np.uint16)
+            self.silent = [seq for seq in self.silent if seq > piece.seq[-1]]
         if converter.assumed:
             flags = flags | np.uint16(SCALE_ASSUMED)
             self.assumed.update(converter.assumed)
@@ -166,7 +186,7 @@ class TraceState:
             self.low, self.high = min(self.low, known.min()), max(self.high, known.max())
             self.last_value = float(known[-1])
         self._widen(derived.columns.get("unwrapped_deg"))
-        self._measure(piece, derived, converter)
+        self._measure(piece, derived, converter, broken)
         columns: Columns = {
             "t_ns": piece.t_ns,
             "seq": piece.seq,
@@ -189,27 +209,51 @@ class TraceState:
                 count + len(known),
             ]
 
-    def _measure(self, piece: Samples, derived: Derived, converter: Converter) -> None:
+    def _broken(self, piece: Samples, derived: Derived) -> NDArray[np.intp]:
+        """Rows at which the line breaks: jumps, steps, and spikes with the sample after them."""
+        rows = [] if derived.speeds is None else derived.speeds.broken.tolist()
+        speed = derived.columns.get("speed_rpm", np.zeros(0))
+        for leap in self.ahead:
+            row = int(np.searchsorted(piece.seq, leap.seq))
+            if row == len(piece.seq) or piece.seq[row] != leap.seq:
+                continue
+            later = np.flatnonzero(piece.source[row:] == piece.source[row])[:2] + row
+            rows += later[: 2 if leap.kind == "spike" else 1].tolist()
+        broken = np.array(sorted(set(rows)), np.intp)
+        if len(speed):
+            speed[broken] = np.nan
+        return broken
+
+    def _measure(
+        self,
+        piece: Samples,
+        derived: Derived,
+        converter: Converter,
+        broken: NDArray[np.intp],
+    ) -> None:
         """Count sources, and what is measured of angles that the samples tell."""
         counts = np.bincount(piece.source + 1)
         for number in np.flatnonzero(counts).tolist():
             self.sources[number - 1] = self.sources.get(number - 1, 0) + int(counts[number])
-        self.last_raw = int(piece.raw[-1])
         speed = np.abs(derived.columns.get("speed_rpm", np.zeros(0)))
         unsure = (derived.flags[: len(speed)] & AMBIGUOUS) != 0
         self.untold_speeds += int(np.count_nonzero(unsure & np.isnan(speed)))
         if np.isfinite(speed).any():
             self.top_rpm = max(self.top_rpm or 0.0, float(np.nanmax(speed)))
         angle = derived.columns.get("angle_deg")
-        if angle is None or (isinstance(converter, Tilt) and converter.vague):
+        if angle is None:
             return
-        sure = piece.valid & (derived.flags & OUT_OF_RANGE == 0)
-        line = np.where(sure, derived.columns["unwrapped_deg"], np.nan)
-        unsure = (derived.flags & AMBIGUOUS).astype(np.bool_)
+        sure = piece.told & (derived.flags & OUT_OF_RANGE == 0)
+        if not (isinstance(converter, Tilt) and converter.vague):
+            self.statistics.circle.add(np.where(sure, angle, np.nan))
+        line = derived.columns["unwrapped_deg"]
+        rows = np.flatnonzero(derived.counted & sure & np.isfinite(line))
+        unsure = (derived.flags & AMBIGUOUS).astype(np.bool_)[rows]
         if unsure.any():
             quarter = 0.25 * converter.range_deg
-            self.wide += int(np.count_nonzero(np.abs(np.diff(line))[unsure[1:]] > quarter))
-        self.statistics.add(np.where(sure, angle, np.nan), line, converter.step_deg)
+            self.wide += int(np.count_nonzero(np.abs(np.diff(line[rows]))[unsure[1:]] > quarter))
+        breaks = np.searchsorted(rows, np.intersect1d(broken, rows, assume_unique=True))
+        self.statistics.add(line[rows], converter.step_deg, breaks)
 
     def _mean_deg(self) -> float | None:
         """Mean on the circle, in the range of the angle."""

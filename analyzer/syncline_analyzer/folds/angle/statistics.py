@@ -47,7 +47,7 @@ class Circle:
     @property
     def std_deg(self) -> float | None:
         """Circular standard deviation; None where there is none."""
-        return degrees(sqrt(-2.0 * log(self.length))) if self.length > _EVEN else None
+        return degrees(sqrt(2.0 * abs(log(self.length)))) if self.length > _EVEN else None
 
 
 @dataclass(slots=True)
@@ -163,12 +163,13 @@ class Statistics:
         self.rest.cut()
         self.reversals.cut()
 
-    def add(self, angle_deg: Floats, unwrapped_deg: Floats, step_deg: float) -> None:
-        """Take in an unbroken piece: angle and unwrapped angle (n,), NaN where unknown."""
-        line = unwrapped_deg[np.isfinite(unwrapped_deg)]
-        if not len(line):
+    def add(self, line_deg: Floats, step_deg: float, breaks: NDArray[np.intp]) -> None:
+        """Take in an unwrapped line (n,); at each of `breaks`, places in it, it goes on elsewhere."""
+        if not len(line_deg):
             return
         self.scaled = True
-        self.circle.add(angle_deg)
-        self.rest.add(line, step_deg)
-        self.reversals.add(line, step_deg)
+        for number, part in enumerate(np.split(line_deg, breaks)):
+            if number:
+                self.cut()
+            self.rest.add(part, step_deg)
+            self.reversals.add(part, step_deg)

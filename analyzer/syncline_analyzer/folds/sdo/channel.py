@@ -25,6 +25,8 @@ PATIENCE_NS = 50_000_000
 """A client that asks for something else after this has given up; sooner it is a second client."""
 OUTDATED = 2
 """... and before so many more requests were made."""
+RETRIED = 4
+"""Of requests repeated at a client's time-out the first waits less than so many times the last."""
 OVERTAKEN = 16
 """A request that waits on is given up when so many others followed, or after `NO_ANSWER_NS`."""
 READ_REQUESTS = (0x40, 0x42)
@@ -296,7 +298,7 @@ class SdoChannel:
 
     def _answered_before(self, seq: int, t_ns: int, data: bytes) -> bool:
         """Note an answer that comes after the client gave up, or a second one."""
-        found = next((e for e in self._given_up if self._answers_late(*e, t_ns, data)), None)
+        found = self._late(t_ns, data)
         if found is not None:
             late = found[1]
             self._given_up.remove(found)
@@ -310,6 +312,14 @@ class SdoChannel:
             return False
         self.strays.answers += 1
         return True
+
+    def _late(self, t_ns: int, data: bytes) -> tuple[int, Transfer] | None:
+        """The request given up that an answer is for: the first of those that repeat one another."""
+        given_up = [each for each in self._given_up if self._answers_late(*each, t_ns, data)]
+        if not given_up:
+            return None
+        waited_ns = RETRIED * (t_ns - given_up[-1][1].start_ns)
+        return next((e for e in given_up if t_ns - e[1].start_ns <= waited_ns), given_up[-1])
 
     def _answers_late(self, number: int, given_up: Transfer, t_ns: int, data: bytes) -> bool:
         recent = self._begun - number <= OUTDATED and 0 <= t_ns - given_up.start_ns <= NO_ANSWER_NS

@@ -1,0 +1,127 @@
+"""ROS 2 bags and MDF files: what only some of them have."""
+
+import struct
+from importlib.util import find_spec
+from io import BytesIO
+from pathlib import Path
+
+import can
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from mcap.writer import Writer
+
+from syncline_schemas.batch import FrameFlag
+from syncline_schemas.errors import CaptureError
+from tests.analyzer import log_files
+from tests.analyzer.log_builder import T0_NS, Row, frame_rows, message, read, row, rows
+from tests.analyzer.log_files import FRAMES
+
+PROPERTY = settings(
+    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+
+
+def _written(tmp_path: Path, raw: bytes) -> Path:
+    path = tmp_path / "bag"
+    path.write_bytes(raw)
+    return path
+
+
+def _bag(*payloads: bytes, encoding: str = "cdr", profile: str = "ros2") -> bytes:
+    stream = BytesIO()
+    writer = Writer(stream)
+    writer.start(profile, "rosbag2")
+    schema = writer.register_schema("can_msgs/msg/Frame", "ros2msg", b"")
+    other = writer.register_schema("std_msgs/msg/String", "ros2msg", b"")
+    channel = writer.register_channel("/from_can_bus", encoding, schema)
+    rest = writer.register_channel("/rosout", "cdr", other)
+    for number, payload in enumerate(payloads):
+        writer.add_message(channel, T0_NS + number * 1000, payload, T0_NS + number * 1000)
+        writer.add_message(rest, T0_NS, b"\0\1\0\0hello", T0_NS)
+    writer.finish()
+    return stream.getvalue()
+
+
+def _frame(stamp: tuple[int, int] = (T0_NS // 10**9, 0), name: bytes = b"\0") -> bytes:
+    head = struct.pack("<iII", *stamp, len(name)) + name + bytes(-len(name) % 4)
+    return (
+        b"\0\1\0\0"
+        + head
+        + struct.pack("<I???B", 0x181, False, False, False, 2)
+        + b"\1\2"
+        + bytes(6)
+    )
+
+
+@PROPERTY
+@given(frames=frame_rows(fd=False))
+def test_any_frames_come_out_as_they_went_in(tmp_path: Path, frames: list[Row]) -> None:
+    batch, facts, _ = read(_written(tmp_path, log_files.ros2(frames)))
+    buses = [int(name[4]) for name in facts.buses]
+    found = [(t, buses[bus], *rest) for t, bus, *rest in rows(batch)]
+    assert found == [log_files.ros2_keeps(frame) for frame in frames]
+
+
+@pytest.mark.parametrize("name", [b"\0", b"a\0", b"can0\0", b"/vehicle/can_interface_0\0"])
+def test_the_length_of_the_frame_id_does_not_matter(tmp_path: Path, name: bytes) -> None:
+    batch, facts, _ = read(_written(tmp_path, _bag(_frame(name=name))))
+    assert rows(batch) == [row(0, 0x181, b"\1\2")]
+    assert facts.buses == ["/from_can_bus"]
+
+
+def test_a_message_without_a_stamp_takes_the_time_of_recording(tmp_path: Path) -> None:
+    batch, facts, _ = read(_written(tmp_path, _bag(_frame(), _frame((0, 0)))))
+    assert batch.t_ns.tolist() == [T0_NS, T0_NS + 1000]
+    assert "1 message(s) have no stamp; the time of recording is used" in facts.notes
+
+
+def test_a_message_that_is_no_frame_is_counted(tmp_path: Path) -> None:
+    batch, facts, _ = read(_written(tmp_path, _bag(_frame(), _frame()[:20], b"", _frame())))
+    assert len(batch) == 2
+    assert facts.unparsed_count == 2
+
+
+def test_another_encoding_of_the_messages_is_told(tmp_path: Path) -> None:
+    batch, facts, _ = read(_written(tmp_path, _bag(_frame(), encoding="protobuf")))
+    assert len(batch) == 0
+    assert facts.damage is not None
+    assert "protobuf" in facts.damage
+
+
+def test_a_bag_without_a_profile_is_one_by_its_schemas(tmp_path: Path) -> None:
+    batch, facts, _ = read(_written(tmp_path, _bag(_frame(), profile="")))
+    assert (len(batch), facts.format) == (1, "ros2")
+
+
+@PROPERTY
+@given(data=st.data())
+def test_broken_bags_never_raise_anything_else(tmp_path: Path, data: st.DataObject) -> None:
+    raw = bytearray(data.draw(st.sampled_from([log_files.ros2, log_files.ros2_fd]))(FRAMES))
+    for _ in range(data.draw(st.integers(1, 6))):
+        raw[data.draw(st.integers(8, len(raw) - 1))] = data.draw(st.integers(0, 255))
+    try:
+        batch, _, _ = read(_written(tmp_path, bytes(raw)))
+    except CaptureError:
+        return
+    assert len(batch) <= len(FRAMES)
+
+
+@pytest.mark.skipif(find_spec("asammdf") is not None, reason="asammdf is here")
+def test_without_asammdf_the_pip_line_is_told(tmp_path: Path) -> None:
+    with pytest.raises(CaptureError, match="pip install asammdf"):
+        read(_written(tmp_path, b"MDF     4.10    " + bytes(64)))
+
+
+@pytest.mark.skipif(find_spec("asammdf") is None, reason="asammdf is not here")
+def test_mdf_logs_of_python_can_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "x.mf4"
+    with can.MF4Writer(str(path)) as log:
+        for frame in FRAMES:
+            log.on_message_received(message(frame))
+    batch, facts, _ = read(path)
+    found = sorted((t // 1000, int(facts.buses[bus]), *rest) for t, bus, *rest in rows(batch))
+    assert found == [(t // 1000, *rest) for t, *rest in FRAMES]
+    assert {FrameFlag.FD, FrameFlag.REMOTE, FrameFlag.ERROR} <= {
+        FrameFlag(f[3]) & ~FrameFlag.TX for f in found
+    }

@@ -114,6 +114,11 @@ Objects are written as `"6004"` or `"1018:2"`. The tables and keys of the TOML f
 """
 
 
+OVERRIDES = """The numbers `cpr`, `turns`, `range`, `res`, `quad` and `angle_def` state what the device did not tell: where an SDO answer or an
+acknowledged write tells another number, that one is used, and `device.override_contradicted` names both. `cpr`, `turns` and `range` are whole
+numbers from 1 on, speeds are above 0; anything else is a mistake of the file. All other settings say how what the bus tells is to be read
+(`scaling`, `direction`, `i16_unsigned`, `temp_scale`), and hold against it.
+"""
 DESCRIPTION_HEADER = """# Bus description
 
 Made by `python -m docs.generate`, its tables from the code; a test reads every example. A TOML file says once what is on the buses of a
@@ -190,6 +195,7 @@ def description_page() -> str:
         "A node id is a number from 1 to 127, also `0x0A`.\n",
         "## Overrides\n",
         "Settings go into `overrides` of a node whose device is known. `auto` leaves the choice to what was seen on the bus.\n",
+        OVERRIDES,
     ]
     devices = [load_device(name, ()) for name in device_names(())]
     for device in devices:
@@ -286,7 +292,7 @@ FORMATS_HEADER = """# Formats
 Made from the registries of readers and writers by `python -m docs.generate`; tests keep it true. The format of a file is found from its
 content, whatever its name; each may be packed as `.gz` or `.zst`. Several files are one session, in any order: segments of a recording
 join, what lies between files is a gap, files that overlap in time are different buses. What a file cannot tell is kept as a fact of the
-capture: `syncline info` shows it, and no finding rests on it.
+capture: `syncline info` shows it; coarse stamps, missing times and unread lines limit what findings are made.
 
 ```sh
 syncline info customer/*                    # what each file is, whether it is whole, what could not be read
@@ -310,15 +316,15 @@ def formats_page() -> str:
     reads = Section(
         "What is read",
         ("format", "usual endings", "which", "cannot tell", "how that shows"),
-        [
+        tuple(
             (each.name, " ".join(each.endings), each.what, _listed(each.cannot), _listed(each.told))
             for each in READ_FORMATS
-        ],
+        ),
     )
     writes = Section(
         "",
         ("format", "endings", "also packed", "cannot hold"),
-        [
+        tuple(
             (
                 each.name,
                 " ".join(each.endings),
@@ -326,7 +332,7 @@ def formats_page() -> str:
                 _listed(each.cannot),
             )
             for each in WRITE_FORMATS
-        ],
+        ),
     )
     lines = [FORMATS_HEADER, *_markdown(reads), WRITE_HEADER, *_markdown(writes)]
     return "\n".join(lines).rstrip() + "\n" + _EVERY_FORMAT

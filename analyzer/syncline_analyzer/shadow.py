@@ -67,6 +67,9 @@ class Shadow:
         self._known: dict[tuple[int, int], dict[Key, ObjectHistory]] = {}
         self._refused: dict[tuple[int, int], set[Key]] = {}
         self._rereads: dict[tuple[int, int, Key], deque[Known]] = {}
+        self._reset_seq: dict[tuple[int, int], int] = {}
+        self._read_again: dict[tuple[int, int, Key], list[int]] = {}
+        """`seq` of the first read after each reset that told the value of before."""
         self._partly_ns: dict[tuple[int, int], int] = {}
         """Time of the last command that reset a node's communication only."""
         self.version = 0
@@ -81,6 +84,7 @@ class Shadow:
         """
         key = (index, sub)
         if known.source == "sdo-read" and self._reads_the_same(bus, node, key, known):
+            self._note_read_again(bus, node, key, known.seq or 0)
             if standard_of(*key) is not None or key in position_objects(self.device(bus, node)):
                 again = self._rereads.setdefault((bus, node, key), deque(maxlen=MAX_CHANGES))
                 again.append(known)
@@ -139,6 +143,7 @@ class Shadow:
                 (CiA 301 7.3.2.2), unless the device's maker says otherwise.
         """
         self.version += 1
+        self._reset_seq[bus, node] = seq
         all_of_it = not self._only_communication(bus, node, t_ns, specifier)
         for key, history in self._known.get((bus, node), {}).items():
             concerned = all_of_it or key[0] in _COMMUNICATION
@@ -170,6 +175,10 @@ class Shadow:
         """`seq` of every moment at which knowledge of an object changed."""
         history = self._known.get((bus, node), {}).get((index, sub))
         return list(history.seqs) if history else []
+
+    def read_again(self, bus: int, node: int, index: int, sub: int = 0) -> list[int]:
+        """`seq` of the first read after each reset that told the same value as before it."""
+        return list(self._read_again.get((bus, node, (index, sub)), ()))
 
     def configured(self, bus: int, node: int, first: int, last: int) -> bool:
         """Whether anything of a node's communication profile changed at `first < seq <= last`."""
@@ -255,6 +264,15 @@ class Shadow:
         if last is None or last.known is None:
             return False
         return last.cause == "sdo-read" and last.known.value == known.value
+
+    def _note_read_again(self, bus: int, node: int, key: Key, seq: int) -> None:
+        """Note that an object has the value of before a reset, once after each."""
+        reset = self._reset_seq.get((bus, node), -1)
+        history = self._known[bus, node][key]
+        since = history.changes[-1].seq
+        found = self._read_again.setdefault((bus, node, key), [])
+        if reset > max(since, found[-1] if found else -1) and len(found) < MAX_CHANGES:
+            found.append(seq)
 
     def _follow_write(self, bus: int, node: int, key: Key, known: Known) -> None:
         """What else changes with a write, by what the device's maker says."""

@@ -81,6 +81,11 @@ class CaptureFile:
         return self._writer.bytes_written
 
     @property
+    def index_bytes(self) -> int:
+        """Size of the index, which is kept in memory until the file is finished."""
+        return self._writer.index_bytes
+
+    @property
     def bytes_on_disk(self) -> int:
         """Size of what is there for sure."""
         return self._good_bytes

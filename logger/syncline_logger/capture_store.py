@@ -194,7 +194,9 @@ class CaptureStore:
         if not content:
             return
         file = self._open.file if self._open else None
-        if file and self._plan.split.is_full(file.bytes_written, file.last_chunk_bytes):
+        if file and self._plan.split.is_full(
+            file.bytes_written, file.last_chunk_bytes, file.index_bytes
+        ):
             self._go_on(content.first_ns, now_ns)
         if self._open:
             try:

@@ -190,7 +190,7 @@ class LiveRecorder:
         asked: Callable[[], Iterable[str]] | None = None,
     ) -> None:
         self._asked = asked
-        rehearse(options.compression)
+        unrehearsed = rehearse(options.compression, decode=options.decode)
         self._options = options
         self._sources = list(sources)
         self._clock = RecorderClock()
@@ -219,6 +219,8 @@ class LiveRecorder:
         except BaseException:
             self._close_sources()
             raise
+        if unrehearsed:
+            self._recording.add_status(0, self._start_ns, unrehearsed)
         decoder = LiveDecoder(
             {bus.number: bus.name for bus in buses}, options.description, options.triggers.values
         )

@@ -7,24 +7,30 @@ from pathlib import Path
 SUFFIX = ".mcap"
 PART = ".part"
 """Before the suffix of a segment that is being written: any other name is that of a whole file."""
+LARGEST_INDEX = 8 << 20
+"""The index of a file is kept in memory until it is closed: hours to days of it [bytes]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Split:
     """At which size or full period of UTC a segment ends; None = never for that.
 
-    A `time_ns` of five minutes ends segments at :00, :05, :10 ... of every hour.
+    A `time_ns` of five minutes ends segments at :00, :05, :10 ... of every hour. Whatever is asked
+    for, a file whose index is as large as `index_bytes` goes on in a new one: recording takes no
+    more memory after weeks than after a day.
     """
 
     size_bytes: int | None = None
     time_ns: int | None = None
+    index_bytes: int = LARGEST_INDEX
 
     def __bool__(self) -> bool:
         return self.size_bytes is not None or self.time_ns is not None
 
-    def is_full(self, bytes_written: int, chunk_bytes: int) -> bool:
+    def is_full(self, bytes_written: int, chunk_bytes: int, index_bytes: int = 0) -> bool:
         """Whether a segment has no room for a further chunk like the last one."""
-        return self.size_bytes is not None and bytes_written + chunk_bytes > self.size_bytes
+        full = self.size_bytes is not None and bytes_written + chunk_bytes > self.size_bytes
+        return full or index_bytes >= self.index_bytes
 
     def ends_after(self, t_ns: int) -> int | None:
         """The next moment at which a segment ends that holds `t_ns`.

@@ -259,7 +259,9 @@ def test_the_set_input_of_a_haomiao_lands_on_the_preset_value() -> None:
         learn(ctx, 1, index, 0, value)
     before = shaft(0, 50, 20 * MS, cpr=8192, total=1 << 25, start=5_000_000)
     after = shaft(0, 100, 20 * MS, cpr=8192, total=1 << 25, start=1000)
-    (event,) = kinds(angles(ctx, ordered(before, after[50:])), "jump")
+    tables = angles(ctx, ordered(before, after[50:]))
+    (event,) = kinds(tables, "preset")
+    assert [cut.text for cut in kinds(tables, "cut")] == ["preset by wire"]
     assert "it landed at the preset value 1000" in event.text
     other = shaft(0, 100, 20 * MS, cpr=8192, total=1 << 25, start=900_000)
     (event,) = kinds(angles(ctx, ordered(before, other[50:])), "jump")

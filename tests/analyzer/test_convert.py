@@ -18,8 +18,10 @@ from syncline_analyzer.writers.formats import (
 )
 from syncline_schemas.batch import FrameFlag, Gap
 from syncline_schemas.errors import CaptureError, UsageError
+from tests.analyzer.binary_files import sll2
 from tests.analyzer.log_builder import T0_NS, read, rows
-from tests.analyzer.log_files import FRAMES, busmaster, sll2
+from tests.analyzer.log_frames import FRAMES
+from tests.analyzer.text_files import busmaster
 
 LOG = """(1700000000.000001) can0 123#1122
 (1700000000.000002) can0 20000040#0001020304050607

@@ -169,6 +169,16 @@ def test_two_producers_alternate(phase: int, size: int) -> None:
     assert found.pair_ns == 100 * MS
 
 
+def test_a_clock_that_is_set_makes_no_other_pair_of_intervals() -> None:
+    """Heartbeats that wait behind the PDOs of every second SYNC; one producer sends them."""
+    passed = np.tile([103.2, 96.8], 30)
+    passed[32] += 3485
+    found = doubles(passed[:38])
+    assert found.count > 20
+    assert found.pair_ns == pytest.approx(200 * MS)
+    assert found.stepped
+
+
 def test_periods_tell_their_extremes_exactly() -> None:
     periods = Periods()
     periods.add(np.array([100, 101, 99, 250, 100]) * MS)

@@ -131,10 +131,23 @@ def test_a_node_that_was_started_before_the_clock_was_set_back_runs_after_it(
     evidence: int | None, expected: int
 ) -> None:
     """Its start and what it missed bear stamps of the time that comes twice."""
-    answers = [t + MS for k, t in enumerate(regular(199, PERIOD)) if k >= 72 and k not in (130, 131)]
+    answers = [
+        t + MS for k, t in enumerate(regular(199, PERIOD)) if k >= 72 and k not in (130, 131)
+    ]
     frames = shifted(ordered(syncs(regular(200, PERIOD)), pdos(answers)), 5 * SECOND, -2 * SECOND)
     started = replace(state(1, "OPERATIONAL", 3500 * MS, 8 * SECOND), evidence=evidence)
     states = [state(1, "PRE-OPERATIONAL", 0, 3500 * MS), started]
+    assert missed(timing(told(1), frames, states=states)) == expected
+
+
+@pytest.mark.parametrize(("last", "expected"), [("OPERATIONAL", 2), ("PRE-OPERATIONAL", 0)])
+def test_a_capture_that_ends_where_its_stamps_go_twice(last: str, expected: int) -> None:
+    """A node that is OPERATIONAL at the end was so before the clock was set back."""
+    answers = [t + MS for k, t in enumerate(regular(119, PERIOD)) if k not in (70, 71)]
+    frames = shifted(ordered(syncs(regular(120, PERIOD)), pdos(answers)), 5 * SECOND, -2 * SECOND)
+    states = [state(1, "OPERATIONAL", 0, 4 * SECOND)]
+    if last != "OPERATIONAL":
+        states.append(state(1, last, 4 * SECOND, 4 * SECOND))
     assert missed(timing(told(1), frames, states=states)) == expected
 
 

@@ -590,3 +590,41 @@ def test_bytes_that_are_no_state_before_a_second_device_was_there() -> None:
         ids = run(*ordered(before, both, [boot(8350)], others(26_000))).ids()
         assert "nmt.duplicate_node_id" in ids
         assert ("nmt.unknown_state" in ids) == told
+
+
+@pytest.mark.triggers("nmt.unexpected_reset")
+def test_silences_that_the_bus_often_makes_do_not_stretch_the_10_s_after_a_reset() -> None:
+    rows = ordered(
+        [frame(0, 0x000, "8205"), boot(250), boot(10_330)],
+        heartbeats(450, 10_260, every_ms=200),
+        heartbeats(10_530, 14_000, every_ms=200),
+        heartbeats(451, 14_000, every_ms=200, node=9),
+    )
+    assert "nmt.unexpected_reset" in run(*rows).ids()
+    rows[1:] = [row for row in rows[1:] if row[:3] != boot(10_330)[:3]]
+    assert "nmt.unexpected_reset" not in run(*rows).ids()
+
+
+@pytest.mark.near_miss("nmt.duplicate_node_id")
+def test_a_heartbeat_that_was_slow_for_a_while_is_no_second_one_in_the_middle() -> None:
+    slow = [frame(t, 0x705, "05") for t in (8533, 9633, 10_733)]
+    rows = ordered(
+        heartbeats(1783, 7300, every_ms=500),
+        slow,
+        heartbeats(11_933, 15_000, every_ms=500),
+        others(15_000),
+    )
+    assert "nmt.duplicate_node_id" not in run(*rows).ids()
+
+
+@pytest.mark.near_miss("nmt.node_lost")
+def test_a_state_that_a_lir_was_told_to_take_while_the_clock_was_set_is_no_start() -> None:
+    rows = ordered(
+        heartbeats(0, 7300, every_ms=300),
+        heartbeats(7550, 15_000, every_ms=300, state="7F"),
+        heartbeats(20, 15_000, every_ms=500, node=1),
+        [frame(t, 0x285, "01") for t in range(30, 7360, 80)],
+        [frame(7364, 0x000, "8005")],
+    )
+    rows = [shifted([row], 507)[0] if row[0] > 7360 * MS else row for row in rows]
+    assert "nmt.node_lost" not in accusing(run(*rows, devices=LIR))

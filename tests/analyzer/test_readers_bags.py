@@ -13,9 +13,9 @@ from mcap.writer import Writer
 
 from syncline_schemas.batch import FrameFlag
 from syncline_schemas.errors import CaptureError
-from tests.analyzer import log_files
+from tests.analyzer import binary_files
 from tests.analyzer.log_builder import T0_NS, Row, frame_rows, message, read, row, rows
-from tests.analyzer.log_files import FRAMES
+from tests.analyzer.log_frames import FRAMES
 
 PROPERTY = settings(
     max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
@@ -57,10 +57,10 @@ def _frame(stamp: tuple[int, int] = (T0_NS // 10**9, 0), name: bytes = b"\0") ->
 @PROPERTY
 @given(frames=frame_rows(fd=False))
 def test_any_frames_come_out_as_they_went_in(tmp_path: Path, frames: list[Row]) -> None:
-    batch, facts, _ = read(_written(tmp_path, log_files.ros2(frames)))
+    batch, facts, _ = read(_written(tmp_path, binary_files.ros2(frames)))
     buses = [int(name[4]) for name in facts.buses]
     found = [(t, buses[bus], *rest) for t, bus, *rest in rows(batch)]
-    assert found == [log_files.ros2_keeps(frame) for frame in frames]
+    assert found == [binary_files.ros2_keeps(frame) for frame in frames]
 
 
 @pytest.mark.parametrize("name", [b"\0", b"a\0", b"can0\0", b"/vehicle/can_interface_0\0"])
@@ -97,7 +97,7 @@ def test_a_bag_without_a_profile_is_one_by_its_schemas(tmp_path: Path) -> None:
 @PROPERTY
 @given(data=st.data())
 def test_broken_bags_never_raise_anything_else(tmp_path: Path, data: st.DataObject) -> None:
-    raw = bytearray(data.draw(st.sampled_from([log_files.ros2, log_files.ros2_fd]))(FRAMES))
+    raw = bytearray(data.draw(st.sampled_from([binary_files.ros2, binary_files.ros2_fd]))(FRAMES))
     for _ in range(data.draw(st.integers(1, 6))):
         raw[data.draw(st.integers(8, len(raw) - 1))] = data.draw(st.integers(0, 255))
     try:
@@ -123,5 +123,5 @@ def test_mdf_logs_of_python_can_are_read(tmp_path: Path) -> None:
     found = sorted((t // 1000, int(facts.buses[bus]), *rest) for t, bus, *rest in rows(batch))
     assert found == [(t // 1000, *rest) for t, *rest in FRAMES]
     assert {FrameFlag.FD, FrameFlag.REMOTE, FrameFlag.ERROR} <= {
-        FrameFlag(f[3]) & ~FrameFlag.TX for f in found
+        FrameFlag(f[3]) & ~FrameFlag.TX for f in rows(batch)
     }

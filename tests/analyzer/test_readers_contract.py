@@ -132,6 +132,7 @@ def test_an_empty_file_is_no_capture(tmp_path: Path) -> None:
         (b"\xd4\xc3\xb2\xa1", "cut off"),
         (b"PAR1", "Parquet"),
         (b"a,b,c\n1,2,3\n", "no known format"),
+        (b"id,name,data\n1,Anna,hello\n2,Bert,world\n", "no known format"),
     ],
 )
 def test_what_is_no_capture_is_said_to_be_none(tmp_path: Path, raw: bytes, what: str) -> None:

@@ -6,17 +6,19 @@ from pathlib import Path
 
 import pytest
 import zstandard
+from hypothesis import HealthCheck, assume, given, settings
 
 from syncline_analyzer import readers
 from syncline_analyzer.readers import open_capture
 from syncline_analyzer.readers.formats import READ_FORMATS
 from syncline_schemas.errors import CaptureError
-from tests.analyzer.log_builder import Row, read, rows
-from tests.analyzer.log_files import FRAMES, IDS, LOG_FILES, LogFile
+from tests.analyzer.log_builder import Row, frame_rows, read, rows
+from tests.analyzer.log_files import IDS, LOG_FILES, LogFile
+from tests.analyzer.log_frames import FRAMES
 
 each_format = pytest.mark.parametrize("log", LOG_FILES, ids=IDS)
-FLOAT_NS = 240
-"""A float of today's epoch, as python-can has them, has steps of 238 ns."""
+FLOAT_NS = 600
+"""Floats of today's epoch, as python-can has them, have steps of 238 ns, and two are subtracted."""
 
 
 def _written(tmp_path: Path, raw: bytes) -> Path:
@@ -48,6 +50,20 @@ def test_every_column_of_every_frame_is_as_it_was_written(log: LogFile, tmp_path
     assert facts.unparsed_lines == []
     assert facts.damage is None
     assert facts.time_base == ("relative" if log.origin_ns else "utc")
+
+
+@each_format
+@settings(
+    max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(frames=frame_rows(back=False))
+def test_any_frames_come_out_as_they_were_written(
+    log: LogFile, tmp_path: Path, frames: list[Row]
+) -> None:
+    expected = log.expected(frames)
+    assume(expected)
+    path = _written(tmp_path, log.encode(frames))
+    assert _tolerant(log, _named(path, log)) == expected
 
 
 @each_format

@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 
 from syncline_analyzer.convert import convert
 from syncline_schemas.batch import FrameFlag, Gap
-from tests.analyzer import log_files
+from tests.analyzer import binary_files, text_files
+from tests.analyzer.binary_files import socketcan
 from tests.analyzer.log_builder import T0_NS, Row, frame_rows, read, row, rows
-from tests.analyzer.log_files import FRAMES, socketcan
+from tests.analyzer.log_frames import FRAMES, Encoder, everything, without_direction
 
 needs_tshark = pytest.mark.skipif(shutil.which("tshark") is None, reason="tshark is not here")
 T0_US = T0_NS // 1000
@@ -62,14 +63,14 @@ def _told(frame: Row) -> Told:
 
 @needs_tshark
 def test_tshark_reads_what_we_write(tmp_path: Path) -> None:
-    source = _written(tmp_path, log_files.candump(FRAMES), "a.log")
+    source = _written(tmp_path, text_files.candump(FRAMES), "a.log")
     convert([source], tmp_path / "x.pcapng")
     assert _tshark(tmp_path / "x.pcapng") == [_told(frame) for frame in FRAMES]
 
 
 @needs_tshark
 def test_capinfos_finds_nothing_wrong(tmp_path: Path) -> None:
-    source = _written(tmp_path, log_files.candump(FRAMES), "a.log")
+    source = _written(tmp_path, text_files.candump(FRAMES), "a.log")
     convert([source], tmp_path / "x.pcapng")
     told = _ran("capinfos", tmp_path / "x.pcapng")
     assert "SocketCAN" in told
@@ -81,18 +82,20 @@ def test_capinfos_finds_nothing_wrong(tmp_path: Path) -> None:
 @pytest.mark.parametrize("form", ["pcap", "nsecpcap", "pcapng"])
 def test_we_read_what_editcap_makes_of_ours(tmp_path: Path, form: str) -> None:
     one_bus = [(t, 0, *rest) for t, _, *rest in FRAMES]
-    source = _written(tmp_path, log_files.candump(one_bus), "a.log")  # type: ignore[arg-type]
+    source = _written(tmp_path, text_files.candump(one_bus), "a.log")  # type: ignore[arg-type]
     convert([source], tmp_path / "x.pcapng")
     _ran("editcap", "-F", form, tmp_path / "x.pcapng", tmp_path / "y")
     found, facts, _ = read(tmp_path / "y")
-    keep = log_files.everything if form == "pcapng" else log_files.without_direction
+    keep = everything if form == "pcapng" else without_direction
     assert rows(found) == [keep(frame) for frame in one_bus]  # type: ignore[arg-type]
     assert facts.buses == ["can0"]
 
 
 @needs_tshark
-@pytest.mark.parametrize("encode", [log_files.pcap, log_files.pcap_big, log_files.pcapng_big])
-def test_we_read_what_tshark_reads(tmp_path: Path, encode: log_files.Encoder) -> None:
+@pytest.mark.parametrize(
+    "encode", [binary_files.pcap, binary_files.pcap_big, binary_files.pcapng_big]
+)
+def test_we_read_what_tshark_reads(tmp_path: Path, encode: Encoder) -> None:
     path = _written(tmp_path, encode(FRAMES))
     found = rows(read(path)[0])
     assert [_told(frame) for frame in found] == _tshark(path)
@@ -103,26 +106,26 @@ def test_we_read_what_tshark_reads(tmp_path: Path, encode: log_files.Encoder) ->
 )
 @given(frames=frame_rows(), order=st.sampled_from("<>"))
 def test_any_frames_come_out_as_they_went_in(tmp_path: Path, frames: list[Row], order: str) -> None:
-    batch, facts, _ = read(_written(tmp_path, log_files.pcapng(frames, order)))
+    batch, facts, _ = read(_written(tmp_path, binary_files.pcapng(frames, order)))
     names = [int(name.removeprefix("can")) for name in facts.buses]
     assert [(t, names[bus], *rest) for t, bus, *rest in rows(batch)] == frames
 
 
 def _ng(*blocks: bytes, resolution: bytes = b"\x06", more: bytes = b"") -> bytes:
-    section = log_files._block("<", 0x0A0D0D0A, struct.pack("<IHHq", 0x1A2B3C4D, 1, 0, -1))
-    options = log_files._option("<", 9, resolution) + more + bytes(4)
-    interface = log_files._block("<", 1, struct.pack("<HHI", 227, 0, 0) + options)
+    section = binary_files.block("<", 0x0A0D0D0A, struct.pack("<IHHq", 0x1A2B3C4D, 1, 0, -1))
+    options = binary_files.option("<", 9, resolution) + more + bytes(4)
+    interface = binary_files.block("<", 1, struct.pack("<HHI", 227, 0, 0) + options)
     return section + interface + b"".join(blocks)
 
 
 def _packet(ticks: int, frame: Row | None = None, options: bytes = b"") -> bytes:
     packet = socketcan(frame or row(0, 0x123, b"\5"))
     head = struct.pack("<IIIII", 0, ticks >> 32, ticks & 0xFFFFFFFF, len(packet), len(packet))
-    return log_files._block("<", 6, head + packet + options)
+    return binary_files.block("<", 6, head + packet + options)
 
 
 def test_frames_lost_before_a_packet_are_a_gap(tmp_path: Path) -> None:
-    lost = log_files._option("<", 4, struct.pack("<Q", 7)) + bytes(4)
+    lost = binary_files.option("<", 4, struct.pack("<Q", 7)) + bytes(4)
     raw = _ng(_packet(T0_US), _packet(T0_US + 50, options=lost), _packet(T0_US + 60))
     batch, _, gaps = read(_written(tmp_path, raw))
     assert len(batch) == 3
@@ -130,8 +133,8 @@ def test_frames_lost_before_a_packet_are_a_gap(tmp_path: Path) -> None:
 
 
 def test_frames_that_an_interface_lost_are_a_note(tmp_path: Path) -> None:
-    options = log_files._option("<", 5, struct.pack("<Q", 12)) + bytes(4)
-    statistics = log_files._block("<", 5, bytes(12) + options)
+    options = binary_files.option("<", 5, struct.pack("<Q", 12)) + bytes(4)
+    statistics = binary_files.block("<", 5, bytes(12) + options)
     _, facts, gaps = read(_written(tmp_path, _ng(_packet(T0_US), statistics)))
     assert gaps == []
     assert "12 frame(s) of can0 were dropped while it was captured" in facts.notes
@@ -153,7 +156,7 @@ def test_stamps_of_any_resolution(tmp_path: Path, resolution: bytes, ticks: int)
 
 
 def test_a_time_offset_is_added(tmp_path: Path) -> None:
-    more = log_files._option("<", 14, struct.pack("<q", T0_NS // 10**9))
+    more = binary_files.option("<", 14, struct.pack("<q", T0_NS // 10**9))
     batch, facts, _ = read(_written(tmp_path, _ng(_packet(5), more=more)))
     assert batch.t_ns.tolist() == [T0_NS + 5000]
     assert facts.time_base == "utc"
@@ -161,9 +164,9 @@ def test_a_time_offset_is_added(tmp_path: Path) -> None:
 
 def test_packets_without_a_time_take_the_one_before(tmp_path: Path) -> None:
     body = socketcan(row(0, 0x321, b"\7"))
-    simple = log_files._block("<", 3, struct.pack("<I", len(body)) + body)
+    simple = binary_files.block("<", 3, struct.pack("<I", len(body)) + body)
     old = struct.pack("<HHIIII", 0, 0xFFFF, T0_US >> 32, T0_US & 0xFFFFFFFF, len(body), len(body))
-    raw = _ng(_packet(T0_US), simple, log_files._block("<", 2, old + body))
+    raw = _ng(_packet(T0_US), simple, binary_files.block("<", 2, old + body))
     batch, _, gaps = read(_written(tmp_path, raw))
     assert batch.can_id.tolist() == [0x123, 0x321, 0x321]
     assert batch.t_ns.tolist() == [T0_NS] * 3
@@ -178,14 +181,16 @@ def test_what_is_no_can_frame_is_counted(tmp_path: Path) -> None:
     assert facts.notes == ["1 packet(s) of link type 1 are no CAN frames"]
     xl = struct.pack(">IBBHI", 0x123, 0x80, 3, 12, 0) + bytes(12)
     head = struct.pack("<IIIII", 0, T0_US >> 32, T0_US & 0xFFFFFFFF, len(xl), len(xl))
-    _, facts, _ = read(_written(tmp_path, _ng(_packet(T0_US), log_files._block("<", 6, head + xl))))
+    _, facts, _ = read(
+        _written(tmp_path, _ng(_packet(T0_US), binary_files.block("<", 6, head + xl)))
+    )
     assert facts.unparsed_count == 1
 
 
 def test_a_packet_cut_by_the_capture_keeps_what_is_there(tmp_path: Path) -> None:
     whole = socketcan(row(0, 0x123, bytes(range(8))))[:12]
     head = struct.pack("<IIIII", 0, T0_US >> 32, T0_US & 0xFFFFFFFF, 12, 16)
-    batch, _, _ = read(_written(tmp_path, _ng(log_files._block("<", 6, head + whole))))
+    batch, _, _ = read(_written(tmp_path, _ng(binary_files.block("<", 6, head + whole))))
     assert rows(batch) == [row(0, 0x123, bytes(range(4)), flags=FrameFlag.DLC_INVALID)]
 
 
@@ -197,12 +202,21 @@ def test_a_damaged_block_costs_only_itself(tmp_path: Path) -> None:
     assert facts.damage == "a block does not start where the one before it ends"
 
 
+def test_a_file_that_changes_again_and_again_is_given_up(tmp_path: Path) -> None:
+    sections = (binary_files.pcapng(FRAMES[:1], order) for order in "<>" * 600)
+    batch, facts, _ = read(_written(tmp_path, b"".join(sections)))
+    assert 900 < len(batch) < 1200
+    assert facts.damage == "the byte order changes again and again"
+
+
 @settings(
     max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(data=st.data())
 def test_broken_bytes_never_raise(tmp_path: Path, data: st.DataObject) -> None:
-    encode = data.draw(st.sampled_from([log_files.pcap_big, log_files.sll2, log_files.pcapng_big]))
+    encode = data.draw(
+        st.sampled_from([binary_files.pcap_big, binary_files.sll2, binary_files.pcapng_big])
+    )
     raw = bytearray(encode(FRAMES))
     for _ in range(data.draw(st.integers(1, 6))):
         place = data.draw(st.integers(4, len(raw) - 1))

@@ -197,7 +197,10 @@ def test_mistakes_that_need_the_whole_are_among_them(tmp_path: Path) -> None:
         ('bus = "can0"', "bus: write each bus as a table that begins with [[bus]]"),
         ("[bus]\nx = 1", "bus: write each bus as a table that begins with [[bus]]"),
         ("bitrate = true", "bitrate: True is not a whole number"),
-        ("nothing_like_it = 1", "nothing_like_it: is no key; there are acknowledge, after, before,"),
+        (
+            "nothing_like_it = 1",
+            "nothing_like_it: is no key; there are acknowledge, after, before,",
+        ),
         ('config = "x.toml"', "config: is no key"),
         ('channel = ["x"]\n[[bus]]\ninterface = "virtual"', "write one in each [[bus]]"),
     ],

@@ -365,6 +365,7 @@ def test_a_dead_decoder_costs_no_frame_live(
     result = record_live(tmp_path, send)
     assert len(read_capture(result.path).frames("a")) == 100
     assert any("decoding is off" in problem for problem in result.problems)
+    assert any("rehearsal" in problem for problem in result.problems)
 
 
 def test_no_decode_writes_frames_alone(tmp_path: Path) -> None:

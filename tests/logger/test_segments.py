@@ -140,3 +140,26 @@ def test_however_it_is_split_the_frames_are_the_same(
         for_all.step()
     for_all.finish()
     assert numbers_in(*files_of(folder)) == list(range(sum(sizes)))
+
+
+@pytest.mark.parametrize(
+    ("target", "names"),
+    [("x.mcap", ["x.mcap", "x_0001.mcap"]), ("", ["_id.mcap", "_id_0001.mcap"])],
+)
+def test_an_unsplit_recording_goes_on_before_its_index_fills_the_memory(
+    tmp_path: Path, target: str, names: list[str]
+) -> None:
+    limit = 20_000
+    run = Run(tmp_path / target, split=Split(index_bytes=limit))
+    largest = 0
+    for _ in range(400):
+        open_file = run.step().store._open
+        assert open_file is not None
+        largest = max(largest, open_file.file.index_bytes)
+    result = run.finish()
+    files = files_of(tmp_path)
+    assert limit / 2 < largest < limit + 1000
+    assert result.files == len(files) >= 3
+    assert sorted(path.name[-len(name) :] for path, name in zip(files, names, strict=False)) == names
+    assert numbers_in(*files) == list(range(run.sent))
+    assert all(doctor_complaints(path) == [] for path in files)

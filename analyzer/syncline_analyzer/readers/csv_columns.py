@@ -71,6 +71,7 @@ _SECONDS = re.compile(rb"\d{1,8}[.,]\d+$")
 _CHANNEL = re.compile(rb"[vs]?(?:l)?can\d+$", re.IGNORECASE)
 _PREFIXED = re.compile(rb"0[xX][0-9A-Fa-f]{1,8}$")
 _PAYLOAD = re.compile(rb"(?:[0-9A-Fa-f]{2}){0,64}$")
+_DATA = re.compile(rb"[0-9A-Fa-fxXhH\s:;,_\[\]{}()-]*|(?:rtr|remote).*", re.IGNORECASE)
 _LOOKED_AT = 50
 _MAX_COLUMNS = 200
 
@@ -142,12 +143,14 @@ def csv_columns(lines: Sequence[bytes]) -> CsvColumns | None:
 
 
 def _holds(columns: CsvColumns, lines: Sequence[bytes]) -> bool:
-    """Whether at least half of the lines have an identifier where these columns say."""
+    """Whether at least half of the lines have an identifier and data where these columns say."""
     at = columns.roles.index("id")
+    data = [place for place, role in enumerate(columns.roles) if role in ("data", "byte")]
     good = 0
     for line in lines:
-        cells = columns.cells(line)
-        good += at < len(cells) and is_number(line[slice(*cells[at])])
+        cells = [line[slice(*span)] for span in columns.cells(line)]
+        numbers = (cells[place] for place in data if place < len(cells))
+        good += at < len(cells) and is_number(cells[at]) and all(map(_DATA.fullmatch, numbers))
     return good > 0 and 2 * good >= len(lines) - 1
 
 

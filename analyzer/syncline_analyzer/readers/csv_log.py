@@ -125,16 +125,10 @@ class CsvFormat(LineFormat):
             return
         self._guess_unit(filled)
         first = _NUMBER.fullmatch(filled[0])
-        if first and int(first["s"]) * self._unit_ns >= FIRST_UTC_NS and not self.differences:
-            # An uptime in microseconds does not get as far as the year 2000.
-            self.facts.time_base = "utc" if self._columns.unit_ns != -1 else "relative"
-            if self._columns.unit_ns == -1 and self._is_epoch(int(first["s"])):
-                self.facts.time_base = "utc"
+        if first and not self.differences and int(first["s"]) * self._unit_ns >= FIRST_UTC_NS:
+            self.facts.time_base = "utc"
         if self.differences:
             self.facts.notes.append("times are differences; their sum is used")
-
-    def _is_epoch(self, value: int) -> bool:
-        return FIRST_UTC_NS <= value * self._unit_ns < 4 * FIRST_UTC_NS
 
     def _guess_unit(self, cells: Sequence[bytes]) -> None:
         fractions = any(b"." in cell or b"," in cell or b"e" in cell.lower() for cell in cells)

@@ -39,7 +39,7 @@ READ_FORMATS: Final = (
     ReadFormat(
         "candump",
         (".log", ".txt"),
-        "candump logs (`-l`, `-L`) and screen dumps with any options (`-ta -td -tz -tA -x -e -a -d -8`)",
+        "candump logs (`-l`, `-L`) and screen dumps with any options (`-ta -td -tz -tA -x -e -a -c -d -i -S -8`)",
         ("bit rates", "in screen dumps without `-L`, CAN FD flags and the direction unless `-x`"),
         (
             "`DROPCOUNT` lines are gaps",

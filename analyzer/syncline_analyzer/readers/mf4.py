@@ -135,9 +135,13 @@ class Mf4Reader:
             width = min(data.shape[1], samples[f"{name}.DataBytes"].shape[1])
             data[:, :width] = samples[f"{name}.DataBytes"][:, :width]
             data[np.arange(data.shape[1]) >= dlc[:, np.newaxis]] = 0
+        bus = self._buses(column("BusChannel"))
+        if _KINDS[name] == FrameFlag.ERROR:
+            # What the format calls the type of an error is no class of SocketCAN.
+            self.facts.foreign_errors.update(self.facts.buses[number] for number in np.unique(bus))
         return FrameBatch(
             t_ns,
-            self._buses(column("BusChannel")),
+            bus,
             (raw_id & 0x1FFFFFFF).astype(np.uint32),
             flags,
             dlc.astype(np.uint8),

@@ -27,7 +27,8 @@ _UNKNOWN_DROPS: Final = 0xFFFF
 _MAX_OPTIONS: Final = 8
 """Options of a packet that are looked at."""
 _MAX_T: Final = 1 << 62
-_MAX_ORDER_CHANGES: Final = 1000
+_MAX_RESTARTS: Final = 1000
+"""Changes of the byte order and damaged places; a file with more is not worth the time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +74,7 @@ class PcapngReader(PacketReader):
         super().__init__(path, "pcapng")
         self._order: ByteOrder = "<"
         self._interfaces: list[_Interface] = []
-        self._changes = 0
+        self._restarts = 0
         self._row = 0
         self._before_ns = 0
 
@@ -83,6 +84,9 @@ class PcapngReader(PacketReader):
         view, at = ByteColumns(data), 0
         while len(data) - at >= 12:
             self._turn(data, at)
+            if self._restarts > _MAX_RESTARTS:
+                self.harm("the byte order changes again and again")
+                return parts, -1
             view = view.ordered(self._order)
             places, end = self._chain(view, at, len(data))
             at = end
@@ -107,7 +111,7 @@ class PcapngReader(PacketReader):
 
     def _turn(self, data: bytes, at: int) -> None:
         if self._is_turn(data, at):
-            self._changes += 1
+            self._restarts += 1
             self._order = ">" if self._order == "<" else "<"
 
     def _after(self, view: ByteColumns, data: bytes, at: int) -> int:
@@ -118,8 +122,7 @@ class PcapngReader(PacketReader):
         if 12 <= length <= MAX_PACKET and length % 4 == 0 and at + length > len(data):
             return at
         self.harm("a block does not start where the one before it ends")
-        if self._changes > _MAX_ORDER_CHANGES:
-            return -1
+        self._restarts += 1
         words = np.arange(at + 4 - at % 4, len(data) - 12, 4)
         lengths = view.u32(words, 4).astype(np.int64)
         likely = (view.u32(words, 0) == PACKET) & (lengths >= 32) & (lengths <= MAX_PACKET)

@@ -160,7 +160,7 @@ class Ros2Reader:
         name = view.u32(at, 8).astype(np.int64)
         named = (view.u8(at, -3) == 1) & (name <= _MAX_NAME) & (end - at >= 12)
         body = np.where(named, 12 + name + -name % 4, 0)
-        good = named & (at + body + (14 if channel.kind == _FD else 16) <= end)
+        good = named & (at + body + (12 if channel.kind == _FD else 16) <= end)
         self._count(int(np.count_nonzero(~good)))
         at, end, body, record, rows = at[good], end[good], body[good], record[good], rows[good]
         t_ns = view.u32(at, 0).astype(np.int64) * SECOND_NS + view.u32(at, 4).astype(np.int64)

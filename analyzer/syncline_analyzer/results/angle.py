@@ -20,6 +20,7 @@ EventKind = Literal[
     "parted",
     "too fast",
     "unsure step",
+    "disagrees",
 ]
 """What happens to a trace."""
 
@@ -93,14 +94,17 @@ class ShaftRow:
     spread_deg: float | None
     """Largest distance from the offset in force, whatever was allowed."""
     allowed_deg: float
-    """Allowed distance at standstill; more is allowed the faster it turns."""
+    """Allowed distance at an even speed; more where the speed is another one than that at which the
+    offset was learned, and 5 ms of the speed for the stamps."""
     parted: int
     """How often they parted for good: the offset was another one afterwards."""
     parted_ns: int | None
     """When for the first time."""
     parted_seq: int | None
     parted_deg: float | None
-    """By how much for the first time."""
+    """By how much for the first time, when it was sure."""
+    shifted_deg: float | None = None
+    """How far the offset was from the first one once they told the same again, at most."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -153,7 +157,8 @@ class TraceEventRow:
     "gray code" (at the end: counts in the wrong code), "step" (away within one sample, at the same
     speed before and after), "spike" (away for one sample and back), "preset" (a step onto the
     preset value), "parted" (from another encoder on its shaft), "too fast" (turns on and on faster than it may),
-    "unsure step" (away within one sample, and a cut or the end so near that a motion may begin) or "cut"; `text` says why. `before`
+    "unsure step" (away within one sample, and a cut or the end so near that a motion may begin), "disagrees" (16 bits of
+    an angle are not the lower half of its 32 bits) or "cut"; `text` says why. `before`
     and `after` are values in the trace's unit.
     """
 
@@ -201,6 +206,7 @@ TRACE_FLAGS = (
     "out_of_range",
     "scale_assumed",
     "silence",
+    "singular",
 )
 """Names of the bits of `Trace.flags`, bit 0 first; `silence` marks the first sample after a stretch
-without any in which the value is not known."""
+without any in which the value is not known, `singular` an angle that means nothing in that pose."""

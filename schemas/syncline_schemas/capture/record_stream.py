@@ -117,6 +117,11 @@ class RecordStream:
         return position - start
 
     @property
+    def summary_bytes(self) -> int:
+        """Size of what is kept in memory for the summary."""
+        return sum(len(group) for group in self._groups.values())
+
+    @property
     def message_count(self) -> int:
         """Messages of all channels written so far."""
         return self._message_counts.total()

@@ -85,6 +85,11 @@ class CaptureWriter:
         """Bytes given to the stream so far."""
         return self._records.position
 
+    @property
+    def index_bytes(self) -> int:
+        """Size of the index, which is kept in memory until the file is finished."""
+        return self._records.summary_bytes
+
     def add_channel(
         self, topic: str, schema: MessageSchema, metadata: Mapping[str, str] | None = None
     ) -> int:

@@ -8,6 +8,7 @@ from tests.analyzer.traps.script import (
     OPERATIONAL,
     PRE_OPERATIONAL,
     STOPPED,
+    T0,
     Script,
     numbered_traps,
     says,
@@ -651,7 +652,7 @@ def test_one_wrong_resolution_is_one_finding() -> None:
     script = running(settings(tilt(), quad=2), 0, 1000, -2370, 0)
     script.pdo(3, 1000, 20, lambda _: (-2370, 0), base=0x280)
     found = script.told().finding("angle.out_of_range")
-    assert says(found.text, "16 bit", "32 bit", "-237 deg")
+    assert says(found.text, "longitudinal 16", "longitudinal 32", "-237 deg")
 
 
 def test_sixteen_bits_are_unsigned_where_the_user_says_so() -> None:
@@ -666,23 +667,31 @@ def test_sixteen_bits_are_unsigned_where_the_user_says_so() -> None:
     assert says(told.trace_row(LONG).shows, "0 .. 360 deg")
 
 
-def test_a_reset_leaves_the_reference_unknown() -> None:
+def reset_half_way(zero: int) -> Script:
+    script = running(settings(tilt(), **READ | {"zero": zero}), 0, 900)
+    return running(script.nmt(950, 0x81).boot(970).nmt(980, 0x01), 1000, 2000)
+
+
+@pytest.mark.parametrize(("zero", "shows"), [(2, "reference unknown"), (1, "relative")])
+def test_a_reset_leaves_the_reference_unknown(zero: int, shows: str) -> None:
     """Whether 2042h survives is not said (traps 12 and 28); a zero point is stored at once."""
-    for zero, shows in ((2, "reference unknown"), (1, "relative")):
-        script = running(settings(tilt(), **READ | {"zero": zero}), 0, 900)
-        script.nmt(950, 0x81).boot(970).nmt(980, 0x01)
-        told = running(script, 1000, 2000).told()
-        assert says(told.trace_row(LONG).shows, shows), zero
-        assert not says(told.trace_row(LONG).shows, "absolute")
-    again = settings_at(script, 1500, teach=2, zero=2)
-    assert says(again.told().trace_row(LONG).shows, "absolute")
+    row = reset_half_way(zero).told().trace_row(LONG)
+    assert says(row.shows, shows)
+    assert not says(row.shows, "absolute")
 
 
-def settings_at(script: Script, at: float, **read: int) -> Script:
-    objects = {"teach": 0x2042, "zero": 0x2046}
-    for count, (name, value) in enumerate(read.items()):
-        script.read(at + 3 * count, objects[name], 0, value, size=1)
-    return script
+def test_what_is_read_again_after_a_reset_is_no_longer_assumed() -> None:
+    """Trap 28: assumed after a reset until read again, also where the value is the same."""
+    script = reset_half_way(2)
+    objects = ((0x2042, 2), (0x2046, 2), (0x6000, 100), (0x2040, 2), (0x2044, 0))
+    for count, (index, value) in enumerate(objects):
+        script.read(1500 + 3 * count, index, 0, value, size=2 if index == 0x6000 else 1)
+    told = script.told()
+    assert says(told.trace_row(LONG).shows, "absolute")
+    assumed = told.trace(LONG).flags & 1 << 5 != 0
+    moments_ms = (told.trace(LONG).t_ns - T0) / 1e6
+    assert not assumed[(moments_ms < 950) | (moments_ms > 1520)].any()
+    assert assumed[(moments_ms > 1000) & (moments_ms < 1500)].all()
 
 
 def test_a_pose_that_is_held_has_no_spread_below_nothing() -> None:

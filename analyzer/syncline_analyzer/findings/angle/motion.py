@@ -268,6 +268,8 @@ def _parting(facts: Facts, shaft: ShaftRow) -> str:
     assert shaft.parted_deg is not None
     way = "ahead" if shaft.parted_deg > 0 else "back"
     often = f"; it happened {shaft.parted} times" if shaft.parted > 1 else ""
+    if shaft.shifted_deg is not None and abs(shaft.shifted_deg) > 1.2 * abs(shaft.parted_deg):
+        often += f", and came to {abs(shaft.shifted_deg):.4g} deg"
     return (
         f"{facts.who(shaft.bus, shaft.node)} and {facts.inside(shaft.other_bus, shaft.other)} sit on"
         f" one shaft (bus description, ratio {shaft.ratio:g}), but since"
@@ -322,6 +324,7 @@ RULES: tuple[Rule, ...] = (
         "The first sample of each such stretch.",
         (
             "Several samples in a row must tell the same speed; a single one is a jump.",
+            "Stamps may be late by a millisecond, or by what frames come in bundles.",
             "Not told where the samples come too seldom to tell the speed.",
             "Not told where no speed limit is known.",
         ),
@@ -355,7 +358,7 @@ RULES: tuple[Rule, ...] = (
         "The sample at which they parted.",
         (
             "Whole ranges are no difference where turns cannot be counted surely.",
-            "The faster the shaft turns, the more they may differ.",
+            "What a lag explains is allowed where the speed changes: it moves nothing at an even one.",
             "Presets, resets, gaps and silences of either begin a new comparison.",
             "Single samples do not count: it must last half a second.",
         ),

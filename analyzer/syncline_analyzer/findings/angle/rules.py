@@ -7,6 +7,7 @@ from syncline_analyzer.findings.angle.words import (
     events_of,
     evidence_of,
     number,
+    rests_on,
     scale_of,
     stepped,
     together,
@@ -151,8 +152,9 @@ def _ambiguous_16(facts: Facts) -> Iterator[Finding]:
     """Angles of 16 bits with so fine a resolution that they repeat within the circle."""
     traced = {(t.bus, t.node, t.object >> 8) for t in facts.analysis.traces}
     for trace in facts.analysis.traces:
-        wide = (trace.bus, trace.node, (trace.object >> 8) + WIDE)
-        if wide in traced or trace.unit != "deg":
+        index = (trace.object >> 8) + WIDE
+        wide = (trace.bus, trace.node, index) in traced
+        if trace.unit != "deg":
             continue
         for event in events_of(facts.analysis, trace, "ambiguous"):
             yield Finding(
@@ -162,10 +164,39 @@ def _ambiguous_16(facts: Facts) -> Iterator[Finding]:
                 trace.node,
                 event.t_ns,
                 event.t_ns + 1,
-                f"{trace.name} of {facts.inside(trace.bus, trace.node)} is ambiguous: {event.text}.",
+                f"{trace.name} of {facts.inside(trace.bus, trace.node)} is ambiguous: {event.text}"
+                + (f"; {index:04X}h of the same axis is here and tells it." if wide else "."),
                 "16 bits are too few for 0..360 deg at this resolution (6000h).",
-                "Use TPDO2 (6110h and 6120h, 32 bits), or a coarser resolution.",
+                f"Whoever reads the 16 bits: use {index:04X}h (TPDO2), or a coarser resolution."
+                if wide
+                else "Use TPDO2 (6110h and 6120h, 32 bits), or a coarser resolution.",
                 [event.seq],
+                assumed=scale_of(trace),
+            )
+
+
+def _disagreements(facts: Facts) -> Iterator[Finding]:
+    """Angles of 16 bits that are not the lower half of the same axis in 32 bits."""
+    for trace in facts.analysis.traces:
+        for group in together(events_of(facts.analysis, trace, "disagrees")):
+            first = group[0]
+            index = (trace.object >> 8) + WIDE
+            times = f"; it happened {len(group)} times" if len(group) > 1 else ""
+            yield Finding(
+                "angle.widths_disagree",
+                "error",
+                trace.bus,
+                trace.node,
+                first.t_ns,
+                group[-1].t_ns + 1,
+                f"{trace.name} of {facts.inside(trace.bus, trace.node)} does not tell the same in 16"
+                f" and in 32 bits{facts.at(first.t_ns)}: {number(first.after)} deg, and"
+                f" {number(first.before)} deg in {index:04X}h; they stay"
+                f" {first.text}{times}.{rests_on(trace)}",
+                "One of the two values is an old one or a wrong one: the device's firmware hangs in"
+                " part, or something else sends under one of its identifiers.",
+                "Compare both with the true pose; look who else may send these identifiers.",
+                evidence_of(group),
                 assumed=scale_of(trace),
             )
 
@@ -299,9 +330,23 @@ RULES: tuple[Rule, ...] = (
         "angle.ambiguous",
         "A 16-bit angle repeats within the circle at the resolution that is set.",
         "The first sample of the trace.",
-        ("Not told where the 32-bit object of the same axis is there too.",),
+        (
+            "Only where 16 bits at the resolution in force do not reach round the circle.",
+            "It is a note: the text names the angles that look alike, and the object that tells.",
+        ),
         _ambiguous_16,
         untimed=True,
+    ),
+    Rule(
+        "angle.widths_disagree",
+        "16 bits of an angle are not the lower half of the same axis in 32 bits.",
+        "The first of the samples that differ.",
+        (
+            "Both are compared modulo 65536, in samples no more than 100 ms apart.",
+            "What moves between two samples is no difference.",
+            "At least 16 samples in a row, over a second, must differ.",
+        ),
+        _disagreements,
     ),
     Rule(
         "angle.gray_code",

@@ -96,7 +96,7 @@ def _recent_command(facts: Facts, timeline: Timeline, boot: BootUp) -> bool:
         row = commands[at]
         passed = boot.t_ns - row.t_ns
         if passed > COMMAND_WINDOW_NS:
-            passed -= timeline.quiet.within(_answered_ns(timeline, row, boot), boot.t_ns)
+            passed -= timeline.quiet.unusual(_answered_ns(timeline, row, boot), boot.t_ns)
         if passed > COMMAND_WINDOW_NS:
             return False
         if row.bus == boot.bus and row.node in (0, boot.node) and row.command.startswith("reset"):

@@ -146,7 +146,11 @@ def _sign(facts: Facts, key: NodeKey, nmt: NodeNmt) -> _Sign | None:
     if (sign := _paired(facts, key, nmt)) is not None:
         return sign
     halved = nmt.paces.halved
-    if halved is not None and _goes_on(nmt, halved) and not _rewritten(facts, key, *halved[:2]):
+    if (
+        halved is not None
+        and _from_then_on(nmt, halved)
+        and not _rewritten(facts, key, *halved[:2])
+    ):
         period, half = seconds(halved.period_ns), seconds(halved.period_ns // 2)
         how = f"the heartbeat came every {period}, and from {facts.moment(halved.t_ns)} on a"
         how += f" second one in the middle between two, so that one comes every {half}"
@@ -293,10 +297,19 @@ def _recorded_twice(facts: Facts, bus: int) -> bool:
     )
 
 
-def _goes_on(nmt: NodeNmt, halved: Halved) -> bool:
-    """Whether the heartbeat never came at its old period again: a device that was set would."""
+def _from_then_on(nmt: NodeNmt, halved: Halved) -> bool:
+    """Whether the heartbeat came twice as often from a moment on, and neither before nor no more.
+
+    A device that was set would keep its old period again; one whose heartbeat was slow for a while
+    had the short period before.
+    """
     later = (pace for pace in nmt.paces.paces if pace.first_seq > halved.seq)
-    return all(pace.median_ns < 0.75 * halved.period_ns for pace in later)
+    half_ns = halved.period_ns / 2
+    paces = [*nmt.paces.paces, *nmt.paces.stretches]
+    earlier = (pace for pace in paces if pace.first_seq < halved.first_seq)
+    return all(pace.median_ns < 0.75 * halved.period_ns for pace in later) and not any(
+        abs(pace.median_ns - half_ns) <= ALIKE * half_ns for pace in earlier
+    )
 
 
 def _rewritten(facts: Facts, key: NodeKey, start_seq: int, end_seq: int) -> bool:

@@ -3,15 +3,16 @@
 from bisect import insort
 from collections import deque
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.fold import IndexedBatch
+from syncline_analyzer.folds.angle.agreement import Agreements, Disagreement
 from syncline_analyzer.folds.angle.followers import Followers
 from syncline_analyzer.folds.angle.frozen import with_frozen
+from syncline_analyzer.folds.angle.leaps import Leap
 from syncline_analyzer.folds.angle.notes import (
     cut_where_lost,
     follow_fast,
@@ -28,11 +29,13 @@ from syncline_analyzer.folds.angle.samples import (
     Samples,
     alarm_objects,
     changes_within,
+    joined,
 )
 from syncline_analyzer.folds.angle.scales import Scales, scale_objects
 from syncline_analyzer.folds.angle.shafts import Shafts
 from syncline_analyzer.folds.angle.silence import held_by_design
-from syncline_analyzer.folds.angle.state import MOVES, TraceState
+from syncline_analyzer.folds.angle.singular import with_singular
+from syncline_analyzer.folds.angle.state import MOVES, Cut, TraceState
 from syncline_analyzer.folds.angle.trace import Converter, Derived, Encoder, Tilt
 from syncline_analyzer.folds.timing.block import BLOCK_FRAMES, Block, Blocks
 from syncline_analyzer.pdo_binding import PdoBindings
@@ -51,6 +54,7 @@ from syncline_schemas.decoder import decode_nmt
 from syncline_schemas.devices import Device, quirks, standard_jumps
 from syncline_schemas.measurement import (
     measured_by,
+    sent_in,
     tilt_axis,
 )
 
@@ -58,20 +62,12 @@ STOOD_COUNTS = 2
 """A value that differs by no more has stood."""
 WRITE_NS = 500_000_000
 """A jump this near to a write that explains it is the write's doing."""
+HELD_NS = 3_000_000_000
+"""So long samples wait: those after them show whether a wire set the position meanwhile."""
+MOST_HELD = 200_000
 _RESETS = (0x81, 0x82)
 _RECENT_WRITES = 1000
-
-
-class Cut(NamedTuple):
-    """A moment at which a trace must be cut; `write` when an SDO write is the reason.
-
-    Without a text something became known that may change the scale: the trace is cut only if so.
-    """
-
-    seq: int
-    t_ns: int
-    text: str
-    write: bool
+BY_WIRE = "preset by wire"
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,6 +103,9 @@ class AngleFold:
         self._poses = Poses(context)
         self._shafts = Shafts(context)
         self._followers = Followers(context)
+        self._agreements = Agreements()
+        self._ends: deque[tuple[int, int]] = deque()
+        """(t_ns, seq) of the ends of the last blocks."""
 
     def update(self, batch: IndexedBatch) -> None:
         """Take in the next frames."""
@@ -116,10 +115,12 @@ class AngleFold:
     def gap(self, gap: Gap) -> None:
         """Nothing is joined over a gap."""
         self._flush()
-        for (bus, _, _), state in self._states.items():
-            if gap.bus in (None, bus):
-                state.cut(self._seen.get(bus, 0), gap.start_ns, f"capture gap: {gap.reason}")
+        for key, state in sorted(self._states.items()):
+            if gap.bus in (None, key[0]):
+                self._release(key, state)
+                state.cut(self._seen.get(key[0], 0), gap.start_ns, f"capture gap: {gap.reason}")
                 state.pauses.cut()
+        self._join()
 
     def finish(
         self,
@@ -135,6 +136,9 @@ class AngleFold:
             lost: (bus, node, start_ns, end_ns) of every stretch in which a node was LOST.
         """
         self._flush()
+        for key, state in sorted(self._states.items()):
+            self._release(key, state)
+        self._join()
         tables = AngleTables(
             tilts=self._poses.rows(),
             tilt_data=self._poses.traces(),
@@ -143,7 +147,6 @@ class AngleFold:
         )
         for key, state in sorted(self._states.items()):
             bus, node, _ = key
-            state.end()
             note_fast(state)
             note_ambiguous(state)
             note_gray(state)
@@ -155,7 +158,7 @@ class AngleFold:
             tables.trace_data.append(trace)
             writes = list(self._writes.get((bus, node), ()))
             own = [t for name, n, t in starts if (name, n) == (state.bus, node)]
-            for event in state.events:
+            for event in sorted(state.events, key=lambda event: event.seq):
                 since_ns = state.moved_from_ns.get(event.seq, event.t_ns)
                 if not _explained(event, writes) and not _restarted(event, since_ns, own):
                     tables.events.append(event)
@@ -168,16 +171,38 @@ class AngleFold:
             self._take(block)
 
     def _take(self, block: Block) -> None:
+        until = self._until(block)
         for bus in block.by_bus:
             found = with_frozen(self._reader.read(block, bus), self._quantity)
             nodes = {node for _, node, _ in found} | {n for b, n, _ in self._states if b == bus}
             last_seq = block.batch.last_seq
             cuts = {node: self._cuts(block, bus, node, last_seq) for node in nodes}
+            edges = {node: [cut.seq for cut in cuts[node]] for node in nodes}
+            found = with_singular(found, edges, self._scales.converter)
             for key in sorted(set(found) | {k for k in self._states if k[0] == bus}):
-                self._extend(key, found.get(key), cuts[key[1]])
+                self._extend(key, found.get(key), cuts[key[1]], until)
+            for key, disagreements in self._agreements.compare(found).items():
+                self._note_disagreements(key, disagreements if self._context.timed else [])
             self._seen[bus] = last_seq
+        self._join()
+
+    def _join(self) -> None:
+        """Compare what came in of axes and of shafts."""
         self._poses.join()
         self._shafts.join()
+
+    def _until(self, block: Block) -> int:
+        """The last `seq` after which enough was heard to judge it."""
+        t_ns, last_seq = block.frames.t_ns, block.batch.last_seq
+        if not self._context.timed or not len(t_ns):
+            return last_seq
+        limit_ns = int(t_ns[-1]) - HELD_NS
+        done = np.flatnonzero(t_ns <= limit_ns)
+        until = -1
+        while self._ends and self._ends[0][0] <= limit_ns:
+            until = self._ends.popleft()[1]
+        self._ends.append((int(t_ns[-1]), last_seq))
+        return block.batch.seq(int(done[-1])) if len(done) else until
 
     def _quantity(self, key: Key) -> tuple[int, int, str, int]:
         """What an object measures: two objects of the same axis measure the same."""
@@ -188,32 +213,125 @@ class AngleFold:
         axis = tilt_axis(by, number >> 8)
         return (bus, node, "object", number) if axis is None else (bus, node, "axis", axis)
 
-    def _extend(self, key: Key, samples: Samples | None, cuts: list[Cut]) -> None:
+    def _extend(self, key: Key, samples: Samples | None, cuts: list[Cut], until: int) -> None:
         """Add the samples of a block to a trace, cut where it must be."""
-        bus, node, number = key
-        if samples is None:
-            for cut in cuts if key in self._states else ():
-                _cut(self._states[key], cut)
+        if samples is None and key not in self._states:
             return
         if key not in self._states:
+            bus, node, number = key
             self._states[key] = TraceState(self._context.bus_name(bus), node, number)
         state = self._states[key]
+        if samples is not None:
+            cuts = sorted([*cuts, *self._silences(key, state, samples)])
+            held = [] if state.held is None else [state.held]
+            state.held = joined([*held, samples])
+            cuts = self._placed(key, state.held, cuts)
+            self._look_ahead(state, key, samples, cuts)
+        state.held_cuts = sorted([*state.held_cuts, *cuts])
+        if state.held is not None and len(state.held.seq) > MOST_HELD:
+            until = int(state.held.seq[-1])
+        self._advance(key, state, until)
+
+    def _release(self, key: Key, state: TraceState) -> None:
+        """Add all samples that wait: what comes next does not go on from them."""
+        self._foresee(state, key, state.leaps.end())
+        last = -1 if state.held is None else int(state.held.seq[-1])
+        self._advance(key, state, max([last, *(cut.seq for cut in state.held_cuts)]))
+
+    def _advance(self, key: Key, state: TraceState, until: int) -> None:
+        """Add the samples up to `until`."""
+        due = [cut for cut in state.held_cuts if cut.seq <= until]
+        state.held_cuts = state.held_cuts[len(due) :]
+        samples = state.held
+        if samples is None:
+            for cut in due:
+                _cut(state, cut)
+            return
         begin = 0
-        cuts = sorted([*cuts, *self._silences(key, state, samples)])
-        for cut in self._placed(key, samples, cuts):
-            stop = int(np.searchsorted(samples.seq, cut.seq))
-            self._add(state, key, _piece(samples, begin, stop))
+        for cut in due:
+            stop = max(int(np.searchsorted(samples.seq, cut.seq)), begin)
+            self._add(state, key, samples.part(begin, stop))
+            state.leapt(cut.seq if cut.text == BY_WIRE else cut.seq - 1)
             _cut(state, cut)
             begin = stop
-        self._add(state, key, _piece(samples, begin, len(samples.seq)))
+        stop = int(np.searchsorted(samples.seq, until, side="right"))
+        self._add(state, key, samples.part(begin, stop))
+        rest = samples.part(max(stop, begin), len(samples.seq))
+        state.held = rest if len(rest.seq) else None
+        state.leapt(until)
+
+    def _look_ahead(
+        self, state: TraceState, key: Key, samples: Samples, cuts: Sequence[Cut]
+    ) -> None:
+        """Find the steps and spikes of samples that are not taken in yet."""
+        begin = 0
+        told = [cut for cut in cuts if cut.text]
+        for cut in told if self._context.timed else ():
+            stop = int(np.searchsorted(samples.seq, cut.seq))
+            self._look_at(state, key, samples.part(begin, max(stop, begin)))
+            self._foresee(state, key, state.leaps.end())
+            begin = max(stop, begin)
+        self._look_at(state, key, samples.part(begin, len(samples.seq)))
+
+    def _look_at(self, state: TraceState, key: Key, piece: Samples) -> None:
+        """Steps and spikes that the speed limit lets pass, source by source."""
+        if not len(piece.seq) or not self._context.timed:
+            return
+        converter = self._scales.converter(key, piece, int(piece.seq[0]))
+        if not isinstance(converter, Encoder):
+            return
+        bus, node, _ = key
+        shadow, last = self._context.shadow, int(piece.seq[-1])
+        wired = quirks(shadow.device(bus, node)).hardware_preset
+        preset = (shadow.number(bus, node, 0x6003, 0, last) or 0) if wired else None
+        for source in (np.flatnonzero(np.bincount(piece.source + 1)) - 1).tolist():
+            rows = np.flatnonzero((piece.source == source) & piece.told)
+            if len(rows):
+                scale = sent_in(converter.scale, int(piece.widths[rows].min()))
+                columns = (piece.seq[rows], piece.t_ns[rows], piece.raw[rows])
+                self._foresee(state, key, state.leaps.add(source, columns, scale, preset))
+
+    def _foresee(self, state: TraceState, key: Key, leaps: Sequence[Leap]) -> None:
+        """Remember leaps until their samples are taken in; a preset by wire cuts the trace."""
+        writes = list(self._writes.get(key[:2], ()))
+        for leap in leaps:
+            state.ahead.append(leap)
+            waits = state.held is not None and leap.seq >= state.held.seq[0]
+            near = any(abs(cut.t_ns - leap.t_ns) <= WRITE_NS for cut in writes)
+            if leap.kind == "preset" and waits and not near:
+                self._cut_by_wire(state, leap)
+
+    @staticmethod
+    def _cut_by_wire(state: TraceState, leap: Leap) -> None:
+        """One cut for all sources that show a preset, where the one that tells the motion does."""
+        assert state.held is not None
+        cut = Cut(leap.seq, leap.t_ns, BY_WIRE, False)
+        for told in state.held_cuts:
+            if told.text == BY_WIRE and abs(told.t_ns - leap.t_ns) <= WRITE_NS:
+                row = int(np.searchsorted(state.held.seq, leap.seq))
+                if int(state.held.source[row]) != state.link.counted:
+                    return
+                state.held_cuts.remove(told)
+                break
+        insort(state.held_cuts, cut)
 
     def _silences(self, key: Key, state: TraceState, samples: Samples) -> Iterator[Cut]:
         """Cuts at the samples after a long silence, unless the value is told to have stood."""
-        state.silent.clear()
         if not self._context.timed:
             return
-        before = samples.raw[0] if state.last_raw is None else state.last_raw
-        state.pauses.compare(samples.raw)
+        state.narrowest = min(state.narrowest, int(samples.widths.min()))
+        low = (1 << min(state.narrowest, 62)) - 1
+        mixed = samples.entry.kind == "unsigned"
+        raw = samples.raw & low if mixed else samples.raw
+        before = (
+            int(raw[0])
+            if state.last_raw is None
+            else state.last_raw & low
+            if mixed
+            else state.last_raw
+        )
+        state.last_raw = int(raw[-1])
+        state.pauses.compare(raw)
         for row, span_ns in state.pauses.silent(samples.t_ns):
             seq, source = int(samples.seq[row]), int(samples.source[row])
             shadow = self._context.shadow
@@ -221,7 +339,7 @@ class AngleFold:
             if by_design:
                 continue
             state.silent.append(seq)
-            moved = abs(int(samples.raw[row]) - int(samples.raw[row - 1] if row else before))
+            moved = abs(int(raw[row]) - int(raw[row - 1] if row else before))
             if by_design is None and not state.pauses.repeats and moved <= STOOD_COUNTS:
                 continue
             text = f"no samples for {span_ns / 1e9:.4g} s"
@@ -243,11 +361,12 @@ class AngleFold:
     def _jumps_of(self, key: Key, samples: Samples, rows: np.ndarray, seq: int) -> list[int]:
         if not len(rows):
             return []
-        piece = _piece(samples, int(rows[0]), int(rows[-1]) + 1)
+        piece = samples.part(int(rows[0]), int(rows[-1]) + 1)
         converter = self._scales.converter(key, piece, seq)
         trial = TraceState("", 0, 0)
         derived = converter.derive(trial.link, piece, timed=True)
-        return [int(rows[0]) + jump.row for jump in derived.jumps]
+        jumps = derived.speeds.jumps if derived.speeds else []
+        return [int(rows[0]) + jump.row for jump in jumps]
 
     def _add(self, state: TraceState, key: Key, piece: Samples) -> None:
         if not len(piece.seq):
@@ -259,12 +378,12 @@ class AngleFold:
         if isinstance(converter, Tilt):
             self._poses.take(key, piece, derived, converter)
         elif isinstance(converter, Encoder):
-            line = derived.columns["unwrapped_deg"]
-            self._shafts.take(key, piece, line, state.segment, converter)
-            self._followers.take(key, piece, line, state.segment, converter)
+            rows = np.flatnonzero(derived.counted)
+            line, own = derived.columns["unwrapped_deg"][rows], piece.at(rows)
+            self._shafts.take(key, own, line, state.segment, converter)
+            self._followers.take(key, own, line, state.segment, converter)
         self._note_jumps(state, key, piece, derived, converter)
-        if isinstance(converter, Encoder) and self._context.timed:
-            self._note_leaps(state, key, piece, converter)
+        state.leapt(int(piece.seq[-1]))
         self._note_outside(state, piece, derived, converter)
         note_frozen(state, piece)
         device = self._context.shadow.device(key[0], key[1])
@@ -281,10 +400,12 @@ class AngleFold:
         derived: Derived,
         converter: Converter,
     ) -> None:
-        for jump in derived.jumps:
+        for jump in derived.speeds.jumps if derived.speeds else ():
             text = self._jump_text(key, jump.after, converter, int(piece.seq[jump.row]))
             limit = converter.scale.max_rpm if isinstance(converter, Encoder) else None
             seq, t_ns = int(piece.seq[jump.row]), int(piece.t_ns[jump.row])
+            if state.preset_within(t_ns - jump.span_ns, t_ns):
+                continue
             state.moved("jump", seq, t_ns - jump.span_ns)
             state.note(
                 "jump",
@@ -296,19 +417,20 @@ class AngleFold:
                 f" the device turns at most {limit:.0f} rpm{text}",
             )
 
-        if len(derived.fast) and isinstance(converter, Encoder) and converter.scale.max_rpm:
+        fast = derived.speeds is not None and len(derived.speeds.fast) > 0
+        if fast and isinstance(converter, Encoder) and converter.scale.max_rpm:
             follow_fast(state, piece, derived, converter.scale.max_rpm)
 
-    def _note_leaps(self, state: TraceState, key: Key, piece: Samples, converter: Encoder) -> None:
-        """Steps and spikes that the speed limit lets pass, source by source."""
-        bus, node, _ = key
-        shadow, last = self._context.shadow, int(piece.seq[-1])
-        wired = quirks(shadow.device(bus, node)).hardware_preset
-        preset = (shadow.number(bus, node, 0x6003, 0, last) or 0) if wired else None
-        for source in (np.flatnonzero(np.bincount(piece.source + 1)) - 1).tolist():
-            rows = np.flatnonzero((piece.source == source) & piece.valid)
-            columns = (piece.seq[rows], piece.t_ns[rows], piece.raw[rows])
-            state.leapt(state.leaps.add(source, columns, converter.scale, preset))
+    def _note_disagreements(self, key: Key, found: Sequence[Disagreement]) -> None:
+        """Stretches in which 16 bits of an angle are not the lower half of its 32 bits."""
+        for each in found:
+            converter = self._states[key].converter
+            if not isinstance(converter, Tilt):
+                continue
+            away_deg = each.counts * converter.step_deg
+            one, two = (raw * converter.step_deg for raw in each.raw)
+            text = f"{abs(away_deg):.4g} deg off the same axis in 32 bits"
+            self._states[key].note("disagrees", each.seq, each.t_ns, two, one, text)
 
     def _jump_text(self, key: Key, after: float, converter: Converter, seq: int) -> str:
         """Hint at the wire that sets the position of some devices without a bus message."""
@@ -351,10 +473,11 @@ class AngleFold:
         writes = list(self._explaining_writes(bus, node, device, first, last_seq))
         kept = self._writes.setdefault((bus, node), deque(maxlen=_RECENT_WRITES))
         kept.extend(writes)
+        shadow = self._context.shadow
         news = (
             Cut(seq, 0, "", False)
             for key in scale_objects(device)
-            for seq in self._context.shadow.changes(bus, node, *key)
+            for seq in (*shadow.changes(bus, node, *key), *shadow.read_again(bus, node, *key))
             if first < seq <= last_seq
         )
         resets = list(_resets(block, bus, node))
@@ -406,18 +529,3 @@ def _resets(block: Block, bus: int, node: int) -> Iterator[Cut]:
 def _explained(event: TraceEventRow, writes: list[Cut]) -> bool:
     """Whether a jump is the doing of a write near it."""
     return event.kind in MOVES and any(abs(w.t_ns - event.t_ns) <= WRITE_NS for w in writes)
-
-
-def _piece(samples: Samples, begin: int, stop: int) -> Samples:
-    if begin == 0 and stop == len(samples.seq):
-        return samples
-    part = slice(begin, stop)
-    return replace(
-        samples,
-        seq=samples.seq[part],
-        t_ns=samples.t_ns[part],
-        raw=samples.raw[part],
-        valid=samples.valid[part],
-        source=samples.source[part],
-        frozen=None if samples.frozen is None else samples.frozen[part],
-    )

@@ -92,7 +92,9 @@ def line_through(
     lead = rows.get(leader, np.zeros(0, np.intp))
     seq, line = _led(link, piece, lead, value, width, whole, step)
     unwrapped[lead] = line[1:]
-    others = np.sort(np.concatenate([each for name, each in rows.items() if name != leader] or [lead[:0]]))
+    others = np.sort(
+        np.concatenate([each for name, each in rows.items() if name != leader] or [lead[:0]])
+    )
     if len(others):
         near = np.interp(piece.seq[others], seq, line)
         wide = np.flatnonzero(width[others] >= whole)

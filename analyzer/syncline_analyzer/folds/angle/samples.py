@@ -59,7 +59,10 @@ class Samples:
         """Samples from one row to before another one."""
         if begin == 0 and stop >= len(self.seq):
             return self
-        rows = slice(begin, stop)
+        return self.at(slice(begin, stop))
+
+    def at(self, rows: slice | NDArray[np.intp]) -> "Samples":
+        """Some of the samples."""
         return Samples(
             self.entry,
             self.seq[rows],
@@ -67,10 +70,9 @@ class Samples:
             self.raw[rows],
             self.valid[rows],
             self.source[rows],
-            *(
-                None if column is None else column[rows]
-                for column in (self.frozen, self.bits, self.singular)
-            ),
+            None if self.frozen is None else self.frozen[rows],
+            None if self.bits is None else self.bits[rows],
+            None if self.singular is None else self.singular[rows],
         )
 
 
@@ -104,9 +106,7 @@ class SampleReader:
         self._bits[key] = widest
         if widest == samples.entry.bits:
             return samples
-        return replace(
-            samples, entry=replace(samples.entry, bits=widest), bits=samples.widths
-        )
+        return replace(samples, entry=replace(samples.entry, bits=widest), bits=samples.widths)
 
     def _from_pdo(self, block: Block, bus: int, can_id: int) -> Iterator[tuple[Key, Samples]]:
         rows = block.batch.rows(bus, can_id)

@@ -118,7 +118,8 @@ class Scales:
         roles = device.measurement if device else {}
         if key != roles.get("direction_alias", {}).get("object") or "direction" not in roles:
             return False
-        own = self._context.shadow.get(bus, node, *roles["direction"]["object"], seq)
+        index, sub = roles["direction"]["object"]
+        own = self._context.shadow.get(bus, node, index, sub, seq)
         return own is not None and own.confirmed and (own.seq or 0) > (known.seq or 0)
 
     def _doubtful(
@@ -134,8 +135,9 @@ class Scales:
         facts = device.object(*key) if device else None
         if facts is None or facts.persisted != "?" or not known.confirmed:
             return False
-        resets = self._resets.get((bus, node), [])
-        return any((known.seq or 0) < reset <= seq for reset in resets)
+        last = max((r for r in self._resets.get((bus, node), ()) if r <= seq), default=-1)
+        again = self._context.shadow.read_again(bus, node, *key)
+        return last > (known.seq or 0) and not any(last < read <= seq for read in again)
 
     def _reference(self, bus: int, node: int, device: Device | None, seq: int) -> str:
         """Whether angles count from gravity or from a pose that was taught."""

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from syncline_analyzer.context import Context
@@ -15,7 +16,15 @@ from syncline_analyzer.series import Thinner
 TOLERANCE_DEG = 2.0
 """Distance that is allowed at standstill where the user states none."""
 LAG_NS = 50_000_000
-"""Filters and transmission of the two may differ by this much: the faster, the more is allowed."""
+"""Filters and transmission of the two may differ by this much: at another speed more is allowed."""
+LATE_NS = 5_000_000
+"""A stamp may be off by this much: the faster it turns, the more is allowed."""
+SPEED_NS = 100_000_000
+"""So long before and after a sample its speed is taken."""
+TAIL = 32
+"""Samples that are kept for the speed of those after them."""
+MOST_KNOWN = 12
+"""Speeds at which the offset is learned."""
 FAR_NS = 1_000_000_000
 """No line is drawn between samples further apart than this."""
 FOR_GOOD = 16
@@ -98,6 +107,16 @@ class _Encoder:
         self.waiting = self.waiting.followed_by(new).of(slice(-MAX_WAITING, None))
 
 
+@dataclass(frozen=True, slots=True)
+class _Known:
+    """The offset as it was at one speed; filters move it by their lag times the speed."""
+
+    deg: float
+    speed: float
+    """In degrees of the first one per ns."""
+    doubt_deg: float
+
+
 @dataclass(slots=True)
 class _Pair:
     """Two encoders, and how far they are from one another."""
@@ -116,16 +135,18 @@ class _Pair:
     left_out: int = 0
     first_deg: float | None = None
     widest_deg: float | None = None
-    offset: float | None = None
+    known: list[_Known] = field(default_factory=list)
+    """Offsets that hold in this stretch, none before it was learned."""
     segments: tuple[int, int] | None = None
-    doubt_deg: float = 0.0
-    """What the offset may be off because it was learned while they moved."""
     learned: list[tuple[float, float]] = field(default_factory=list)
-    """(difference, how much of it may be motion) of the samples that the offset is learned from."""
+    """(difference, speed) of the samples that the first offset is learned from."""
     off: list[tuple[int, int, float]] = field(default_factory=list)
     """(t_ns, seq, distance) of the samples too far off since the last good one, the first ones."""
     parted: list[tuple[int, int, float]] = field(default_factory=list)
     count: int = 0
+    before: float | None = None
+    """Offset before the first parting of this stretch."""
+    shifted_deg: float | None = None
     stretches: int = 0
     """Stretches so far in which neither line breaks."""
     kept: Thinner = field(default_factory=lambda: Thinner("difference", MAX_SAMPLES))
@@ -145,7 +166,7 @@ class _Pair:
             stop = int(np.searchsorted(each.waiting.t_ns, until_ns, side="right"))
             # One sample more, so that a line leads up to the last one of the other.
             lines.append(each.waiting.of(slice(0, stop + 1)))
-            each.waiting = each.waiting.of(slice(max(stop - 2, 0), None))
+            each.waiting = each.waiting.of(slice(max(stop - TAIL, 0), None))
         self._compare(lines[0], lines[1], until_ns)
         self.done_ns = until_ns
 
@@ -168,7 +189,7 @@ class _Pair:
         part = (few.t_ns - many.t_ns[after - 1]) / np.maximum(span, 1)
         line = many.deg[after - 1] + part * step
         bend = np.abs(step - np.diff(many.deg, prepend=many.deg[0])[after - 1])
-        moving = np.abs(step) / np.maximum(span, 1) * LAG_NS + bend
+        speed = _speed(many, few.t_ns)
         mine, its = (line, few.deg) if swap else (few.deg, line)
         scale = 1.0 if swap else abs(self.ratio)
         circles = (many.circle_deg[after], few.circle_deg)
@@ -183,7 +204,7 @@ class _Pair:
             few.t_ns[good],
             few.seq[good],
             (mine - self.ratio * its)[good],
-            (self.tolerance_deg + moving * scale)[good],
+            np.stack((speed, bend))[:, good] * scale,
             circle[good],
             segments[:, good],
         )
@@ -200,7 +221,7 @@ class _Pair:
         t_ns: Integers,
         seq: Integers,
         difference: Floats,
-        allowed: Floats,
+        motion: Floats,
         circle: Floats,
         segments: Integers,
     ) -> None:
@@ -210,7 +231,8 @@ class _Pair:
                 continue
             now = int(segments[0, part[0]]), int(segments[1, part[0]])
             if now != self.segments:
-                self.segments, self.offset = now, None
+                self.segments, self.before = now, None
+                self.known.clear()
                 self.stretches += 1
                 self.learned.clear()
                 self.off.clear()
@@ -220,7 +242,7 @@ class _Pair:
             while at < len(part):
                 rows = part[at:]
                 at += self._stretch(
-                    t_ns[rows], seq[rows], difference[rows], allowed[rows], circle[rows]
+                    t_ns[rows], seq[rows], difference[rows], motion[:, rows], circle[rows]
                 )
 
     def _keep(self, t_ns: Integers, seq: Integers, difference: Floats, circle: Floats) -> None:
@@ -236,18 +258,18 @@ class _Pair:
         )
 
     def _stretch(
-        self, t_ns: Integers, seq: Integers, difference: Floats, allowed: Floats, circle: Floats
+        self, t_ns: Integers, seq: Integers, difference: Floats, motion: Floats, circle: Floats
     ) -> int:
-        """Judge samples up to the next parting, or a better offset; how many were taken."""
-        moving = allowed - self.tolerance_deg
-        if self.offset is None:
-            return self._learn(difference, moving, circle)
-        slow = np.flatnonzero(2 * moving < self.doubt_deg)[: FOR_GOOD - len(self.learned)]
-        away = _around(difference - self.offset, circle)
-        bad = np.abs(away) > allowed + self.doubt_deg
+        """Judge samples up to the next parting, or a new offset; how many were taken."""
+        speed, bend = motion
+        if not self.known:
+            return self._learn(difference, speed, circle)
+        away, beyond, excuse = self._against(difference, speed, bend, circle)
+        bad = beyond > 0.0
         stop = self._parting(t_ns, bad)
-        if len(slow) + len(self.learned) >= FOR_GOOD:
-            stop = min(stop, int(slow[-1]) + 1)
+        fresh = self._fresh(speed, bad, excuse)[:stop]
+        if fresh.any():
+            stop = int(np.flatnonzero(fresh)[0]) + 1
         for row in np.flatnonzero(bad[:stop]).tolist():
             # Only the first ones since the last good one are of interest.
             if row and not bad[row - 1]:
@@ -262,23 +284,62 @@ class _Pair:
         elif self._long(int(t_ns[stop - 1])):
             self._part()
             return stop
-        slow = slow[slow < stop]
-        if len(slow):
-            self._learn(difference[slow], moving[slow], circle[slow])
+        if fresh.any():
+            rows = slice(stop - FOR_GOOD, stop)
+            self._know(difference[rows], speed[rows], circle[rows])
         return stop
 
-    def _learn(self, difference: Floats, moving: Floats, circle: Floats) -> int:
-        """Learn the offset; the faster it turned meanwhile, the less is it worth."""
+    def _against(
+        self, difference: Floats, speed: Floats, bend: Floats, circle: Floats
+    ) -> tuple[Floats, Floats, Floats]:
+        """(distance, what of it nothing excuses, least excuse of the speed), all (n,).
+
+        A lag that does not change moves the difference only where the speed changes: so what was
+        learned at each speed holds there, and a step at an even speed is told.
+        """
+        away = np.zeros(len(difference))
+        beyond, excuse = np.full((2, len(difference)), [[-np.inf], [np.inf]])
+        for known in self.known:
+            distance = _around(difference - known.deg, circle)
+            lag = np.abs(speed - known.speed) * LAG_NS + known.doubt_deg
+            over = np.abs(distance) - (self.tolerance_deg + lag + np.abs(speed) * LATE_NS + bend)
+            away = np.where(over > beyond, distance, away)
+            beyond, excuse = np.maximum(over, beyond), np.minimum(lag, excuse)
+        return away, beyond, excuse
+
+    def _fresh(self, speed: Floats, bad: NDArray[np.bool_], excuse: Floats) -> NDArray[np.bool_]:
+        """Rows (n,) that end enough samples of an even speed at which no offset is known."""
+        fresh = np.zeros(len(speed), np.bool_)
+        if len(speed) < FOR_GOOD or len(self.known) >= MOST_KNOWN:
+            return fresh
+        new = ~bad & (excuse > self.tolerance_deg)
+        run = sliding_window_view(new, FOR_GOOD).all(axis=1)
+        even = np.ptp(sliding_window_view(speed, FOR_GOOD)[run], axis=1) * LAG_NS
+        fresh[np.flatnonzero(run)[even <= self.tolerance_deg / 2] + FOR_GOOD - 1] = True
+        return fresh
+
+    def _learn(self, difference: Floats, speed: Floats, circle: Floats) -> int:
+        """Learn the first offset of a stretch."""
         wanted = FOR_GOOD - len(self.learned)
-        self.learned += zip(difference[:wanted].tolist(), moving[:wanted].tolist(), strict=True)
+        self.learned += zip(difference[:wanted].tolist(), speed[:wanted].tolist(), strict=True)
         if len(self.learned) == FOR_GOOD:
-            base = self.learned[0][0]
-            around = [base + float(_around(each - base, circle[0])) for each, _ in self.learned]
-            self.offset = float(np.median(around))
-            self.first_deg = self.offset if self.first_deg is None else self.first_deg
-            self.doubt_deg = max(each for _, each in self.learned)
+            pairs = np.array(self.learned)
+            self._know(pairs[:, 0], pairs[:, 1], circle[0])
             self.learned.clear()
         return min(wanted, len(difference))
+
+    def _know(self, difference: Floats, speed: Floats, circle: Floats | float) -> None:
+        """Take the offset that samples tell; the less evenly they turned, the less is it worth."""
+        base = float(difference[0])
+        around = base + _around(difference - base, circle)
+        offset = float(np.median(around))
+        uneven = float(np.ptp(speed)) / 2 * LAG_NS
+        scatter = float(np.abs(around - offset).max())
+        self.first_deg = offset if self.first_deg is None else self.first_deg
+        if self.before is not None and not self.known:
+            shift = _around(offset - self.before, np.atleast_1d(circle)[0])
+            self.shifted_deg = max(self.shifted_deg or 0.0, float(shift), key=abs)
+        self.known.append(_Known(offset, float(np.median(speed)), max(uneven, scatter)))
 
     def _long(self, t_ns: int) -> bool:
         return len(self.off) == FOR_GOOD and t_ns - self.off[0][0] >= FOR_GOOD_NS
@@ -298,13 +359,28 @@ class _Pair:
     def _part(self) -> None:
         t_ns, seq, _ = self.off[0]
         self.count += 1
+        self.before = self.known[0].deg if self.before is None else self.before
         if len(self.parted) < MAX_EVENTS:
             distance = float(np.median([each for _, _, each in self.off]))
             self.parted.append((t_ns, seq, distance))
         self.widest_deg = max(self.widest_deg or 0.0, *(abs(each) for _, _, each in self.off))
-        self.offset = None
+        self.known.clear()
         self.learned.clear()
         self.off.clear()
+
+
+def _speed(line: _Line, t_ns: Integers) -> Floats:
+    """Speed [deg / ns] of a line about each of the stamps (n,), over some time: single steps may
+    be those of a device that measures less often than it sends."""
+    near = [np.searchsorted(line.t_ns, t_ns + away) for away in (-SPEED_NS, SPEED_NS)]
+    first, last = (np.clip(rows, 0, len(line.t_ns) - 1) for rows in near)
+    middle = np.clip(np.searchsorted(line.t_ns, t_ns), 1, len(line.t_ns) - 1)
+    first = np.where(line.segment[first] == line.segment[middle], first, middle - 1)
+    last = np.where(line.segment[last] == line.segment[middle], last, middle)
+    first, last = np.minimum(first, middle - 1), np.maximum(last, middle)
+    span = line.t_ns[last] - line.t_ns[first]
+    speed: Floats = (line.deg[last] - line.deg[first]) / np.maximum(span, 1)
+    return speed
 
 
 def _around(deg: Floats | float, circle: Floats | float) -> Floats:
@@ -386,6 +462,7 @@ class Shafts:
             t_ns,
             seq,
             distance,
+            pair.shifted_deg,
         )
 
     def _trace(self, pair: _Pair) -> ShaftTrace:

@@ -1,6 +1,6 @@
 """How fast it turned between the samples of a piece, and where it cannot have turned so fast."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -105,9 +105,10 @@ def encoder_speeds(
             beyond &= fastest * allowed_ns > scale.max_rpm * (measured_ns + SLACK_NS)
         turning = beyond & _goes_on(step, link.steps.get(source, 0))
         link.steps[source] = int(step[-1])
-        mean = _on_and_on(step, span, usual_ns, unsure) * (MINUTE_NS / per_turn)
-        rate = np.where(mean > MARGIN * scale.max_rpm, mean, np.abs(found.rpm[target]))
-        turns = turning | (mean > MARGIN * scale.max_rpm)
+        limit = MARGIN * scale.max_rpm * per_turn / MINUTE_NS
+        mean = _on_and_on(step, span, usual_ns, unsure, limit) * (MINUTE_NS / per_turn)
+        rate = np.where(mean > 0.0, mean, np.abs(found.rpm[target]))
+        turns = turning | (mean > 0.0)
         fast.append((target[turns], rate[turns]))
         too_fast = np.flatnonzero(beyond & ~turning)
         # A jump is no turning, and frames handed over in a bundle are too near for a speed.
@@ -144,9 +145,9 @@ def circle_speeds(link: Link, piece: Samples, angle: Floats, width: Floats, step
 
 
 def _on_and_on(
-    step: Integers, span: Integers, usual_ns: float, unsure: NDArray[np.bool_]
+    step: Integers, span: Integers, usual_ns: float, unsure: NDArray[np.bool_], limit: float
 ) -> Floats:
-    """Counts per ns over each stretch that is judged as a whole, at its steps (n,); 0 elsewhere.
+    """Counts per ns over each stretch that as a whole is beyond `limit`; (n,), 0 elsewhere.
 
     The two biggest steps of a stretch count as its usual ones, so that a jump is no turning.
     """
@@ -166,8 +167,9 @@ def _on_and_on(
     late_ns = SLACK_NS + np.maximum(longest - usual_ns, 0.0)
     good = (spans.min(axis=1) > 0) & (longest <= PAUSES * usual_ns)
     good &= ~unsure[:whole].reshape(-1, many).any(axis=1)
-    mean = np.where(good, moved / (np.maximum(spans.sum(axis=1), 1) + late_ns), 0.0)
-    rate[:whole] = np.repeat(mean, many)
+    lasted = np.maximum(spans.sum(axis=1), 1)
+    beyond = good & (moved > limit * (lasted + late_ns))
+    rate[:whole] = np.repeat(np.where(beyond, moved / lasted, 0.0), many)
     return rate
 
 

@@ -11,8 +11,8 @@ from syncline_analyzer.folds.angle.leaps import Leap, Leaps
 from syncline_analyzer.folds.angle.link import Floats, Link
 from syncline_analyzer.folds.angle.samples import SDO_SOURCE, Samples
 from syncline_analyzer.folds.angle.silence import Pauses
-from syncline_analyzer.folds.angle.statistics import Statistics
 from syncline_analyzer.folds.angle.speeds import MAX_EVENTS
+from syncline_analyzer.folds.angle.statistics import Statistics
 from syncline_analyzer.folds.angle.trace import (
     AMBIGUOUS,
     FROZEN,
@@ -126,6 +126,10 @@ class TraceState:
             self.moved(leap.kind, leap.seq, since_ns)
             self.note(leap.kind, leap.seq, leap.t_ns, leap.before, leap.after, _way(leap))
 
+    def preset_within(self, start_ns: int, end_ns: int) -> bool:
+        """Whether a preset was told in a span; another source may show it a little later."""
+        return any(e.kind == "preset" and start_ns <= e.t_ns <= end_ns for e in self.events)
+
     def moved(self, kind: EventKind, seq: int, since_ns: int) -> None:
         """Remember since when a move that is noted may have happened."""
         if self.noted.get(kind, 0) < MAX_EVENTS:
@@ -185,7 +189,8 @@ class TraceState:
         if len(known):
             self.low, self.high = min(self.low, known.min()), max(self.high, known.max())
             self.last_value = float(known[-1])
-        self._widen(derived.columns.get("unwrapped_deg"))
+        if "unwrapped_deg" in derived.columns:
+            self._widen(derived.columns["unwrapped_deg"][derived.counted])
         self._measure(piece, derived, converter, broken)
         columns: Columns = {
             "t_ns": piece.t_ns,
@@ -198,8 +203,8 @@ class TraceState:
         self.kept.add(columns | {f"column {name}": c for name, c in derived.columns.items()})
         return derived
 
-    def _widen(self, unwrapped: Floats | None) -> None:
-        known = unwrapped[~np.isnan(unwrapped)] if unwrapped is not None else ()
+    def _widen(self, unwrapped: Floats) -> None:
+        known = unwrapped[~np.isnan(unwrapped)]
         if len(known):
             low, high, total, count = self.span_deg
             self.span_deg = [

@@ -34,6 +34,8 @@ TWIN_RATIO = 16
 """The slower period is at most about so many of the faster one."""
 TWIN_TRIES = 2000
 """Irregular windows that are looked at; a node that is still undecided then is let be."""
+_LONGER_PAIR = 1.25
+"""Two intervals in a row that are this much longer than the two before are no pair of two devices."""
 _BIN = 1e-3
 """Relative width of a bin of the period statistics."""
 
@@ -123,11 +125,14 @@ class Doubles:
             return
         length, even = rows[0], rows[1] != 0
         pair = (length[:-2] + length[1:-1]).astype(np.float64)
+        # One long interval between others, as where the clock was set, is no second producer.
+        usual = pair <= _LONGER_PAIR * np.concatenate((pair[:1], pair[:-1]))
         off, differ = np.abs(length[2:] - length[:-2]), np.abs(length[1:-1] - length[:-2])
         alternating = (
             even[:-2]
             & even[1:-1]
             & even[2:]
+            & usual
             & (off < 0.05 * pair)
             & ((differ > 0.1 * pair) | ((differ > 0.02 * pair) & (differ > 2 * off)))
         )

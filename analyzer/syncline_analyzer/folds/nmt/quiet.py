@@ -9,6 +9,8 @@ from syncline_analyzer.folds.bus.clock import BusSilence
 
 LONGER = 1.3
 """A silence of the bus so many times as long as its usual longest ones is none of these."""
+ALIKE, COMMON = 0.8, 5
+"""Where more silences than that are nearly as long, a silence is one that the bus often makes."""
 OFF_NS = 1_000_000_000
 """Nobody switches a machine off and on in less [ns]."""
 
@@ -31,6 +33,12 @@ class Quiet:
             return 0
         overlap = np.minimum(self._ends, end_ns) - np.maximum(self._starts, start_ns)
         return max(0, int(overlap.max()) - self._usual_ns)
+
+    def unusual(self, start_ns: int, end_ns: int) -> int:
+        """As `within`, but 0 where the bus is silent for about as long again and again [ns]."""
+        found = self.within(start_ns, end_ns)
+        longer = self._ends - self._starts >= ALIKE * (found + self._usual_ns)
+        return found if int(np.count_nonzero(longer)) <= COMMON else 0
 
     def off(self, start_ns: int, end_ns: int) -> int | None:
         """When the first such silence in a stretch began that is long enough for a power cycle."""

@@ -8,6 +8,7 @@ from syncline_analyzer.folds.bus.clock import ClockTable
 from syncline_analyzer.folds.nmt.events import RESETS, Lost, NodeHistory, Silence
 from syncline_analyzer.folds.nmt.quiet import Quiet
 from syncline_analyzer.folds.nmt.timeout import silence_limit
+from syncline_schemas.canopen.nmt import STATE_AFTER_COMMAND, NmtState
 
 RESTART_NS = 10_000_000_000
 """A silence that a boot-up ends is a restart up to this length, longer ones are losses [ns]."""
@@ -138,12 +139,23 @@ class Silences:
         )
 
     def starts_anew(self, silence: Silence, bootup_bytes: Container[int]) -> bool:
-        """Whether the node's first message after a silence is a boot-up, or may be one."""
+        """Whether the node's first message after a silence is a boot-up, or may be one.
+
+        A state that it was told to take in the silence is none.
+        """
         if silence.end_seq is None:
             return False
         at = bisect_left(self._seqs, silence.end_seq)
         following = self._history.beats[at : at + 1]
-        return any(beat.kind == "boot-up" or beat.state in bootup_bytes for beat in following)
+        told = any(
+            STATE_AFTER_COMMAND.get(command.specifier) is NmtState.PRE_OPERATIONAL
+            and silence.start_seq < command.seq < silence.end_seq
+            for command in self._history.commands
+        )
+        return any(
+            beat.kind == "boot-up" or (beat.state in bootup_bytes and not told)
+            for beat in following
+        )
 
 
 def loss_of(

@@ -85,23 +85,21 @@ class PdoJudge:
     def _unsure(self, bus: int, state: PdoState) -> list[Silence]:
         """Times that the stamps go through twice, unless the node was OPERATIONAL all along.
 
-        One that became so before the clock was set back was it the second time, too.
+        One that became so before the clock was set back was it the second time, too; and one that
+        is so at the end was it the first time.
         """
         name = self.context.bus_name(bus)
         if state.owner is None or self.nmt_states is None:
             return []
-        whole = [
-            row
-            for row in self.nmt_states
-            if (row.bus, row.node, row.state) == (name, state.owner.node, "OPERATIONAL")
-        ]
+        rows = [row for row in self.nmt_states if (row.bus, row.node) == (name, state.owner.node)]
+        whole = [(row, row is rows[-1]) for row in rows if row.state == "OPERATIONAL"]
         return [
             back
             for back in self.silence.backs(bus)
             if not any(
-                back.end_ns <= row.end_ns
+                (back.end_ns <= row.end_ns or last)
                 and (row.start_ns <= back.start_ns or _proven_before(row, back))
-                for row in whole
+                for row, last in whole
             )
         ]
 

@@ -18,6 +18,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -109,6 +110,8 @@ def kill_in_a_row(folder: Path, kills: int, rate: float, seed: int) -> list[Kill
     for n in range(kills):
         after_s = rng.uniform(0.05, 3.5) if rate > 1 else rng.uniform(1.5, 5.5)
         done.append(kill_once(folder, f"kill{n:03d}", rate, after_s))
+        if not done[-1].kept:
+            print(f"broken: {done[-1]}", flush=True)
     return done
 
 
@@ -118,6 +121,21 @@ def unfinished(folder: Path) -> int:
 
     record([NumberedSource(QUIET_RATE, lambda t_ns, given: None)], folder, duration_ns=0)
     return len(list(folder.glob("*.part.mcap")))
+
+
+def tell(killed: Sequence[Killed]) -> None:
+    """Print what all kills of each rate cost."""
+    for rate in sorted({each.rate for each in killed}):
+        mine = [each for each in killed if each.rate == rate]
+        ages = sorted(each.lost_ns / 1e9 for each in mine)
+        print(
+            f"{rate:.0f} frames/s: {len(mine)} kills, {sum(e.found.frames for e in mine)} frames"
+            f" found of {sum(e.given for e in mine)} given; oldest lost frame: median"
+            f" {ages[len(ages) // 2]:.2f} s, worst {ages[-1]:.2f} s;"
+            f" not intact: {sum(not e.found.intact for e in mine)},"
+            f" promise broken: {sum(not e.kept for e in mine)}",
+            flush=True,
+        )
 
 
 def main() -> None:
@@ -143,20 +161,8 @@ def main() -> None:
                 for n, (folder, rate) in enumerate(zip(folders, rates, strict=True))
             ]
             killed = [each for row in rows for each in row.result()]
+        tell(killed)
         left = sum(unfinished(folder) for folder in folders)
-    for rate in sorted(set(rates)):
-        mine = [each for each in killed if each.rate == rate]
-        ages = sorted(each.lost_ns / 1e9 for each in mine)
-        print(
-            f"{rate:.0f} frames/s: {len(mine)} kills, {sum(e.found.frames for e in mine)} frames"
-            f" found of {sum(e.given for e in mine)} given; oldest lost frame: median"
-            f" {ages[len(ages) // 2]:.2f} s, worst {ages[-1]:.2f} s;"
-            f" not intact: {sum(not e.found.intact for e in mine)},"
-            f" promise broken: {sum(not e.kept for e in mine)}"
-        )
-        for each in mine:
-            if not each.kept:
-                print(f"  broken: {each}")
     print(f"files of killed recorders that the next start did not finish: {left}")
     sys.exit(0 if all(each.kept for each in killed) else 1)
 

@@ -16,7 +16,8 @@ class Found:
     Attributes:
         frames: how many there are.
         lost: frames that its gaps report.
-        intact: whether they are 0, 1, 2 ... but for what the gaps report.
+        intact: whether they are 0, 1, 2 ... but for what the gaps report; these may tell of more,
+            that was lost behind the last one.
         whole: files with an end, and `files` in all.
     """
 
@@ -45,5 +46,5 @@ def look_at(folder: Path, recording_id: str) -> Found:
     jumps = [b - a - 1 for a, b in pairwise(numbers)]
     started = numbers[0] if numbers else 0
     in_order = all(jump >= 0 for jump in jumps)
-    intact = not strange and in_order and started + sum(jumps) == lost
+    intact = not strange and in_order and started + sum(jumps) <= lost
     return Found(len(numbers), lost, intact, whole, len(paths))

@@ -24,7 +24,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from unittest.mock import patch
@@ -35,6 +35,7 @@ from numpy.typing import NDArray
 from benchmarks.cut_check import look_at
 from benchmarks.numbered_source import NumberedSource
 from syncline_logger.capture_file import Block, CaptureFile
+from syncline_logger.live_status import StatusSnapshot
 from syncline_schemas.batch import FrameBatch
 
 BOUND_NS = 1_000_000_000
@@ -43,12 +44,15 @@ TELL_NS = 250_000_000
 FULL_RATE = 500.0
 """Frames/s; a machine that is emulated in software keeps up with so many."""
 QUIET_RATE = 1.0
+BEFORE_S = 2.0
+"""Recorded before and after the disk refuses."""
+LONGEST_WAIT_S = 180.0
+LONGEST_BOOT_S = 600
 
 
 def say(**values: object) -> None:
     """One line to the host."""
-    sys.stdout.write(json.dumps(values) + "\n")
-    sys.stdout.flush()
+    os.write(1, (json.dumps(values) + "\n").encode())
 
 
 class Teller:
@@ -99,7 +103,25 @@ def tell_found(recording_id: str, what: str) -> None:
     )
 
 
-def record_for(recording_id: str, rate: float, act: Callable[[], None] | None) -> None:
+class Trouble:
+    """Whether the recorder has trouble with the disk, by its own status."""
+
+    def __init__(self) -> None:
+        self._seen = {True: threading.Event(), False: threading.Event()}
+
+    def note(self, snapshot: StatusSnapshot) -> None:
+        """Take the recorder's status."""
+        present = bool(snapshot.trouble)
+        self._seen[present].set()
+        self._seen[not present].clear()
+
+    def wait(self, present: bool) -> None:
+        """Until it is there, or over."""
+        if not self._seen[present].wait(LONGEST_WAIT_S):
+            raise TimeoutError(f"no status came with trouble: {present}")
+
+
+def record_for(recording_id: str, rate: float, act: Callable[[Trouble], None] | None) -> None:
     """Record until killed, or until `act` returns."""
     from syncline_logger.recorder import record
     from syncline_logger.recording import RecordOptions
@@ -108,15 +130,19 @@ def record_for(recording_id: str, rate: float, act: Callable[[], None] | None) -
 
     teller = Teller()
     source = NumberedSource(rate, teller.give)
-    stop = threading.Event()
+    stop, trouble = threading.Event(), Trouble()
 
     def work() -> None:
+        if act is None:
+            return
         try:
-            if act:
-                act()
+            time.sleep(BEFORE_S)
+            act(trouble)
+            time.sleep(BEFORE_S)
+        except Exception as error:  # noqa: BLE001 - the host is told
+            say(failed=f"{type(error).__name__}: {error}")
         finally:
-            if act:
-                stop.set()
+            stop.set()
 
     options = RecordOptions(
         recording_id=recording_id,
@@ -131,6 +157,8 @@ def record_for(recording_id: str, rate: float, act: Callable[[], None] | None) -
             options,
             stop=stop,
             on_start=lambda path: threading.Thread(target=work, daemon=True).start(),
+            on_status=trouble.note,
+            status_period_ns=TELL_NS,
         )
     say(given=source.given, recorded=result.frame_count, lost=result.lost_frames)
     say(problems=result.problems)
@@ -149,33 +177,32 @@ def guest(arguments: argparse.Namespace) -> None:
         tell_found("refused", arguments.refuse)
 
 
-def full_disk() -> None:
-    """Fill the disk to the last byte, wait, and make room again."""
-    time.sleep(3)
+def full_disk(trouble: Trouble) -> None:
+    """Fill the disk to the last block, and make room again when the recorder has seen it."""
     stuffing = DISK.parent / "stuffing"
-    with stuffing.open("wb", buffering=0) as file:
-        size = 1 << 20
-        while size:
+    with stuffing.open("wb") as file:
+        size, end = 1 << 24, 0
+        while size >= 1 << 9:
             try:
-                file.write(bytes(size))
+                os.posix_fallocate(file.fileno(), end, size)
+                end += size
             except OSError:
                 size //= 2
     say(full=True)
-    time.sleep(6)
+    trouble.wait(True)
     stuffing.unlink()
     say(full=False)
-    time.sleep(12)
+    trouble.wait(False)
 
 
-def read_only() -> None:
+def read_only(trouble: Trouble) -> None:
     """Remount everything read-only as the kernel does in an emergency, and back."""
-    time.sleep(3)
     Path("/proc/sysrq-trigger").write_text("u", encoding="ascii")
     say(read_only=True)
-    time.sleep(6)
-    subprocess.run(["mount", "-o", "remount,rw", "/mnt/disk"], check=True)
+    trouble.wait(True)
+    subprocess.run(["mount", "-o", "remount,rw", "/dev/vda", str(DISK.parent)], check=True)
     say(read_only=False)
-    time.sleep(12)
+    trouble.wait(False)
 
 
 class Host:
@@ -186,6 +213,12 @@ class Host:
         self._image = image
         self._pycache = Path(tempfile.gettempdir(), "syncline-power-cut-pycache")
         self._pycache.mkdir(exist_ok=True)
+        # Compiling the libraries takes a minute in the emulator.
+        subprocess.run(
+            [sys.executable, "-c", "import benchmarks.power_cut, syncline_logger.recorder"],
+            check=True,
+            env=_compiling() | {"PYTHONPYCACHEPREFIX": str(self._pycache)},
+        )
 
     def boot(
         self, *words: str, kill_on: str = "", kill_after: float = 0
@@ -193,12 +226,12 @@ class Host:
         """What one boot told."""
         command = [str(self._vm), "--hw", "0", "--vcan", "0", "--disk", str(self._image)]
         command += ["--disk-size", "64M", "--pycache", str(self._pycache)]
+        command += ["--cpus", "1", "--timeout", str(LONGEST_BOOT_S)]
         if kill_on:
             command += ["--kill-on", kill_on, "--kill-after", f"{kill_after:.3f}"]
         command += ["--", sys.executable, "-m", "benchmarks.power_cut", "--guest", *words]
-        environment = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
         done = subprocess.run(
-            command, capture_output=True, encoding="utf-8", check=False, env=environment
+            command, capture_output=True, encoding="utf-8", check=False, env=_compiling()
         )
         told = []
         for line in done.stdout.splitlines():
@@ -228,7 +261,7 @@ class Told:
     at_ns: tuple[tuple[int, int], ...] = ()
 
     @classmethod
-    def of(cls, lines: Iterable[Mapping[str, object]]) -> "Told":
+    def of(cls, lines: Sequence[Mapping[str, object]]) -> "Told":
         """From the lines of a boot."""
         given = [(_int(each["t_ns"]), _int(each["given"])) for each in lines if "t_ns" in each]
         chunks = [each for each in lines if "on_disk" in each]
@@ -243,6 +276,11 @@ class Told:
         """How long before the last word the oldest frame was given that is not there."""
         lost = [t_ns for t_ns, given in self.at_ns if given > found]
         return self.at_ns[-1][0] - lost[0] if lost else 0
+
+
+def _compiling() -> dict[str, str]:
+    """The environment, with bytecode."""
+    return {name: v for name, v in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
 
 
 def cut(host: Host, number: int, previous: str, rng: random.Random) -> list[dict[str, object]]:
@@ -308,11 +346,12 @@ def run_refusals(host: Host) -> bool:
         told = host.boot("--refuse", what)
         sums = {key: value for each in told for key, value in each.items()}
         # `given` of the last line is the one after the end.
-        kept = _int(sums["frames"]) + _int(sums["lost"]) == _int(sums["given"]) and sums["intact"]
+        counted = _int(sums["frames"]) + _int(sums["lost"])
+        kept = counted == _int(sums["given"]) and sums["intact"] and "failed" not in sums
         good &= bool(kept)
         print(
             f"{what}: given {sums['given']}, recorded {sums['frames']}, reported lost"
-            f" {sums['lost']}, {'good' if kept else 'BAD'}; {sums['problems']}",
+            f" {sums['lost']}, {'good' if kept else 'BAD'}; {sums.get('failed', sums['problems'])}",
             flush=True,
         )
     return good

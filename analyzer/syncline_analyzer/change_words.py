@@ -10,6 +10,8 @@ from syncline_schemas.devices.standard import standard_profiles
 from syncline_schemas.wording import counted
 
 Key = tuple[int, int]
+_SIGNED_BITS = {0x03: 16, 0x04: 32}
+"""Bits of the signed data types (CiA 301 table 44)."""
 _RPDO, _TPDO = range(0x1400, 0x1600), range(0x1800, 0x1A00)
 _RPDO_MAPPING, _TPDO_MAPPING = range(0x1600, 0x1800), range(0x1A00, 0x1C00)
 _GROUPS = {1: "all", 2: "communication", 3: "application"}
@@ -49,6 +51,18 @@ def value_words(device: Device | None, profile: int | None, key: Key, value: obj
     if not isinstance(value, int):
         return "" if value is None else str(value)
     return _value(_facts(device, profile, key), key, value)
+
+
+def typed(
+    device: Device | None, profile: int | None, key: Key, value: float | str | None
+) -> int | float | str | None:
+    """A value of an object that no EDS describes, with its sign where the CiA profile gives one."""
+    facts = standard_facts(profile or 0, *key)
+    if device is not None or facts is None or not isinstance(value, int):
+        return value
+    bits = _SIGNED_BITS.get(facts.data_type or 0)
+    half = 1 << bits - 1 if bits else 0
+    return (value + half) % (2 * half) - half if half else value
 
 
 def object_facts(device: Device | None, profile: int | None, key: Key) -> ObjectFacts | None:

@@ -9,6 +9,7 @@ from syncline_analyzer.change_words import (
     change_words,
     measuring_roles,
     object_facts,
+    typed,
     value_words,
 )
 from syncline_analyzer.context import Context
@@ -231,8 +232,12 @@ class _Log:
         self, change: Change, known: Known, who: str, by: SdoRow | None, *, sure: bool = False
     ) -> None:
         now, node = self._now, self._node
-        old = shown_value(node.device, self._key, now.known) if now.known else None
-        new = shown_value(node.device, self._key, known)
+        old, new = (
+            typed(node.device, node.profile, self._key, shown_value(node.device, self._key, each))
+            if each
+            else None
+            for each in (now.known, known)
+        )
         place = (by.index or 0, by.sub or 0) if by is not None else self._key
         certain = self._order or sure or (now.sure and known.confirmed)
         self._found.append(

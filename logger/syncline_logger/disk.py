@@ -1,5 +1,6 @@
 """The disk as the recorder uses it: whole writes, synced files and names, free space."""
 
+import errno
 import os
 import shutil
 from contextlib import suppress
@@ -35,6 +36,9 @@ class DiskFile:
     def sync(self) -> None:
         """Wait until all that was written is on the disk."""
         os.fsync(self._fd)
+        # ext4 answers that all is well, and writes nothing, once the kernel made it read-only.
+        if os.name == "posix" and os.fstatvfs(self._fd).f_flag & os.ST_RDONLY:
+            raise OSError(errno.EROFS, os.strerror(errno.EROFS))
 
     def truncate(self, size: int) -> None:
         """Cut the file off at `size`, where the next write begins."""

@@ -232,6 +232,27 @@ def test_the_mechanical_limit_is_told_where_it_was_passed(rpm: float, beyond: bo
     assert ("mechanical limit is 10000 rpm" in finding.text) is beyond
 
 
+@pytest.mark.triggers("angle.overspeed")
+@pytest.mark.parametrize(("period_ms", "rpm"), [(1.0, 3500), (2.0, 4000), (5.0, 3400)])
+def test_a_fast_pdo_shows_steady_turning_beyond_the_limit(period_ms: float, rpm: float) -> None:
+    """A slack of 1 ms for every single span would hide it for good."""
+    rows = encoder(lambda t_s: turning(t_s, rpm), period_ms=period_ms, seconds=6.0)
+    (finding,) = found(run(rows), "angle.overspeed")
+    assert f"up to {rpm:.0f} rpm within 5.9" in finding.text
+
+
+@pytest.mark.near_miss("angle.overspeed")
+@pytest.mark.parametrize("late_us", [0, 300, 2000])
+def test_stamps_that_are_late_are_no_overspeed(late_us: int) -> None:
+    """2900 rpm every 1 ms; some stamps come late, one by one and in bundles of 50 ms."""
+    rng = np.random.default_rng(11)
+    rows = encoder(lambda t_s: turning(t_s, 2900), period_ms=1.0, seconds=6.0)
+    late = [(row[0] + int(rng.integers(0, late_us + 1)) * 1000, *row[1:]) for row in rows]
+    assert found(run(sorted(late)), "angle.overspeed") == []
+    bundled = [(-(-row[0] // (50 * MS)) * 50 * MS + k % 50, *row[1:]) for k, row in enumerate(rows)]
+    assert found(run(sorted(bundled)), "angle.overspeed") == []
+
+
 @pytest.mark.near_miss("angle.overspeed")
 def test_a_jump_and_a_shaft_at_its_limit_are_no_overspeed() -> None:
     jump = moved(encoder(turning), 10_010, 700 * TURN)
@@ -281,6 +302,15 @@ def test_a_value_that_scatters_at_rest_is_told() -> None:
 
 
 @pytest.mark.near_miss("angle.noise")
+def test_a_frozen_pdo_beside_a_turning_one_is_no_noise() -> None:
+    rows = encoder(turning, period_ms=10.0)
+    stuck = encoder(lambda t_s: turning(np.minimum(t_s, 8.0)), pdo=0x280, begin_ms=24.3)
+    analysis = run(rows, stuck)
+    assert [f.id for f in analysis.findings if f.severity != "info"] == ["angle.frozen"]
+    assert found(analysis, "angle.noise") == []
+
+
+@pytest.mark.near_miss("angle.noise")
 def test_a_few_counts_and_motion_are_no_noise() -> None:
     rng = np.random.default_rng(3)
 
@@ -321,6 +351,62 @@ def test_a_coupling_that_slips_is_told() -> None:
     assert (finding.severity, finding.node) == ("error", 6)
     assert abs(finding.start_ns - analysis.capture.first_ns - 30_000 * MS) < 3_000 * MS
     assert "12 deg further ahead" in finding.text
+
+
+def travelling(seconds: list[float], revs: list[float]) -> Motion:
+    """Turns with speeds [rev/s] that change evenly between moments."""
+    clock = np.arange(0, 60, 0.001)
+    turns = 100 + np.cumsum(np.interp(clock, seconds, revs)) * 0.001
+    return lambda t_s: np.interp(t_s, clock, turns)
+
+
+def slipping(rpm: float, slip_deg: float, stop_s: float = 1e9) -> Motion:
+    """Geared 2.5 to 1 the other way round; slips from 20 s on by 10 deg/s."""
+
+    def motion(t_s: Any) -> Any:
+        slip = np.clip((t_s - 20) * 10, 0, slip_deg) / 360
+        return 1000 - 2.5 * rpm / 60 * np.minimum(t_s, stop_s) + slip
+
+    return motion
+
+
+@pytest.mark.triggers("angle.shafts_parted")
+@pytest.mark.parametrize(
+    ("rpm", "slip_deg", "stop_s"),
+    [(60.0, 30.0, 30.0), (60.0, 30.0, 1e9), (18.0, 15.0, 1e9), (18.0, 15.0, 30.0)],
+)
+def test_a_slip_while_turning_is_told(rpm: float, slip_deg: float, stop_s: float) -> None:
+    """A lag that does not change excuses no step at an even speed, nor what is left at rest."""
+    one = encoder(lambda t_s: 100 + rpm / 60 * np.minimum(t_s, stop_s), seconds=45.0)
+    two = other(slipping(rpm, slip_deg, stop_s), seconds=45.0)
+    analysis, shaft = twins(one, two, line="ratio = -2.5\n")
+    (finding,) = found(analysis, "angle.shafts_parted")
+    assert finding.severity == "error"
+    assert shaft.parted_ns is not None
+    assert abs(shaft.parted_ns - analysis.capture.first_ns - 20_500 * MS) < 1_000 * MS
+    assert shaft.shifted_deg == pytest.approx(slip_deg, abs=3)
+
+
+@pytest.mark.triggers("angle.shafts_parted")
+def test_a_slip_while_it_speeds_up_is_told_once_it_stands_again() -> None:
+    """At 900 deg/s a lag of 50 ms may be 45 deg; at rest it is none."""
+
+    trip = travelling([0, 10, 12, 18, 20, 99], [0, 0, 2.5, 2.5, 0, 0])
+    slipped = lambda t_s: trip(t_s) + np.clip((t_s - 10.5), 0, 1) * 20 / 360
+    analysis, shaft = twins(encoder(trip, seconds=45.0), other(slipped, seconds=45.0))
+    assert shaft.parted >= 1
+    assert shaft.shifted_deg == pytest.approx(20, abs=3)
+    assert len(found(analysis, "angle.shafts_parted")) == 1
+
+
+@pytest.mark.near_miss("angle.shafts_parted")
+@pytest.mark.parametrize("lag_s", [0.03, -0.03])
+def test_a_lag_is_no_slip_at_any_speed(lag_s: float) -> None:
+    trip = travelling([0, 10, 12, 18, 20, 30, 31, 99], [0, 0, 2.5, 2.5, -1, -1, 0, 0])
+    analysis, shaft = twins(
+        encoder(trip, seconds=45.0), other(lambda t_s: trip(t_s - lag_s), seconds=45.0)
+    )
+    assert (shaft.parted, severe(analysis)) == (0, [])
 
 
 @pytest.mark.triggers("angle.shafts_parted")

@@ -130,7 +130,7 @@ def test_a_preset_by_wire_cuts(second: bool) -> None:
     assert kinds(tables, "jump") == []
     assert row.cuts == 1
     assert row.direction_changes == 0
-    assert row.speed_max_rpm == pytest.approx(2.2, abs=0.3)
+    assert row.speed_max_rpm == pytest.approx(2.2, abs=1)
     assert trace.segment[trace.t_ns < T0 + 4990 * MS].max() == 0
     assert trace.segment[trace.t_ns > T0 + 5010 * MS].min() == 1
 
@@ -146,7 +146,7 @@ def test_the_cut_does_not_depend_on_the_blocks(block_frames: int) -> None:
 
 def test_spikes_and_steps_are_no_motion_of_a_shaft_at_rest() -> None:
     def resting(t_s: float) -> int:
-        return 60_000 + 4096 * (abs(t_s - 7) < 0.004) + 800 * (t_s >= 14)
+        return 60_000 + 4096 * (abs(t_s - 7) < 0.004) + 8000 * (t_s >= 14)
 
     tables = angles(lir(), ordered(sent(resting, count=2000, total=LIR_RANGE)))
     row = tables.traces[0]

@@ -222,3 +222,17 @@ def test_a_channel_of_an_unknown_encoder_is_traced_by_its_mapping(tmp_path: Path
     (trace,) = told.analysis.trace_data
     assert trace.object == 0x602001
     assert trace.columns["angle_deg"][3] == 30.0
+
+
+@pytest.mark.parametrize(
+    ("index", "value", "size", "shown"),
+    [(0x6112, -4500, 4, -4500), (0x6012, -450, 2, -450), (0x6114, 50, 4, 50)],
+)
+def test_settings_of_an_inclinometer_without_an_eds_have_their_sign(
+    index: int, value: int, size: int, shown: int
+) -> None:
+    script = Script(None, 7).read(5, 0x1000, 0, 0x0002019A)
+    told = script.write(100, index, 0, value, size=size).told()
+    (change,) = (c for c in told.analysis.object_changes if c.index == index)
+    assert change.new == shown
+    assert change.words.endswith(f" longitudinal slope {shown}")

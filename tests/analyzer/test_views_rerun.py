@@ -157,14 +157,19 @@ def still(long_deg: float, lateral_deg: float, angles: Angles | None = Angles.GI
     return analysis(tilt_data=[tilt_of(first, second, angles)])
 
 
-@pytest.mark.parametrize(("pose", "axis"), [((40.0, 0.0), 1), ((0.0, 40.0), 0), ((-40.0, 0.0), 1)])
+@pytest.mark.parametrize(
+    ("pose", "axis", "sense"),
+    [((40.0, 0.0), 1, -1), ((0.0, 40.0), 0, 1), ((-40.0, 0.0), 1, -1)],
+)
 def test_box_turns_about_y_by_the_longitudinal_and_about_x_by_the_lateral_angle(
-    pose: tuple[float, float], axis: int, tmp_path: Path
+    pose: tuple[float, float], axis: int, sense: int, tmp_path: Path
 ) -> None:
+    """A positive angle raises x or y, as the exported direction of gravity says."""
     path = write_rrd(still(*pose), tmp_path / "s.rrd")
     turns = columns(path, "/world/tilt/0/box", "Transform3D:quaternion")["Transform3D:quaternion"]
     wanted = np.zeros(4)
-    wanted[axis], wanted[3] = np.sin(np.radians(sum(pose) / 2)), np.cos(np.radians(20))
+    wanted[axis] = sense * np.sin(np.radians(sum(pose) / 2))
+    wanted[3] = np.cos(np.radians(20))
     assert turns[0][0] == pytest.approx([0, 0, 0, 1])
     assert turns[-1][0] == pytest.approx(wanted, abs=1e-6)
 
@@ -173,7 +178,7 @@ def test_angles_that_are_no_pose_are_two_needles_each_by_itself(tmp_path: Path) 
     path = write_rrd(still(40.0, -20.0, None), tmp_path / "s.rrd")
     assert "/world/tilt/0/box/shape" not in entities(path)
     for name, wanted in {
-        "longitudinal": [0, np.sin(np.radians(20)), 0, np.cos(np.radians(20))],
+        "longitudinal": [0, -np.sin(np.radians(20)), 0, np.cos(np.radians(20))],
         "lateral": [np.sin(np.radians(-10)), 0, 0, np.cos(np.radians(10))],
     }.items():
         turns = columns(path, f"/world/tilt/0/{name}", "Transform3D:quaternion")
@@ -392,10 +397,10 @@ def middle(shape: NDArray[np.bool_]) -> NDArray[np.float64]:
 def test_viewer_tilts_the_box_to_the_right_side(
     tool: ModuleType, tmp_path: Path, long: float
 ) -> None:
-    """x points to the right: a positive turn about y lowers the arrow, a negative one lifts it."""
+    """x points to the right: a positive longitudinal angle raises the arrow."""
     pixels = pictures(tool, still(long, 0.0), tmp_path / "s.rrd", WORLD)[WORLD]
     bluer = pixels[..., 2] - pixels[..., 0]
     box, arrow = middle(bluer < -60), middle(bluer > 60)
     down, right = arrow - box
     assert right > 0
-    assert down / right == pytest.approx(np.tan(np.radians(long)), abs=0.2)
+    assert -down / right == pytest.approx(np.tan(np.radians(long)), abs=0.2)

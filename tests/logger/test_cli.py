@@ -18,6 +18,7 @@ from click.testing import CliRunner
 from syncline_logger import lazy_group
 from syncline_logger.cli import OWN_COMMANDS, cli, main
 from syncline_logger.option_types import duration_ns
+from syncline_schemas.capture.recover import is_whole
 from syncline_schemas.errors import MissingExtraError, UsageError
 from tests.logger.capture_contents import doctor_complaints, read_capture, syncline
 
@@ -277,14 +278,17 @@ def test_on_a_terminal_there_is_one_line_and_no_json(tmp_path: Path) -> None:
     assert b"\x1b[2K" in shown, "the line is written over"
 
 
-def test_a_cut_file_in_the_folder_is_mentioned(tmp_path: Path) -> None:
-    words = ("record", "-i", "virtual", "-c", "a", "--for", "100ms", "-o")
-    whole, cut = tmp_path / "whole.mcap", tmp_path / "cut.mcap"
-    run(*words, str(whole))
-    cut.write_bytes(whole.read_bytes()[:-50])
-    told = run(*words, str(tmp_path)).stderr
-    assert f"syncline recover {cut}" in told
-    assert f"syncline recover {whole}" not in told
+def test_a_cut_file_in_the_folder_is_finished_by_the_next_start(tmp_path: Path) -> None:
+    words = ("record", "-i", "virtual", "-c", "a", "--for", "100ms", "-o", str(tmp_path))
+    run(*words)
+    [cut] = tmp_path.glob("*.mcap")
+    cut.write_bytes(cut.read_bytes()[:-50])
+    for manifest in tmp_path.glob("*.json"):
+        manifest.unlink()
+    assert not is_whole(cut)
+    told = run(*words)
+    assert is_whole(cut)
+    assert f"{cut.name} was cut off and is finished now" in told.stdout + told.stderr
 
 
 def test_recover_of_a_whole_file_and_of_no_capture(tmp_path: Path) -> None:

@@ -186,11 +186,15 @@ def test_a_disk_that_is_full_gets_room_by_deleting(tmp_path: Path) -> None:
         return 28 if what == "write" and disk.free == 0 else 0
 
     disk.refusal = freed
-    run.step(5).finish()
+    result = run.step(5).finish()
     files = files_of(tmp_path)
     found = numbers_in(*files)
     assert found == list(range(found[0], run.sent))
     assert len(files) < before
+    manifest = json.loads((tmp_path / "id.json").read_text(encoding="utf-8"))
+    assert len(found) + manifest["deleted_frames"] + result.lost_frames == run.sent
+    assert result.lost_frames == 0
+    assert manifest["deletions"][-1]["why"] == "the disk is nearly full"
 
 
 def test_manifests_of_empty_recordings_go(tmp_path: Path) -> None:

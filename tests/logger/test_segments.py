@@ -160,6 +160,8 @@ def test_an_unsplit_recording_goes_on_before_its_index_fills_the_memory(
     files = files_of(tmp_path)
     assert limit / 2 < largest < limit + 1000
     assert result.files == len(files) >= 3
-    assert sorted(path.name[-len(name) :] for path, name in zip(files, names, strict=False)) == names
+    assert (
+        sorted(path.name[-len(name) :] for path, name in zip(files, names, strict=False)) == names
+    )
     assert numbers_in(*files) == list(range(run.sent))
     assert all(doctor_complaints(path) == [] for path in files)

@@ -104,7 +104,7 @@ class ShaftRow:
     parted_deg: float | None
     """By how much for the first time, when it was sure."""
     shifted_deg: float | None = None
-    """How far the offset was from the first one once they told the same again, at most."""
+    """How far they were off in the end, at the speed at which they had been together."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

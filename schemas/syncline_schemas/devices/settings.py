@@ -9,7 +9,6 @@ from syncline_schemas.devices.model import Device, Key, Override
 from syncline_schemas.devices.profile import QUIRKS
 from syncline_schemas.errors import DescriptionError
 
-
 _COUNTS = (1, (1 << 32) - 1)
 WHOLE_NUMBERS: dict[str, tuple[int, int]] = {
     "cpr": _COUNTS,

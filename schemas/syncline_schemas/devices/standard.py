@@ -22,6 +22,14 @@ _POSITIONS: dict[int, dict[Key, tuple[str, int]]] = {
 """Name and data type of the objects that hold positions, by CiA profile number."""
 
 
+_SIGNED: dict[int, dict[int, int]] = {
+    406: {0x6509: _INTEGER32},
+    410: dict.fromkeys((0x6012, 0x6013, 0x6014, 0x6022, 0x6023, 0x6024), _INTEGER16)
+    | dict.fromkeys((0x6112, 0x6113, 0x6114, 0x6122, 0x6123, 0x6124), _INTEGER32),
+}
+"""Data type of the settings that may be negative, by CiA profile number and index."""
+
+
 @cache
 def standard_profiles() -> dict[int, Profile]:
     """Device profiles by CiA number (`profiles/406.toml` ...)."""
@@ -67,7 +75,9 @@ def standard_facts(number: int, index: int, sub: int) -> ObjectFacts | None:
     """
     profile = standard_profiles().get(number)
     more = profile.objects.get((index, sub)) if profile else None
-    return ObjectFacts(index, sub, **{"name": "", **more}) if more is not None else None
+    kind = _SIGNED.get(number, {}).get(index)
+    known = {"name": "", "data_type": kind, **(more or {})}
+    return ObjectFacts(index, sub, **known) if more is not None else None
 
 
 def standard_of(index: int, sub: int) -> int | None:

@@ -1,5 +1,7 @@
 """The traps of the ifm JN2100 sheet, each through the whole analysis."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -115,11 +117,13 @@ def test_trap_05_minus_30_deg_is_sent_as_330() -> None:
     assert row.unwrapped_mean_deg == pytest.approx(0.05)
 
 
+@pytest.mark.near_miss("angle.ambiguous")
 @pytest.mark.near_miss("angle.out_of_range")
 def test_trap_06_int16_overflow_at_001_deg() -> None:
     """88B8h is 350.00 deg, not -305.36."""
     told = running(settings(tilt(), res=10, quad=2), 0, 1000, 0x88B8, 0).told()
     assert told.trace(LONG).value[0] == pytest.approx(350.0)
+    assert told.findings("angle.ambiguous") == []
     assert told.accusations == []
 
 
@@ -137,14 +141,42 @@ def test_trap_07_int16_ambiguity_at_0001_deg() -> None:
     assert told.accusations == []
 
 
-@pytest.mark.near_miss("angle.ambiguous")
-def test_trap_07_tpdo1_and_tpdo2_agree_modulo_65536() -> None:
-    script = settings(tilt(), res=1, quad=2).heartbeat(0, 1000).sync(1, 1000)
-    script.pdo(2, 1000, 20, lambda _: (3392, 0), bits=16)
-    told = script.pdo(3, 1000, 20, lambda _: (200_000, 0), base=0x280).told()
+def both_widths(low: Callable[[int], int], whole: Callable[[int], int], res: int = 1) -> Script:
+    """TPDO1 with 16 bits and TPDO2 with 32 bits of the longitudinal axis, 5 s."""
+    script = settings(tilt(), res=res, quad=2).heartbeat(0, 5000).sync(1, 5000)
+    script.pdo(2, 5000, 20, lambda k: (low(k), 0), bits=16)
+    return script.pdo(3, 5000, 20, lambda k: (whole(k), 0), base=0x280)
+
+
+@pytest.mark.near_miss("angle.widths_disagree")
+@pytest.mark.parametrize("rate", [0, 137, -900])
+def test_trap_07_tpdo1_and_tpdo2_agree_modulo_65536(rate: int) -> None:
+    """The candidates are told, and where the right one is to be read."""
+
+    def true(k: int) -> int:
+        return (200_000 + rate * k) % 360_000
+
+    told = both_widths(lambda k: true(k) % 65_536, true).told()
     assert told.trace(0x6110).value[0] == pytest.approx(200.0)
     assert told.trace_row(0x6110).flags["ambiguous"] == 0
+    found = told.findings("angle.ambiguous")[0]
+    assert says(found.text, "65.536", "6110h")
+    assert told.findings("angle.widths_disagree") == []
     assert told.accusations == []
+
+
+@pytest.mark.triggers("angle.widths_disagree")
+def test_trap_07_tpdo1_and_tpdo2_that_do_not_agree_are_told() -> None:
+    told = both_widths(lambda k: 100 + k % 5, lambda k: 150 + k % 5, res=100).told()
+    (found,) = told.findings("angle.widths_disagree")
+    assert found.severity == "error"
+    assert says(found.text, "10 deg", "15 deg in 6110h", "5 deg off")
+
+
+@pytest.mark.near_miss("angle.widths_disagree")
+def test_trap_07_a_moment_of_disagreement_is_none() -> None:
+    told = both_widths(lambda k: 100, lambda k: 150 if 50 <= k < 80 else 100, res=100).told()
+    assert told.findings("angle.widths_disagree") == []
 
 
 @pytest.mark.parametrize(

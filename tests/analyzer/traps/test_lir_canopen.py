@@ -328,6 +328,17 @@ def test_trap_23_the_wrong_gray_setting(device: str) -> None:
         assert "angle.gray_code" not in told.ids
 
 
+@pytest.mark.triggers("angle.gray_code")
+@pytest.mark.parametrize("first_wrong", [True, False])
+def test_trap_23_a_gray_setting_that_is_wrong_for_a_while(first_wrong: bool) -> None:
+    """Before and after the write of 6000h each setting is judged by itself."""
+    script = encoder("lir-918").heartbeat(0, 16_000).write(8000, 0x6000, 0, 0x1000)
+    parts = [lambda k: gray(20_000 + 3 * k), lambda k: 40_000 + 3 * k]
+    for start, value in zip((5, 8005), parts if first_wrong else parts[::-1], strict=True):
+        script.pdo(start, start + 7990, 20, value)
+    assert says(script.told().finding("angle.gray_code").text, "Gray code is read as binary")
+
+
 @pytest.mark.near_miss("angle.gray_code")
 @pytest.mark.parametrize("step", [0, 1, 3, 64, 4096])
 def test_trap_23_steady_turning_by_powers_of_two_is_binary(step: int) -> None:

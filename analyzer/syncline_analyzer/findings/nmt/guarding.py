@@ -8,7 +8,7 @@ from syncline_analyzer.findings.nmt.guarding_story import guarding_lost
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import seconds
 from syncline_analyzer.folds.nmt.events import Repeated, Unanswered
-from syncline_analyzer.folds.nmt.table import NodeNmt
+from syncline_analyzer.folds.nmt.table import NodeKey, NodeNmt
 from syncline_analyzer.folds.nmt.timeline import Timeline
 from syncline_analyzer.folds.nmt.timeout import (
     GUARD_TIME,
@@ -108,7 +108,7 @@ def _toggles(facts: Facts) -> Iterator[Finding]:
     """Toggle bits that do not alternate, but for those that a write has restarted."""
     for (bus, node), nmt in facts.control.nmt.nodes.items():
         number = nmt.counts.toggle_errors - len(_not_recorded(nmt))
-        if number < REPEATED:
+        if number < REPEATED or _sends_beats(facts, (bus, node), nmt):
             continue
         name = facts.context.bus_name(bus)
         stuck = number >= nmt.counts.guard_answers - 2
@@ -176,8 +176,7 @@ def _life_times(facts: Facts) -> Iterator[Finding]:
         if period is None or not nmt.counts.guard_answers or not last:
             continue
         life = life_time_ns(facts.context, *key, last[-1].seq)
-        producer = facts.context.shadow.number(*key, PRODUCER_TIME)
-        if life is None or period < life[0] or (producer and _heard_beats(nmt)):
+        if life is None or period < life[0] or _sends_beats(facts, key, nmt):
             continue
         bus, node = facts.context.bus_name(key[0]), key[1]
         values = (facts.context.shadow.get(*key, i) for i in (GUARD_TIME, LIFE_TIME_FACTOR))
@@ -197,8 +196,10 @@ def _life_times(facts: Facts) -> Iterator[Finding]:
         )
 
 
-def _heard_beats(nmt: NodeNmt) -> bool:
-    return nmt.counts.heartbeats > nmt.counts.guard_answers
+def _sends_beats(facts: Facts, key: NodeKey, nmt: NodeNmt) -> bool:
+    """Whether most of what a node tells are heartbeats: one that follows a request is no answer."""
+    producer = facts.context.shadow.number(*key, PRODUCER_TIME)
+    return bool(producer) and nmt.counts.heartbeats > nmt.counts.guard_answers
 
 
 RULES = (
@@ -236,6 +237,7 @@ RULES = (
         (
             "A single repetition is none; nor is the first answer after a reset or a gap.",
             "Writes that restart the bit on some devices are not counted.",
+            "Nor are heartbeats of a node that is asked as well: they carry no toggle bit.",
         ),
         _toggles,
         untimed=True,

@@ -504,6 +504,8 @@ def _restarted(event: TraceEventRow, since_ns: int, starts: Sequence[int]) -> bo
 
 
 def _cut(state: TraceState, cut: Cut) -> None:
+    if cut.write:
+        state.gray.rescaled()
     if cut.text:
         state.cut(cut.seq, cut.t_ns, cut.text)
 

@@ -25,6 +25,13 @@ class GrayTest:
     as_sent: float = 0.0
     from_gray: float = 0.0
     to_gray: float = 0.0
+    found: str | None = None
+    """The mismatch of a stretch before, with other settings."""
+
+    def rescaled(self) -> None:
+        """The settings were written: what comes next is judged by itself."""
+        self.found = self.mismatch
+        self.moving, self.as_sent, self.from_gray, self.to_gray = 0, 0.0, 0.0, 0.0
 
     def add(self, raw: NDArray[np.int64], range_counts: int | None) -> None:
         """Take in raw values (n,) of an unbroken piece."""
@@ -39,8 +46,8 @@ class GrayTest:
     @property
     def mismatch(self) -> str | None:
         """ "gray" where Gray code is sent as counts, "binary" where binary was converted."""
-        if self.moving < LEAST:
-            return None
+        if self.found is not None or self.moving < LEAST:
+            return self.found
         better = min(self.from_gray, self.to_gray)
         if self.as_sent <= ROUGHER * max(better, 1.0):
             return None

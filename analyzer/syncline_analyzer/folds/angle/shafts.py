@@ -144,7 +144,7 @@ class _Pair:
     """(t_ns, seq, distance) of the samples too far off since the last good one, the first ones."""
     parted: list[tuple[int, int, float]] = field(default_factory=list)
     count: int = 0
-    before: float | None = None
+    before: _Known | None = None
     """Offset before the first parting of this stretch."""
     shifted_deg: float | None = None
     stretches: int = 0
@@ -279,6 +279,7 @@ class _Pair:
         fits = np.abs(away[:stop][~bad[:stop]])
         if len(fits):
             self.widest_deg = max(self.widest_deg or 0.0, float(fits.max()))
+        self._shift(difference[:stop], speed[:stop], circle[:stop], ~bad[:stop])
         if not bad[stop - 1]:
             self.off.clear()
         elif self._long(int(t_ns[stop - 1])):
@@ -306,6 +307,18 @@ class _Pair:
             away = np.where(over > beyond, distance, away)
             beyond, excuse = np.maximum(over, beyond), np.minimum(lag, excuse)
         return away, beyond, excuse
+
+    def _shift(
+        self, difference: Floats, speed: Floats, circle: Floats, good: NDArray[np.bool_]
+    ) -> None:
+        """Note how far off they are since they parted, where the speed is that of before."""
+        if self.before is None:
+            return
+        like = good & (np.abs(speed - self.before.speed) * LAG_NS <= self.tolerance_deg)
+        last = np.flatnonzero(like)[-FOR_GOOD:]
+        if len(last):
+            away = _around(difference[last] - self.before.deg, circle[last])
+            self.shifted_deg = float(np.median(away))
 
     def _fresh(self, speed: Floats, bad: NDArray[np.bool_], excuse: Floats) -> NDArray[np.bool_]:
         """Rows (n,) that end enough samples of an even speed at which no offset is known."""
@@ -336,9 +349,6 @@ class _Pair:
         uneven = float(np.ptp(speed)) / 2 * LAG_NS
         scatter = float(np.abs(around - offset).max())
         self.first_deg = offset if self.first_deg is None else self.first_deg
-        if self.before is not None and not self.known:
-            shift = _around(offset - self.before, np.atleast_1d(circle)[0])
-            self.shifted_deg = max(self.shifted_deg or 0.0, float(shift), key=abs)
         self.known.append(_Known(offset, float(np.median(speed)), max(uneven, scatter)))
 
     def _long(self, t_ns: int) -> bool:
@@ -359,7 +369,7 @@ class _Pair:
     def _part(self) -> None:
         t_ns, seq, _ = self.off[0]
         self.count += 1
-        self.before = self.known[0].deg if self.before is None else self.before
+        self.before = self.known[0] if self.before is None else self.before
         if len(self.parted) < MAX_EVENTS:
             distance = float(np.median([each for _, _, each in self.off]))
             self.parted.append((t_ns, seq, distance))

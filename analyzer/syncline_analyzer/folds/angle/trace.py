@@ -245,9 +245,8 @@ class Tilt:
         step = _around_both if self.vague else _on_circle
         line = line_through(state, piece, angle, width, self.repeats_deg, step)
         flags = np.where(wraps(state, line, angle, _CIRCLE), WRAP, 0)
-        flags |= np.where(self.axis.outside(angle), OUT_OF_RANGE, 0)
-        if self.vague:
-            flags |= AMBIGUOUS
+        # Of the angles that look alike in too few bits one is always possible.
+        flags |= AMBIGUOUS if self.vague else np.where(self.axis.outside(angle), OUT_OF_RANGE, 0)
         speeds = Speeds(np.full(len(angle), np.nan), np.zeros(len(angle), np.int64))
         if timed:
             speeds = circle_speeds(state, piece, angle, width, step)

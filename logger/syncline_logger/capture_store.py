@@ -12,6 +12,7 @@ from syncline_logger.finishing import Finisher
 from syncline_logger.manifest import Manifest, MarkNote, Segment
 from syncline_logger.recording_folder import RecordingFolder
 from syncline_logger.retention import Keep
+from syncline_logger.running_time import RunningTime
 from syncline_logger.segments import SegmentNames, Split
 from syncline_logger.waiting_room import WaitingRoom
 from syncline_schemas.batch import Gap
@@ -28,6 +29,8 @@ from syncline_schemas.errors import UsageError
 HOUSEKEEPING_NS = 10_000_000_000
 """How often the free space and the budget are looked at."""
 LAST_FINISH_S = 5.0
+JUMP_TOLD_NS = 60_000_000_000
+"""A date that goes further ahead at once is told where files are kept by their age."""
 NEEDED_BYTES = 1 << 20
 """Must be free, beside what waits, for a new file on a disk that was full."""
 
@@ -98,6 +101,8 @@ class CaptureStore:
         self._kept_until_ns = 0
         self._kept_for: MarkNote | None = None
         self._cut: list[tuple[str, Segment]] = []
+        self._running = RunningTime(start_ns)
+        self._described_ran_ns = 0
         self._ends_ns = plan.split.ends_after(start_ns)
         self._housekeeping_ns = start_ns + HOUSEKEEPING_NS
         self.path = self.first_path = plan.names.written(0, start_ns)
@@ -146,6 +151,10 @@ class CaptureStore:
         if first:
             self._beside(lambda file: file.add_metadata(MARK_METADATA_NAME, _record(note)))
             self._save()
+
+    def date_set(self, ahead_ns: int) -> None:
+        """Log time goes ahead by so much without that time having passed."""
+        self._running.step(ahead_ns)
 
     def write(self, content: Content, now_ns: int) -> None:
         """Write what was taken until `now_ns`, in the segments to which it belongs."""
@@ -292,6 +301,8 @@ class CaptureStore:
         segment.file, segment.bytes = file.path.name, file.bytes_on_disk
         segment.frames = file.frames
         segment.start_ns, segment.end_ns = file.start_ns, file.end_ns
+        segment.ran_ns = self._running.ran_ns - self._described_ran_ns
+        self._described_ran_ns = self._running.ran_ns
         self.file_count += file.start_ns is not None
         self._closed_bytes += segment.bytes
 
@@ -336,12 +347,23 @@ class CaptureStore:
                 act(self._open.file)
 
     def _look_after(self, now_ns: int) -> None:
-        """What is done beside the writing: cut files, budget, free space."""
+        """What is done beside the writing: running time, cut files, budget, free space."""
+        self._turn(now_ns)
         for done in self._finisher.done() if self._finisher else ():
             self._take_finished(done.recording_id, done.segment, done.text)
         if now_ns >= self._housekeeping_ns:
             self._housekeeping_ns = now_ns + HOUSEKEEPING_NS
             self._make_room(now_ns)
+
+    def _turn(self, now_ns: int) -> None:
+        before_ns = self._running.jumped_ns
+        self._running.turn(now_ns)
+        jumped_ns = self._running.jumped_ns - before_ns
+        if jumped_ns >= JUMP_TOLD_NS and self._plan.keep.age_ns is not None:
+            self.notes.append(
+                f"the date went ahead by {jumped_ns / 3.6e12:.1f} h at once; that makes no file"
+                " old: their age is the time recorded since"
+            )
 
     def _make_room(self, now_ns: int, writing_bytes: int = 0, needed_bytes: int = 0) -> None:
         """Delete what has to go so that the open file, and what is told, has its place."""
@@ -350,7 +372,11 @@ class CaptureStore:
             if self._open:
                 expected = max(expected, self._open.file.bytes_written)
             self._folder.make_room(
-                self._plan.keep, now_ns, max(writing_bytes, expected), needed_bytes
+                self._plan.keep,
+                now_ns,
+                max(writing_bytes, expected),
+                needed_bytes,
+                self._running.ran_ns - self._described_ran_ns,
             )
 
     def _take_finished(self, recording_id: str, finished: Segment, text: str) -> None:

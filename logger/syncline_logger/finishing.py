@@ -38,7 +38,13 @@ def finish_file(
     holds nothing that can be read is left as it is.
     """
     path = folder / segment.file
-    after = Segment(segment.segment, segment.file, "cut", marks=list(segment.marks))
+    after = Segment(
+        segment.segment,
+        segment.file,
+        "cut",
+        ran_ns=segment.ran_ns,
+        marks=list(segment.marks),
+    )
     try:
         if is_being_written(path):
             return Finished(

@@ -25,7 +25,11 @@ class MarkNote:
 
 @dataclass(slots=True)
 class Segment:
-    """One file of a recording; times are log times of its messages [ns], None in an empty one."""
+    """One file of a recording; times are log times of its messages [ns], None in an empty one.
+
+    ran_ns: how long it was written, by a clock that no setting of the date moves; None where the
+    recorder was killed.
+    """
 
     segment: int
     file: str
@@ -34,6 +38,7 @@ class Segment:
     end_ns: int | None = None
     frames: int = 0
     bytes: int = 0
+    ran_ns: int | None = None
     marks: list[MarkNote] = field(default_factory=list)
 
     def mark(self, note: MarkNote) -> None:

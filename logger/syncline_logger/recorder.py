@@ -1,5 +1,6 @@
 """Recording: from sources to a capture, live with threads, or simulated in virtual time."""
 
+import contextlib
 import threading
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
@@ -14,6 +15,7 @@ from syncline_logger.clock import ClockReading, RecorderClock
 from syncline_logger.decode_worker import DecodeWorker
 from syncline_logger.decoding import LiveDecoder
 from syncline_logger.live_status import StatusSnapshot
+from syncline_logger.pace import WritePace
 from syncline_logger.recording import Recording, RecordOptions, RecordResult
 from syncline_logger.rehearsal import rehearse
 from syncline_logger.source import Source, SourceFacts, StampedSource
@@ -59,7 +61,8 @@ def record(
         target: an .mcap file that does not exist, or a folder for one.
         on_start: called with the file's path when recording has begun.
         on_status: called every `status_period_ns` and at the end.
-        on_turn: called about ten times a second by the writing loop, while it does its work.
+        on_turn: called about ten times a second by the writing loop, while it does its work and no
+            thread that reads hangs.
         asked: polled once per chunk; gives words for each mark that somebody asks for.
 
     Raises:
@@ -217,7 +220,7 @@ class LiveRecorder:
                 resumes=True,
             )
         except BaseException:
-            self._close_sources()
+            self._close_sources(self._sources)
             raise
         if unrehearsed:
             self._recording.add_status(0, self._start_ns, unrehearsed)
@@ -256,7 +259,8 @@ class LiveRecorder:
             raise
         finally:
             self._threads.stop()
-            self._close_sources()
+            # Closing a source in whose driver a thread hangs would hang here too.
+            self._close_sources(reader.source for reader in self._threads.readers if reader.finished)
         if on_status:
             on_status(self._recording.snapshot(self._clock.now_ns()))
         return result
@@ -273,6 +277,7 @@ class LiveRecorder:
         # Elapsed time: setting the machine's clock shortens no recording.
         end_elapsed_ns = None if duration_ns is None else self._clock.elapsed_ns() + duration_ns
         next_chunk_ns = self._start_ns
+        pace = WritePace(self._options)
         view_ns = self._start_ns + status_period_ns if on_status else None
         while True:
             now_ns = self._clock.now_ns()
@@ -284,14 +289,15 @@ class LiveRecorder:
             if now_ns >= next_chunk_ns:
                 self._write_period(now_ns)
                 spent_ns = self._clock.now_ns() - now_ns
-                next_chunk_ns = now_ns + self._options.period_after(spent_ns)
+                next_chunk_ns = now_ns + pace.after(spent_ns)
             elif self._buffer.filled.is_set() or self._chunk_is_full:
                 self._write_chunk(now_ns)
             if on_status and view_ns is not None and now_ns >= view_ns:
                 self._take()
                 on_status(self._recording.snapshot(self._clock.now_ns()))
                 view_ns = now_ns + status_period_ns
-            if on_turn:
+            self._threads.look_after(self._clock.elapsed_ns())
+            if on_turn and not self._threads.hang:
                 on_turn()
             due_ns = min(each for each in (next_chunk_ns, view_ns, end_ns) if each is not None)
             wait_s = min(max((due_ns - self._clock.now_ns()) / 1e9, 0), TICK_S)
@@ -402,9 +408,10 @@ class LiveRecorder:
                 absent[bus] = error
         return absent
 
-    def _close_sources(self) -> None:
-        for source in self._sources:
-            source.close()
+    def _close_sources(self, sources: Iterable[Source]) -> None:
+        for source in sources:
+            with contextlib.suppress(Exception):
+                source.close()
 
 
 def source_metadata(sources: Iterable[SourceFacts]) -> dict[str, str]:

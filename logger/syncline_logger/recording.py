@@ -167,6 +167,7 @@ class Recording:
         self._problems: list[str] = []
         self._messages: list[tuple[ChannelSpec, int, Message]] = []
         self._heard_ns = self._clock_ns = start_ns
+        self._offset_ns: int | None = None
         self._settings: dict[tuple[int, int], Settings] = {}
         plan = StorePlan(
             names=SegmentNames(target, recording_id, bool(split_of(options))),
@@ -269,6 +270,11 @@ class Recording:
             begin_ns = min(self._clock_ns, log_ns - reading.slept_ns)
             self.add_gap(Gap(begin_ns, log_ns, SLEPT), log_ns)
         self._clock_ns = log_ns
+        if reading.step_ns > 0:
+            before_ns = reading.offset_ns - reading.step_ns
+            ahead_ns = reading.offset_ns - max(self._offset_ns or before_ns, before_ns)
+            self.store.date_set(ahead_ns)
+        self._offset_ns = reading.offset_ns
 
     def add_knot(self, bus: int, knot: Knot, reading: ClockReading, log_ns: int) -> None:
         """Note how the stamps of a bus's adapter become t."""

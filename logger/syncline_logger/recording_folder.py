@@ -84,7 +84,12 @@ class RecordingFolder:
                     yield manifest, segment
 
     def make_room(
-        self, keep: Keep, now_ns: int, writing_bytes: int, needed_bytes: int = 0
+        self,
+        keep: Keep,
+        now_ns: int,
+        writing_bytes: int,
+        needed_bytes: int = 0,
+        ran_ns: int = 0,
     ) -> list[Surplus]:
         """Delete what `keep` does not allow any more; what was deleted."""
         own = [each for each in self.recordings if each.recording_id not in self.busy]
@@ -95,6 +100,7 @@ class RecordingFolder:
             writing_bytes=writing_bytes,
             free_bytes=self._free_bytes(),
             needed_bytes=needed_bytes,
+            ran_ns=ran_ns,
         )
         deleted = [each for each in chosen if self._delete(each, now_ns)]
         for manifest in {each.manifest.recording_id: each.manifest for each in deleted}.values():

@@ -26,7 +26,8 @@ class ActiveError:
 
     `register` holds the bits set with it; `fresh` and `fresh_words` those of the register and of
     the device's alarm words that were new with it. `certain` turns False with a clear that may
-    have ended it, and True again with its next message.
+    have ended it, and True again with its next message. `doubted` is (seq, t_ns) of a clear that
+    ended it, unless that was only the clear before once more.
     """
 
     code: int
@@ -37,6 +38,7 @@ class ActiveError:
     fresh_words: int = 0
     count: int = 1
     certain: bool = True
+    doubted: tuple[int, int] | None = None
     evidence: list[int] = field(default_factory=list)
 
 
@@ -60,12 +62,12 @@ class ErrorList:
         """
         register, manufacturer = data[2], data[3:8]
         alike = [error for error in self.active if error.code == code]
-        known = next((e for e in alike if self._same(e, code, manufacturer)), None)
+        known = self._known(code, manufacturer)
         if known is None and len(alike) >= MAX_ALIKE:
             known = alike[-1]
         if known is not None:
             known.count += 1
-            known.certain = True
+            known.certain, known.doubted = True, None
             return known, False
         if len(self.active) >= MAX_ACTIVE:
             return None, False
@@ -74,6 +76,18 @@ class ErrorList:
         error = ActiveError(code, manufacturer, t_ns, register, fresh, fresh_words)
         self.active.append(error)
         return error, True
+
+    def ended_unseen(self, code: int, data: bytes) -> ActiveError | None:
+        """The error that a message tells again, and that the clear in doubt has ended therefore.
+
+        A device tells an error once (CiA 301 7.2.7.2), unless it was seen to repeat it.
+        """
+        known = self._known(code, data[3:8])
+        return known if known is not None and known.doubted and known.count == 1 else None
+
+    def _known(self, code: int, manufacturer: bytes) -> ActiveError | None:
+        """The active error that a message repeats."""
+        return next((e for e in self.active if self._same(e, code, manufacturer)), None)
 
     def remember(self, data: bytes) -> None:
         """Keep the bits of a message: what is new in the next one is that one's."""
@@ -84,8 +98,11 @@ class ErrorList:
         """The node has started anew: the bits of its next message are all new."""
         self._register = self._words = 0
 
-    def ended_by(self, data: bytes) -> list[ActiveError] | None:
-        """Errors that a message 00xxh ends while others are left; None when nothing is left."""
+    def ended_by(self, data: bytes, at: tuple[int, int] = (0, 0)) -> list[ActiveError] | None:
+        """Errors that a message 00xxh ends while others are left; None when nothing is left.
+
+        `at` is its (seq, t_ns).
+        """
         register, manufacturer = data[2], data[3:8]
         named = self._named(register, manufacturer)
         if named and (register or len(named) < len(self.active)):
@@ -93,7 +110,11 @@ class ErrorList:
         if not register and not words_of(self._device, manufacturer):
             return None
         repeated = data[:8] == self._last
-        return gone_errors(self._device, self.active, register, manufacturer, repeated=repeated)
+        gone = gone_errors(self._device, self.active, register, manufacturer, repeated=repeated)
+        if repeated and len(gone) == 1 and not gone[0].certain:
+            gone[0].doubted = gone[0].doubted or at
+            return []
+        return gone
 
     def _same(self, error: ActiveError, code: int, manufacturer: bytes) -> bool:
         """Whether a message repeats an error.
@@ -136,19 +157,18 @@ def gone_errors(
     """Errors that a clear with bits left ends.
 
     A clear tells that at least one error is gone (CiA 301 7.2.7.2): where the bits prove none and
-    leave it open of one of several only, it is that one, unless the message is `repeated`. Else none
-    ends, and none that may be meant is `certain` any more.
+    leave it open of one of several only, it is that one, but not `certain` where the message is
+    `repeated`. Else none ends, and none that may be meant is `certain` any more.
     """
     verdicts = [_verdict(device, error, active, register, manufacturer) for error in active]
     gone = [error for error, told in zip(active, verdicts, strict=True) if told == "gone"]
     open_ = [error for error, told in zip(active, verdicts, strict=True) if told == "maybe"]
     if gone:
         return gone
-    if not repeated and len(open_) == 1 and len(active) > 1:
-        return open_
+    single = len(open_) == 1 and len(active) > 1
     for error in open_:
-        error.certain = False
-    return []
+        error.certain = single and not repeated
+    return open_ if single else []
 
 
 def _verdict(

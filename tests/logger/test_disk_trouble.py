@@ -291,4 +291,6 @@ def test_whatever_the_disk_does_every_frame_is_recorded_or_reported(
         assert accounted == run.sent
     if healed:
         assert is_sorted(found)
+    # The file that told of the losses may have been deleted to make room.
+    if healed and not deleted:
         assert lost_in(*files) == result.lost_frames

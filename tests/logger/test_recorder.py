@@ -15,7 +15,7 @@ from syncline_logger import pdo_channel
 from syncline_logger.batcher import FrameBuffer
 from syncline_logger.bus_options import BusOptions
 from syncline_logger.recorder import record, record_batches
-from syncline_logger.recording import RecordOptions, RecordResult
+from syncline_logger.recording import Recording, RecordOptions, RecordResult
 from syncline_logger.source import Source, SourceFacts
 from syncline_logger.sources.python_can import PythonCanSource
 from syncline_schemas.batch import FrameBatch, Gap
@@ -483,3 +483,39 @@ def test_a_broken_input_leaves_a_file_that_can_be_read(tmp_path: Path) -> None:
     with pytest.raises(ZeroDivisionError):
         record_batches(items(), [BusInfo("a", 0)], tmp_path / "x.mcap")
     assert len(read_cut_frames(tmp_path / "x.mcap")) == 4
+
+
+def broken(*_: object) -> None:
+    raise ValueError("a bug")
+
+
+@pytest.mark.parametrize(
+    ("method", "told"),
+    [
+        ("live_status.LiveStatus.update", "bus load and node states of the live status: off"),
+        ("live_status.LiveStatus.listened", "bus load and node states of the live status: off"),
+        ("live_status.LiveStatus.snapshot", "the live status: off"),
+        ("triggers.watch.TriggerWatch.update", "triggers: off after ValueError: a bug"),
+        ("triggers.watch.TriggerWatch.take", "triggers: off after ValueError: a bug"),
+        ("triggers.watch.TriggerWatch.finish", "triggers: off after ValueError: a bug"),
+        ("triggers.watch.TriggerWatch.gap", "triggers: off after ValueError: a bug"),
+    ],
+)
+def test_a_bug_beside_the_recording_costs_no_frame(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, method: str, told: str
+) -> None:
+    monkeypatch.setattr(f"syncline_logger.{method}", broken)
+    recording = Recording(tmp_path / "x.mcap", [BusInfo("a", 0)], RecordOptions(), start_ns=T0)
+    batch = FrameBatch.from_rows([(T0, 0, 0x705, 0, 1, b"\x05")])
+    for _ in range(2):
+        recording.take_frames(batch, batch.t_ns)
+        recording.add_gap(Gap(T0, T0 + 1, "adapter lost", None, 0), T0)
+        recording.ask("it fell", T0)
+        recording.listened(0, T0, T0)
+        assert recording.snapshot(T0).gaps == recording.result().gap_count
+        recording.write(batch, batch.t_ns)
+    result = recording.finish(T0 + S, "stopped")
+    contents = read_capture(result.path)
+    assert len(contents.frames("a")) == 2
+    assert sum(told in text for text in result.problems) == 1
+    assert recording.marks >= 1

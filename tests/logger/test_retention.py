@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from syncline_logger.clock import ClockReading
 from syncline_logger.manifest import Manifest, MarkNote, Segment
 from syncline_logger.retention import Keep, surplus
 from syncline_logger.segments import Split
@@ -39,7 +40,7 @@ def recording(
 
 
 def deleted(*recordings: Manifest, keep: Keep, **values: Any) -> list[str]:
-    found = surplus(recordings, keep, **{"now_ns": T0 + 10 * DAY, **values})
+    found = surplus(recordings, keep, **{"now_ns": T0 + 10 * DAY, "ran_ns": 10 * DAY, **values})
     return [each.segment.file for each in found]
 
 
@@ -84,6 +85,56 @@ def test_what_is_too_old_goes() -> None:
 
 def test_a_clock_that_was_set_back_makes_nothing_old() -> None:
     assert deleted(recording(1, 1, 1), keep=Keep(age_ns=DAY), now_ns=0) == []
+
+
+def test_the_age_is_the_time_recorded_since() -> None:
+    whole = recording(1, 1, 1)
+    assert deleted(whole, keep=Keep(age_ns=8 * DAY), ran_ns=5 * DAY) == []
+    assert deleted(whole, keep=Keep(age_ns=8 * DAY), ran_ns=7 * DAY) == ["r1_0.mcap"]
+
+
+def test_a_pause_between_recordings_counts_for_a_day_at_most() -> None:
+    old, new = recording(1), recording(1, number=2, created_ns=T0 + 30 * DAY)
+    assert deleted(old, new, keep=Keep(age_ns=5 * DAY), now_ns=T0 + 40 * DAY, ran_ns=2 * DAY) == []
+
+
+HOUR = 3600 * S
+
+
+@pytest.mark.parametrize("told", [True, False])
+@pytest.mark.parametrize("ahead_ns", [30 * DAY, 5 * 365 * DAY])
+def test_a_date_that_goes_ahead_makes_nothing_old(
+    tmp_path: Path, ahead_ns: int, told: bool
+) -> None:
+    """A wrong step forward, and the right date that comes late, look the same."""
+    options: dict[str, Any] = {"split": Split(time_ns=HOUR), "keep": Keep(age_ns=14 * DAY)}
+    before = Run(tmp_path, recording_id="old", per_step=2, step_ns=HOUR, **options).step(5)
+    before.finish()
+    run = Run(tmp_path, per_step=2, step_ns=HOUR, start_ns=before.now_ns, **options).step(5)
+    if told:
+        reading = ClockReading(run.now_ns, run.now_ns, ahead_ns, offset_ns=ahead_ns)
+        run.recording.add_clock(reading, run.now_ns)
+    run.now_ns += ahead_ns
+    result = run.step(5).finish()
+    assert numbers_in(*files_of(tmp_path)) == [*range(10), *range(30)]
+    assert any("went ahead" in text for text in result.problems)
+
+
+def test_a_wrong_date_at_the_start_makes_nothing_old(tmp_path: Path) -> None:
+    options: dict[str, Any] = {"split": Split(time_ns=HOUR), "keep": Keep(age_ns=14 * DAY)}
+    before = Run(tmp_path, recording_id="old", per_step=2, step_ns=HOUR, **options).step(5)
+    before.finish()
+    start_ns = before.now_ns + 1000 * DAY
+    Run(tmp_path, per_step=2, step_ns=HOUR, start_ns=start_ns, **options).step(5).finish()
+    assert len(numbers_in(*files_of(tmp_path))) == 20
+
+
+def test_what_was_recorded_long_enough_ago_goes(tmp_path: Path) -> None:
+    options: dict[str, Any] = {"split": Split(time_ns=HOUR), "keep": Keep(age_ns=10 * HOUR)}
+    Run(tmp_path, per_step=2, step_ns=HOUR, **options).step(40).finish()
+    found = numbers_in(*files_of(tmp_path))
+    assert found[-1] == 79
+    assert 10 <= len(found) // 2 <= 13
 
 
 def test_what_was_recorded_before_the_date_was_known_is_not_old() -> None:

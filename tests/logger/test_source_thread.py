@@ -283,3 +283,150 @@ def test_a_source_without_one_has_a_thread_of_its_own() -> None:
     assert seen.wait(20)
     threads.stop()
     assert names == {"syncline read a"}
+
+
+class StuckSource(ScriptedSource):
+    """A reading or a closing that blocks until the test lets it go on."""
+
+    def __init__(self, *readings: int | BaseException, stuck_in: str = "read") -> None:
+        super().__init__(*readings)  # type: ignore[arg-type]
+        self._stuck_in = stuck_in
+        self.stuck = threading.Event()
+        self.go_on = threading.Event()
+
+    def fileno(self) -> None:  # type: ignore[override]
+        return None
+
+    def read(self, buffer: FrameBuffer, bus: int, timeout_s: float) -> int:
+        if self._readings:
+            return self._next_reading(buffer, bus, timeout_s)
+        if self._stuck_in == "read":
+            self._block()
+        threading.Event().wait(timeout_s / 10)
+        return 0
+
+    def _next_reading(self, buffer: FrameBuffer, bus: int, timeout_s: float) -> int:
+        if isinstance(self._readings[0], SystemExit):
+            raise self._readings.pop(0)  # type: ignore[misc]
+        return super().read(buffer, bus, timeout_s)
+
+    def close(self) -> None:
+        super().close()
+        if self._stuck_in == "close":
+            self._block()
+
+    def _block(self) -> None:
+        self.stuck.set()
+        assert self.go_on.wait(20)
+
+
+def events_of(queue: "SimpleQueue[SourceEvent]") -> list[SourceEvent]:
+    found = []
+    while not queue.empty():
+        found.append(queue.get_nowait())
+    return found
+
+
+def test_a_reader_that_hangs_is_told_and_leaves_a_gap() -> None:
+    clock = RecorderClock()
+    events: SimpleQueue[SourceEvent] = SimpleQueue()
+    source = StuckSource(1)
+    threads = SourceThreads([source], FrameBuffer(clock.now_ns), clock, events)
+    threads.start()
+    assert source.stuck.wait(20)
+    for second in range(15):
+        threads.look_after(second * S)
+        assert not threads.hang
+    # The machine slept for an hour: that is no second sign.
+    threads.look_after(3600 * S)
+    assert threads.hang
+    assert [(event.present, event.text) for event in events_of(events)] == [
+        (False, "reading hangs in the driver")
+    ]
+    threads.stop(0.01)
+    [last] = events_of(events)
+    assert last.gap is not None
+    assert last.gap.reason == "reading hangs in the driver"
+    assert last.gap.start_ns == threads.readers[0].heard_ns < last.gap.end_ns
+    source.go_on.set()
+
+
+@pytest.mark.parametrize(("counters", "gaps"), [((), 1), (("kernel",), 0)])
+def test_a_reader_that_goes_on_after_it_hung(counters: tuple[str, ...], gaps: int) -> None:
+    clock = RecorderClock()
+    events: SimpleQueue[SourceEvent] = SimpleQueue()
+    source = StuckSource(1)
+    source.facts = replace(source.facts, loss_counters=counters)
+    threads = SourceThreads([source], FrameBuffer(clock.now_ns), clock, events)
+    threads.start()
+    assert source.stuck.wait(20)
+    for second in range(20):
+        threads.look_after(second * S)
+    assert threads.hang
+    source.go_on.set()
+    while threads.hang:
+        threads.look_after(20 * S)
+    told = events_of(events)
+    assert [event.text for event in told] == ["reading hangs in the driver", "read again"]
+    assert told[-1].present
+    assert sum(event.gap is not None for event in told) == gaps
+    threads.stop()
+
+
+def test_closing_that_hangs_leaves_a_gap() -> None:
+    clock = RecorderClock()
+    events: SimpleQueue[SourceEvent] = SimpleQueue()
+    source = StuckSource(1, SourceError("unplugged"), stuck_in="close")
+    threads = SourceThreads([source], FrameBuffer(clock.now_ns), clock, events)
+    threads.start()
+    assert source.stuck.wait(20)
+    threads.stop(0.01)
+    told = events_of(events)
+    assert [event.text for event in told] == ["unplugged", ""]
+    assert told[-1].gap is not None
+    assert told[-1].gap.reason == "unplugged"
+    source.go_on.set()
+
+
+def test_a_driver_that_wants_to_exit_is_opened_again() -> None:
+    source = StuckSource(1, SystemExit(3), 1)
+    reading = Reading(source)
+    for t_ms in (100, 200, 1200):
+        reading.at(t_ms)
+    assert reading.told() == [(200, False, "SystemExit: 3"), (1200, True, "listening again")]
+
+
+def test_a_thread_that_ended_is_replaced() -> None:
+    class Ending(StuckSource):
+        def fileno(self) -> None:  # type: ignore[override]
+            return None
+
+        @property
+        def ends(self) -> bool:
+            return not self.go_on.is_set()
+
+    source = Ending(stuck_in="nowhere")
+    clock = RecorderClock()
+    events: SimpleQueue[SourceEvent] = SimpleQueue()
+    threads = SourceThreads([source], FrameBuffer(clock.now_ns), clock, events)
+    [ended] = threads._threads
+    ended.run = lambda: None  # type: ignore[method-assign]
+    threads.start()
+    ended.join(20)
+    for second in range(4):
+        threads.look_after(second * S)
+    assert [event.text for event in events_of(events)] == ["the thread that reads ended"]
+    assert threads._threads[0].is_alive()
+    threads.stop()
+    assert events_of(events)[-1].gap is not None
+
+
+def test_a_source_whose_closing_fails_is_tried_again() -> None:
+    class Broken(ScriptedSource):
+        def close(self) -> None:
+            raise RuntimeError("driver: close failed")
+
+    reading = Reading(Broken(SourceError("unplugged"), 1))
+    for t_ms in (100, 1100):
+        reading.at(t_ms)
+    assert [text for _, _, text in reading.told()] == ["unplugged", "listening again"]

@@ -115,6 +115,11 @@ class EventStore:
         else:
             self._store.mark(note, begin_ns, end_ns)
 
+    def date_set(self, ahead_ns: int) -> None:
+        """Log time goes ahead by so much without that time having passed."""
+        if self._store:
+            self._store.date_set(ahead_ns)
+
     def write(self, content: Content, now_ns: int) -> None:
         """Take what was recorded until `now_ns`."""
         self._look_after()

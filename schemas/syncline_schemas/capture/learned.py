@@ -12,9 +12,9 @@ _PLACE = re.compile(r"(\d+)/(\d+)/([0-9A-F]{4}):([0-9A-F]{2})")
 
 
 def learned_record(settings: Mapping[tuple[int, int], Settings]) -> dict[str, str]:
-    """The record for settings by (bus number, node).
+    r"""The record for settings by (bus number, node).
 
-    >>> learned_record({(0, 5): {(0x1800, 2): (b"\\x01", True), (0x1017, 0): (b"\\x64\\0", False)}})
+    >>> learned_record({(0, 5): {(0x1800, 2): (b"\x01", True), (0x1017, 0): (b"\x64\0", False)}})
     {'0/5/1800:02': '01', '0/5/1017:00': '6400*'}
     """
     return {

@@ -109,7 +109,7 @@ def _collisions(facts: Facts) -> Iterator[Finding]:
             if a.key == b.key or not (a.known.confirmed or b.known.confirmed):
                 continue
             since = overlap(a.span, b.span)
-            if since is None:
+            if since is None or any(_gone(facts, claim.key, since) for claim in (a, b)):
                 continue
             last = max((a, b), key=lambda claim: claim.span.change.seq)
             who = " and ".join(
@@ -136,6 +136,18 @@ def _collisions(facts: Facts) -> Iterator[Finding]:
                 assumed=assumed,
             )
             break
+
+
+def _gone(facts: Facts, key: NodeKey, seq: int) -> bool:
+    """Whether a node was not heard any more since a gap that lies before a frame.
+
+    The gap may hide that it got another number, with the identifiers that it had.
+    """
+    nmt, timeline = (each.get(key) for each in (facts.control.nmt.nodes, facts.control.nmt.timelines))
+    if nmt is None or timeline is None or nmt.heard_ns is None:
+        return False
+    gaps = [gap for first, gap in timeline.history.gaps if first <= seq]
+    return bool(gaps) and nmt.heard_ns < gaps[-1].end_ns
 
 
 def _reserved(facts: Facts) -> Iterator[Finding]:
@@ -281,6 +293,7 @@ RULES: tuple[Rule, ...] = (
             "At least one of the two was told or acknowledged by its node.",
             "An info where the other is only assumed: it may have been moved before the capture.",
             "PDOs that are off (bit 31, or identifier 0) do not count, nor do receivers.",
+            "Not where one of the two was not heard any more since a capture gap before the other's.",
         ),
         _collisions,
         untimed=True,

@@ -158,6 +158,9 @@ def _not_due(facts: Facts, key: NodeKey, lost: Lost) -> bool:
             for row in facts.analysis.bus_silences
             if row.bus == bus and row.end_ns < lost.end_ns
         ]
+        quiet = facts.control.clock.silence_within(key[0], lost.last_ns, lost.end_ns)
+        if quiet is not None and quiet.end_ns < lost.end_ns:
+            others.append((quiet.start_ns, quiet.end_ns, quiet.end_ns - quiet.start_ns))
     longest = max(
         (by_ns for start, end, by_ns in others if lost.last_ns < end and start < lost.end_ns),
         default=0,

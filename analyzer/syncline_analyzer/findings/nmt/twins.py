@@ -81,9 +81,22 @@ def _shared(facts: Facts) -> Shared:
         least, most = BEFORE_NS
         alone_ns = _alone_until(nmt, sign)
         before = min(most, max(least, BEATS_BEFORE * (nmt.heartbeat_period_ns or 0)))
-        begin_ns = max(sign.start_ns - (most if alone_ns else before), alone_ns)
+        start_ns = _before_steps(facts, bus, sign.start_ns, before)
+        begin_ns = max(start_ns - (most if alone_ns else before), alone_ns)
         since[facts.context.bus_name(bus), node] = begin_ns
     return Shared(since)
+
+
+def _before_steps(facts: Facts, bus: int, start_ns: int, within_ns: int) -> int:
+    """When two devices may have shown, had the clock not been set shortly before they did.
+
+    The heartbeats on both sides of a step are not held against one another.
+    """
+    name = facts.context.bus_name(bus)
+    for step in reversed(facts.analysis.clock_steps):
+        if step.bus == name and 0 <= start_ns - step.end_ns <= within_ns:
+            start_ns = min(step.start_ns, start_ns)
+    return start_ns
 
 
 def _alone_until(nmt: NodeNmt, sign: _Sign) -> int:

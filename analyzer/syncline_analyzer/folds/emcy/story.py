@@ -121,6 +121,11 @@ class Story:
         self._add(message, code, meaning, data[2], data[3:8], transition)
 
     def _raise(self, message: Message, code: int) -> Transition:
+        again = self._errors.ended_unseen(code, message.data)
+        if again is not None and again.doubted is not None:
+            seq, t_ns = again.doubted
+            again.certain = True
+            self._end([again], t_ns, seq, "cleared")
         transition: Transition = "further" if self._errors.active else "raised"
         error, fresh = self._errors.raised(code, message.data, message.t_ns)
         if error is not None:
@@ -132,7 +137,7 @@ class Story:
 
     def _clear(self, message: Message) -> Transition:
         """A code 00xxh: what is left tells which errors it does not clear."""
-        gone = self._errors.ended_by(message.data)
+        gone = self._errors.ended_by(message.data, (message.seq, message.t_ns))
         if gone is None:
             self._end(self._errors.active, message.t_ns, message.seq, "cleared")
             return "all cleared"

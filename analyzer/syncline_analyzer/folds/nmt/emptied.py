@@ -4,7 +4,9 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
 
 from syncline_analyzer.context import Context
+from syncline_analyzer.folds.bus.clock import ClockTable
 from syncline_analyzer.folds.nmt.events import Beat
+from syncline_analyzer.folds.nmt.quiet import OFF_NS
 from syncline_analyzer.folds.nmt.timeout import PRODUCER_TIME
 from syncline_schemas.devices import quirks
 
@@ -16,6 +18,8 @@ NO_BOOT_NS = 20_000_000
 """No device starts anew within so short a time after another frame of its own [ns]."""
 SOON = 2
 """So many of them show that none of an even run is a boot-up."""
+START_NS = 3_000_000_000
+"""Nodes of a machine that is switched on start within this time of one another [ns]."""
 RESUMED_PERIODS = 2
 """States that last so many periods are told again; between the empty ones of another device they
 do not."""
@@ -135,6 +139,41 @@ def restarted(
         else:
             continue
         found.append(booted)
+    return found
+
+
+def powered_on(
+    context: Context,
+    place: tuple[int, int],
+    beats: Sequence[Beat],
+    others_anew: Sequence[int],
+    clock: ClockTable,
+) -> list[Beat]:
+    """The boot-ups among the empty heartbeats of a node that was off with the whole machine.
+
+    Nobody was heard for long enough before them, and another node tells its start as well.
+
+    Args:
+        place: bus number and node.
+        beats: messages in order of `seq`.
+        others_anew: times of the boot-ups of the other nodes, ascending [ns].
+        clock: silences of the buses.
+    """
+    found: list[Beat] = []
+    boots = [beat for beat in beats if beat.kind == "boot-up"]
+    for beat in beats:
+        if beat.kind != "empty" or beat.t_ns - beat.previous_ns < OFF_NS:
+            continue
+        at = bisect_left(others_anew, beat.previous_ns)
+        if at == len(others_anew) or others_anew[at] > beat.t_ns + START_NS:
+            continue
+        silence = clock.silence_within(place[0], beat.previous_ns, beat.t_ns)
+        booted = next((each for each in reversed(boots) if each.seq < beat.seq), None)
+        plain = not any(quirks(context.shadow.device(*place)).bootup_bytes) or (
+            booted is not None and boots_with_00h(context, place, booted.seq, booted.state)
+        )
+        if plain and silence is not None and silence.end_ns - silence.start_ns >= OFF_NS:
+            found.append(beat._replace(kind="boot-up"))
     return found
 
 

@@ -14,7 +14,7 @@ from syncline_analyzer.folds.emcy.ids import SYNC_BYTES
 from syncline_analyzer.folds.nmt.cadence import Doubles, Int64s, Mask
 from syncline_analyzer.folds.nmt.columns import Columns
 from syncline_analyzer.folds.nmt.commands import Commands
-from syncline_analyzer.folds.nmt.emptied import never_booted, restarted
+from syncline_analyzer.folds.nmt.emptied import never_booted, powered_on, restarted
 from syncline_analyzer.folds.nmt.error_control import ErrorControl, reset_mark
 from syncline_analyzer.folds.nmt.events import (
     RESETS,
@@ -25,7 +25,12 @@ from syncline_analyzer.folds.nmt.events import (
     Repeated,
 )
 from syncline_analyzer.folds.nmt.measures import Measures, quantiles_ms, shares
-from syncline_analyzer.folds.nmt.others import others_anew, others_beat, witnesses_of
+from syncline_analyzer.folds.nmt.others import (
+    booted_with,
+    others_anew,
+    others_beat,
+    witnesses_of,
+)
 from syncline_analyzer.folds.nmt.table import BootUp, NmtTable, NodeKey, NodeNmt
 from syncline_analyzer.folds.nmt.timeline import Timeline
 from syncline_analyzer.folds.nmt.timeout import PRODUCER_TIME
@@ -125,7 +130,7 @@ class NmtFold:
         for control in self._control.values():
             control.finish(end_ns, self._next_seq)
         alive = {key for key, control in self._control.items() if control.alive}
-        self._tell_emptied(end_ns)
+        self._tell_emptied(end_ns, clock)
         own = {bus for bus, _ in alive} | self._commands.buses() | self._commands.synced
         foreign = self._foreign_buses() - own
         shown = (set(canopen) - foreign) | own
@@ -390,7 +395,7 @@ class NmtFold:
             pdos="no" if not spans else "guess" if all(s.guess for s in spans) else "bound",
         )
 
-    def _tell_emptied(self, end_ns: int) -> None:
+    def _tell_emptied(self, end_ns: int, clock: ClockTable) -> None:
         """Tell boot-ups from heartbeats that a remote frame has emptied, now that all is known."""
         for (bus, node), control in self._control.items():
             gaps = sorted(
@@ -419,6 +424,10 @@ class NmtFold:
                     zeros=control.zeros,
                 )
                 control.tell_anew(boots)
+                if control.zeros:
+                    anew = booted_with(self._control, (bus, node))
+                    place = (bus, node)
+                    control.tell_anew(powered_on(self._context, place, control.beats, anew, clock))
 
     def _written(self, key: NodeKey) -> list[int]:
         """When 1017h of a node was written [ns]."""

@@ -42,3 +42,14 @@ def others_beat(controls: Mapping[NodeKey, ErrorControl], key: NodeKey) -> list[
         if other[0] == key[0] and other != key and control.counts.heartbeats > ENOUGH
         if control.beats and control.last_beat_ns is not None
     ]
+
+
+def booted_with(controls: Mapping[NodeKey, ErrorControl], key: NodeKey) -> list[int]:
+    """When other nodes of the bus told that they started [ns]."""
+    return sorted(
+        beat.t_ns
+        for other, control in controls.items()
+        if other[0] == key[0] and other != key
+        for beat in control.beats
+        if beat.kind == "boot-up"
+    )

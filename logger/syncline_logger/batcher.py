@@ -35,8 +35,9 @@ _PACK_INTO = {
 }
 
 
-LossPlace = Literal["kernel", "controller", "adapter", "queue"]
-"""Where frames were lost; "queue" is the buffer of this module."""
+LossPlace = Literal["kernel", "controller", "adapter", "line", "closed", "queue"]
+"""Where frames were lost: "line" is the way from the adapter, "closed" an adapter whose channel was
+closed, "queue" the buffer of this module."""
 
 JOIN_NS = 100_000_000
 """Losses of one bus and place that follow each other closer than this are told as one."""

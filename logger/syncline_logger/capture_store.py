@@ -103,6 +103,7 @@ class CaptureStore:
         self._cut: list[tuple[str, Segment]] = []
         self._running = RunningTime(start_ns)
         self._described_ran_ns = 0
+        self._reserve_told = False
         self._ends_ns = plan.split.ends_after(start_ns)
         self._housekeeping_ns = start_ns + HOUSEKEEPING_NS
         self.path = self.first_path = plan.names.written(0, start_ns)
@@ -230,7 +231,6 @@ class CaptureStore:
     def _begin(self, start_ns: int) -> None:
         """Begin the first file; a disk that refuses is trouble, everything else a mistake."""
         try:
-            self._plan.names.folder.mkdir(parents=True, exist_ok=True)
             self._open = self._begun(start_ns)
             self.first_path = self.path
         except FileExistsError as error:
@@ -246,6 +246,7 @@ class CaptureStore:
         path = plan.names.written(self._number, start_ns)
         kept = self._kept_for if start_ns < self._kept_until_ns else None
         try:
+            plan.names.folder.mkdir(parents=True, exist_ok=True)
             file = CaptureFile(
                 path,
                 replace(plan.metadata, segment=self._number, created_ns=start_ns),
@@ -354,6 +355,7 @@ class CaptureStore:
         if now_ns >= self._housekeeping_ns:
             self._housekeeping_ns = now_ns + HOUSEKEEPING_NS
             self._make_room(now_ns)
+            self._tell_reserve()
 
     def _turn(self, now_ns: int) -> None:
         before_ns = self._running.jumped_ns
@@ -379,17 +381,28 @@ class CaptureStore:
                 self._running.ran_ns - self._described_ran_ns,
             )
 
+    def _tell_reserve(self) -> None:
+        """Say once that no room is left for others and nothing is there that may be deleted."""
+        reserve_bytes = self._plan.keep.reserve_bytes
+        if not reserve_bytes:
+            return
+        with suppress(OSError):
+            broken = self._plan.disk.free_bytes(self._plan.names.folder) < reserve_bytes
+            if broken and not self._reserve_told:
+                self.notes.append(
+                    "less is free on the disk than the reserve, and no file may be deleted;"
+                    " recording goes on until the disk is full"
+                )
+            self._reserve_told = broken
+
     def _take_finished(self, recording_id: str, finished: Segment, text: str) -> None:
         self.notes += [text] if text else []
-        for manifest in self._folder.recordings if self._folder else ():
-            for n, segment in enumerate(manifest.segments):
-                if (manifest.recording_id, segment.segment) == (recording_id, finished.segment):
-                    manifest.segments[n] = finished
-                    self._save(manifest)
-
-    def _save(self, manifest: Manifest | None = None) -> None:
         if self._folder:
-            self._folder.save(manifest or self._manifest)
+            self._folder.take_finished(recording_id, finished)
+
+    def _save(self) -> None:
+        if self._folder:
+            self._folder.save(self._manifest)
 
 
 def _record(note: MarkNote) -> Mapping[str, str]:

@@ -38,8 +38,8 @@ class Segment:
     end_ns: int | None = None
     frames: int = 0
     bytes: int = 0
-    ran_ns: int | None = None
     marks: list[MarkNote] = field(default_factory=list)
+    ran_ns: int | None = None
 
     def mark(self, note: MarkNote) -> None:
         """Note a mark; a marked segment is never deleted."""

@@ -1,6 +1,7 @@
 """Everything that is told of a running recording: view, files, own log, service manager."""
 
 import logging
+from importlib.metadata import version
 from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
@@ -65,7 +66,7 @@ class RecordOutputs:
 
     def started(self, path: Path) -> None:
         """The recorder listens and the file is open."""
-        LOG.info("started")
+        LOG.info("started: syncline %s, recording to %s", version("syncline"), path)
         self._view.started(path)
         self._manager.ready(f"recording to {path}")
 

@@ -85,7 +85,8 @@ def plan_recording(
     known = attempt(lambda: load_description(wanted.description, wanted.devices), BusDescription())
     buses = [_with_bit_rates(bus, known) for bus in buses]
     # Without an interface in a file that is told already.
-    told = config is not None and bool(config.buses)
+    unread = config is not None and bool(config.problems) and not config.values
+    told = unread or (config is not None and bool(config.buses))
     named = [bus for bus in buses if bus.interface or not told]
     sources = [attempt(lambda bus=bus: source_of(bus), None) for bus in named]  # type: ignore[misc]
     options = RecordOptions(

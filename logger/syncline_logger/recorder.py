@@ -36,6 +36,8 @@ LOSS_REASONS: dict[LossPlace, str] = {
     "kernel": "the kernel's receive buffer was full",
     "controller": "the controller's receive buffer overran",
     "adapter": "the adapter's buffer was full",
+    "line": "lines of the adapter were damaged",
+    "closed": "the adapter was reset or answers no more",
 }
 
 
@@ -260,7 +262,9 @@ class LiveRecorder:
         finally:
             self._threads.stop()
             # Closing a source in whose driver a thread hangs would hang here too.
-            self._close_sources(reader.source for reader in self._threads.readers if reader.finished)
+            self._close_sources(
+                reader.source for reader in self._threads.readers if reader.finished
+            )
         if on_status:
             on_status(self._recording.snapshot(self._clock.now_ns()))
         return result
@@ -332,7 +336,7 @@ class LiveRecorder:
         self._note_losses(collected)
         self._recording.take_frames(collected.frames, collected.log_ns)
         for bus, begin_ns, end_ns in heard_ns:
-            self._recording.live.listened(bus, max(begin_ns, self._clock_step_ns), end_ns)
+            self._recording.listened(bus, max(begin_ns, self._clock_step_ns), end_ns)
         self._waiting.append(collected)
 
     def _write_chunk(self, now_ns: int, *, status: bool = False, last: bool = False) -> None:

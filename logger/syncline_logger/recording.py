@@ -2,8 +2,9 @@
 
 import platform
 import uuid
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
@@ -57,6 +58,10 @@ STOP_METADATA_NAME = "syncline.stop"
 """Metadata record: when and why the recording ended, and the frames known to be lost."""
 
 SLEPT = "the machine slept"
+BEHIND = "the date is behind the end of the last recording: how long the recorder did not run is not known"
+LIVE_STATUS = "bus load and node states of the live status"
+SNAPSHOT = "the live status"
+TRIGGERS = "triggers"
 
 STATUS_SCHEMA = schema_of(syncline_pb2.BusStatus.DESCRIPTOR)
 GAP_CHANNEL = ChannelSpec(GAP_TOPIC, schema_of(syncline_pb2.Gap.DESCRIPTOR))
@@ -166,7 +171,8 @@ class Recording:
         self._gap_count = self._lost_frames = self.marks = 0
         self._problems: list[str] = []
         self._messages: list[tuple[ChannelSpec, int, Message]] = []
-        self._heard_ns = self._clock_ns = start_ns
+        self._heard_ns = self._clock_ns = self._start_ns = start_ns
+        self._off: set[str] = set()
         self._offset_ns: int | None = None
         self._settings: dict[tuple[int, int], Settings] = {}
         plan = StorePlan(
@@ -207,8 +213,10 @@ class Recording:
             self.store = CaptureStore(
                 plan, start_ns, folder=folder, attachments=attachments, finishes=resumes
             )
-        if last_end_ns is not None and last_end_ns < start_ns:
-            self.add_gap(Gap(last_end_ns, start_ns, DID_NOT_RUN), start_ns)
+        if last_end_ns is not None:
+            self.add_gap(Gap(min(last_end_ns, start_ns), start_ns, DID_NOT_RUN), start_ns)
+            if last_end_ns > start_ns:
+                self.add_status(0, start_ns, BEHIND)
         for bus in buses:
             for node, entry in options.description.described(bus.name).items():
                 if entry.device:
@@ -221,7 +229,7 @@ class Recording:
         if len(self._gaps) < MAX_KEPT:
             self._gaps.append(gap)
         self._messages.append((GAP_CHANNEL, log_ns, gap_message(gap)))
-        self.watch.gap(gap, log_ns)
+        self._beside(TRIGGERS, log_ns, lambda: self.watch.gap(gap, log_ns))
 
     def mark(
         self,
@@ -246,12 +254,17 @@ class Recording:
 
     def ask(self, text: str, log_ns: int) -> None:
         """Somebody asks for a mark."""
-        self.watch.ask(text, log_ns)
-        self._mark_triggers()
+        if self._beside(TRIGGERS, log_ns, lambda: self.watch.ask(text, log_ns)):
+            self._mark_triggers()
+        else:
+            self.mark(text, log_ns)
 
     def _mark_triggers(self) -> None:
-        for each in self.watch.take():
-            self.mark(each.text, each.log_ns, bus=each.bus, node=each.node, t_ns=each.t_ns)
+        def mark() -> None:
+            for each in self.watch.take():
+                self.mark(each.text, each.log_ns, bus=each.bus, node=each.node, t_ns=each.t_ns)
+
+        self._beside(TRIGGERS, self._heard_ns, mark)
 
     def add_clock(self, reading: ClockReading, log_ns: int) -> None:
         """Note what the clocks said."""
@@ -310,9 +323,32 @@ class Recording:
         for bus, condition in self.conditions.items():
             rows = np.flatnonzero(frames.bus == bus)
             self._note_changes(bus, condition.update(frames[rows], log_ns[rows]))
-        self.live.update(frames, log_ns)
-        self.watch.update(frames, log_ns)
+        self._beside(LIVE_STATUS, self._heard_ns, lambda: self.live.update(frames, log_ns))
+        self._beside(TRIGGERS, self._heard_ns, lambda: self.watch.update(frames, log_ns))
         self._mark_triggers()
+
+    def listened(self, bus: int, begin_ns: int, end_ns: int) -> None:
+        """All frames that a bus gave in [begin_ns, end_ns) of log time are taken in."""
+        self._beside(LIVE_STATUS, end_ns, lambda: self.live.listened(bus, begin_ns, end_ns))
+
+    def _beside(self, what: str, log_ns: int, work: Callable[[], None]) -> bool:
+        """Do what a bug must not end the recording by; whether it is done.
+
+        The first failure turns it off for good, and is told.
+        """
+        if what in self._off:
+            return False
+        try:
+            work()
+        except Exception as error:  # noqa: BLE001 - a bug here must not cost the recording
+            self._off.add(what)
+            text = f"{what}: off after {type(error).__name__}: {error}"
+            self.add_status(0, log_ns, text)
+            if what == TRIGGERS and self._triggers.only:
+                # Nothing would be written any more; this moment at least is.
+                self.mark(text, log_ns)
+            return False
+        return True
 
     def tell_state(self, bus: int, state: str, log_ns: int) -> None:
         """Note the state of a bus's controller as the interface tells it."""
@@ -330,7 +366,10 @@ class Recording:
             if change.gap:
                 self.add_gap(change.gap, change.log_ns)
             self.add_status(bus, change.log_ns, change.text)
-            self.watch.bus_state(bus, change.state, change.log_ns)
+            self._beside(TRIGGERS, change.log_ns, partial(self._tell_watch, bus, change))
+
+    def _tell_watch(self, bus: int, change: Change) -> None:
+        self.watch.bus_state(bus, change.state, change.log_ns)
 
     def write(
         self,
@@ -352,7 +391,7 @@ class Recording:
                 self.add_status(bus, self._heard_ns, text)
             for bus, node, device in part.devices:
                 self._recognised(bus, node, device)
-            self.watch.events(part.events)
+            self._beside(TRIGGERS, self._heard_ns, partial(self.watch.events, part.events))
             self._settings |= part.settings
             if part.settings:
                 self.store.carry(LEARNED_METADATA_NAME, learned_record(self._settings))
@@ -374,20 +413,27 @@ class Recording:
 
     def snapshot(self, now_ns: int) -> StatusSnapshot:
         """The live state; begins the next period of its rates."""
-        return self.live.snapshot(
-            now_ns,
-            str(self.store.path),
-            self.store.bytes_written,
-            list(self.conditions.values()),
-            self._gap_count,
-            self.store.trouble.text if self.store.trouble else "",
-        )
+        path, written = str(self.store.path), self.store.bytes_written
+        trouble = self.store.trouble.text if self.store.trouble else ""
+        found: list[StatusSnapshot] = []
+
+        def look() -> None:
+            conditions = list(self.conditions.values())
+            found.append(
+                self.live.snapshot(now_ns, path, written, conditions, self._gap_count, trouble)
+            )
+
+        if not self._beside(SNAPSHOT, now_ns, look):
+            elapsed_ns = now_ns - self._start_ns
+            found.append(
+                StatusSnapshot(now_ns, elapsed_ns, path, written, (), self._gap_count, trouble)
+            )
+        return found[0]
 
     def finish(self, end_ns: int, why: str) -> RecordResult:
         """Write the end of the file and close it."""
         self.store.retry(end_ns, last=True)
-        self.watch.finish(end_ns)
-        self._problems += self.watch.uncounted()
+        self._beside(TRIGGERS, end_ns, lambda: self._finish_watch(end_ns))
         self.write(FrameBatch.empty(), np.zeros(0, np.int64), now_ns=end_ns)
         before = self._lost_frames
 
@@ -403,6 +449,10 @@ class Recording:
             lost = counted(self._lost_frames - before, "frame")
             self._problems.append(f"{lost} could not be written when the recording ended")
         return self.result()
+
+    def _finish_watch(self, end_ns: int) -> None:
+        self.watch.finish(end_ns)
+        self._problems += self.watch.uncounted()
 
     def result(self) -> RecordResult:
         """What was recorded so far."""

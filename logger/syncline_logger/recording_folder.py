@@ -50,8 +50,11 @@ class RecordingFolder:
             if name.endswith((RECOVERING, RECOVERING + PARTIAL)) and ".mcap" in name:
                 with suppress(OSError):
                     self.disk.remove(path)
-            elif name.endswith(MANIFEST_SUFFIX) and (manifest := _read(path)):
-                self.recordings.append(manifest)
+            elif name.endswith(MANIFEST_SUFFIX):
+                manifest = _read(path)
+                # What another machine recorded was copied here: nothing of it is touched.
+                if manifest and manifest.host == self.host:
+                    self.recordings.append(manifest)
         self._reconcile(set(files))
         self._adopt(files)
         self.recordings.sort(key=lambda each: (each.number, each.created_ns))
@@ -82,6 +85,14 @@ class RecordingFolder:
             for segment in manifest.segments:
                 if segment.state == "cut" and manifest.recording_id not in self.busy:
                     yield manifest, segment
+
+    def take_finished(self, recording_id: str, finished: Segment) -> None:
+        """Note what became of a cut file that was finished."""
+        for manifest in self.recordings:
+            for n, segment in enumerate(manifest.segments):
+                if (manifest.recording_id, segment.segment) == (recording_id, finished.segment):
+                    manifest.segments[n] = finished
+                    self.save(manifest)
 
     def make_room(
         self,
@@ -131,7 +142,7 @@ class RecordingFolder:
         """Delete a file, if it is still the one that its manifest tells of."""
         path = self.path / chosen.segment.file
         try:
-            if path.exists() and not _is_of(path, chosen.manifest.recording_id):
+            if path.exists() and not _is_of(path, chosen.manifest):
                 chosen.manifest.segments.remove(chosen.segment)
                 return False
             self.disk.remove(path)
@@ -255,9 +266,11 @@ def _manifest_of(path: Path, host: str) -> Manifest | None:
     )
 
 
-def _is_of(path: Path, recording_id: str) -> bool:
+def _is_of(path: Path, manifest: Manifest) -> bool:
     try:
         about = CaptureScan(path).facts.metadata
     except OSError:
         return False
-    return about is not None and about.recording_id == recording_id
+    if about is None:
+        return False
+    return (about.recording_id, about.host) == (manifest.recording_id, manifest.host)

@@ -36,9 +36,8 @@ class Keep:
     @property
     def split_bytes(self) -> int | None:
         """Size of segments where the user says none: only whole ones can be deleted."""
-        if self.size_bytes is None:
-            return None
-        return max(self.size_bytes // SPLITS_OF_KEEP, SMALLEST_SPLIT)
+        room = self.reserve_bytes if self.size_bytes is None else self.size_bytes
+        return None if room is None else max(room // SPLITS_OF_KEEP, SMALLEST_SPLIT)
 
 
 @dataclass(frozen=True, slots=True)

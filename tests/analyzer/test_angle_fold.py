@@ -483,7 +483,7 @@ def test_the_hardware_scale_of_an_unknown_node_gives_an_angle() -> None:
     ctx = mapped(0x6004_0020, o6501=4096, o6502=16)
     trace = only(angles(ctx, ordered([frame(0, 0x185, position(4096 + 1024))])))
     assert (trace.columns["turn"][0], trace.columns["angle_deg"][0]) == (1, 90)
-    assert "cpr" in trace.assumed
+    assert "scaling" in trace.assumed
 
 
 def test_slopes_mapped_on_an_unknown_node_need_their_resolution() -> None:

@@ -184,6 +184,22 @@ def test_what_is_assumed_of_the_other_is_said() -> None:
 
 
 @pytest.mark.near_miss("config.cob_id_collision")
+def test_a_gap_may_hide_that_two_numbers_are_one_node() -> None:
+    """Node 5 became node 6 in it, or its SDO server answers on another identifier since then."""
+    renumbered = running(5).read(400, 0x1800, 1, 0x185)
+    renumbered.rows[:] = [row for row in renumbered.rows if row[0] < 8 * S]
+    renumbered.gaps.append((8 * S, 9 * S))
+    renumbered.node = 6
+    renumbered.heartbeat(9100, 20 * S, 0x7F).read(10 * S, 0x1800, 1, 0x185)
+    silent(renumbered.told())
+    moved = running(5).read(400, 0x1800, 1, 0x185)
+    moved.gaps.append((8 * S, 8050))
+    moved.node = 6
+    moved.read(10 * S, 0x1800, 1, 0x185)
+    silent(moved.told())
+
+
+@pytest.mark.near_miss("config.cob_id_collision")
 def test_identifiers_that_change_hands_or_are_off() -> None:
     """Node 5 leaves 185h before node 6 takes it; TPDO2s are off; on another bus it is free."""
     script = two_nodes().write(500, 0x1800, 1, 0x185).write(510, 0x1801, 1, 0x80000285)

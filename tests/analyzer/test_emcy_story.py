@@ -145,6 +145,26 @@ def test_a_clear_ends_the_only_error_of_which_no_bit_tells_that_it_stays() -> No
     assert active_after(*repeated, device="jn2100")[-1] == [0x1000, 0x3100]
 
 
+def test_an_error_that_is_told_again_after_a_clear_in_doubt_was_ended_by_it() -> None:
+    """JN2100: the second clear repeats the bytes of the first one, which ended 4100h."""
+    rows = ("0031050000000000", "00420D0000000000", "00100D0000000000", *["0000050000000000"] * 2)
+    story = told(emcys(*rows, "0010050000000000"), load_device("jn2100"))
+    told_twice = [e for e in story.errors() if e.code == 0x1000]
+    assert [(e.status, e.evidence, e.certain) for e in told_twice] == [
+        ("cleared", [2, 4], True),
+        ("still active", [5], True),
+    ]
+    doubted = told(emcys(*rows), load_device("jn2100")).errors()
+    assert [e.certain for e in doubted if e.code == 0x1000] == [False]
+
+
+def test_an_error_that_the_device_repeats_anyway_does_not_end_by_that() -> None:
+    first = ("0031050000000000", "00420D0000000000", *["00100D0000000000"] * 2)
+    rows = (*first, *["0000050000000000"] * 2, "0010050000000000")
+    story = told(emcys(*rows), load_device("jn2100"))
+    assert [e.count for e in story.errors() if e.code == 0x1000] == [3]
+
+
 def test_a_clear_that_may_end_one_of_two_leaves_both_in_doubt() -> None:
     """JN2100: 4100h and 4200h share bit 3."""
     rows = ("0041090000000000", "0042090000000000", "0000090000000000")

@@ -175,3 +175,14 @@ def test_pdos_that_end_within_two_heartbeats_show_nothing() -> None:
         others(9000),
     )
     assert "nmt.command_ignored" not in run(*rows).ids()
+
+
+def test_empty_heartbeats_before_the_states_of_a_twin_are_no_requests() -> None:
+    """The log holds a remote frame: it does not store others as frames without data."""
+    rows = ordered(
+        heartbeats(0, 3000, every_ms=150),
+        [remote(3010, 0x705)],
+        [frame(t_ms, 0x705) for t_ms in range(3150, 20_000, 150)],
+        heartbeats(5000, 20_000, every_ms=280),
+    )
+    assert run(*rows).nodes[NODE].guard_requests == 1

@@ -642,3 +642,60 @@ def test_heartbeats_soon_after_remote_frames_carry_no_toggle_bit() -> None:
     after = ordered(asked, heartbeats(7142, 12_000, every_ms=300), others(0))
     gap = Gap(6_632 * MS, 7_034 * MS, "adapter lost", 20, 0)
     assert "nmt.guard_toggle" not in run(*before, gap, *after).ids()
+
+
+@pytest.mark.near_miss("nmt.node_lost")
+@pytest.mark.triggers("nmt.bus_silent")
+def test_the_first_00h_after_the_machine_was_off_is_a_boot_up() -> None:
+    """Its heartbeats were empty before; it was reset again before it told a state."""
+    rows = ordered(
+        [boot(10), *written(90, 0x1017, 100), remote(2950, 0x705), boot(15, 9)],
+        heartbeats(100, 3000),
+        heartbeats(3000, 6000, state="00"),
+        heartbeats(100, 6000, node=9),
+        [boot(9000), boot(9400, 9), frame(9500, 0x000, "8205"), boot(13_400)],
+        heartbeats(9500, 16_000, node=9),
+        written(13_450, 0x1017, 100),
+        heartbeats(13_500, 16_000),
+    )
+    result = run(*rows)
+    assert result.nodes[NODE].boot_ups == 3
+    assert "nmt.node_lost" not in result.ids()
+    alone = run(*[row for row in rows if row[:3] != boot(9400, 9)[:3]])
+    assert alone.nodes[NODE].boot_ups == 2
+
+
+@pytest.mark.near_miss("nmt.bus_silent")
+def test_a_silence_at_the_end_that_is_a_step_of_the_clock_accuses_nobody() -> None:
+    rows = ordered(heartbeats(0, 5000, every_ms=150), heartbeats(0, 5000, every_ms=20, node=9))
+    rows = [row for row in rows if row[0] < 5000 * MS or row[2] != 0x705]
+    last = max(row[0] for row in rows if row[2] == 0x705) / MS
+    late = shifted([row for row in rows if row[0] < (last + 90) * MS], 147, last + 10)
+    assert "nmt.bus_silent" not in run(*late).ids()
+
+
+@pytest.mark.near_miss("nmt.left_operational", "nmt.unexpected_reset")
+def test_two_devices_that_show_only_after_the_clock_was_set_were_two_before_it() -> None:
+    """The second one starts 7 s before the step: too short to part the two periods."""
+    rows = ordered(
+        heartbeats(0, 15_100, every_ms=500),
+        heartbeats(15_500, 50_000, every_ms=500),
+        [boot(15_250), frame(15_880, 0x705, "7F"), frame(16_300, 0x000, "0105")],
+        heartbeats(16_510, 50_000, every_ms=630),
+        *(heartbeats(n, 50_000, every_ms=90 + n, node=n) for n in range(9, 15)),
+    )
+    found = ids(whole(shifted(rows, 3584, 22_551)))
+    assert "nmt.duplicate_node_id" in found
+    assert not {"nmt.left_operational", "nmt.unexpected_reset"} & found
+
+
+@pytest.mark.triggers("nmt.unexpected_reset")
+def test_a_step_back_makes_no_reset_recent() -> None:
+    """11.3 s after the reset in truth, 8.9 s by the stamps."""
+    rows = ordered(
+        [frame(1000, 0x000, "8200"), boot(1250), boot(1260, 9), boot(12_300)],
+        heartbeats(1450, 12_250, every_ms=200),
+        heartbeats(12_500, 15_000, every_ms=200),
+        heartbeats(1360, 15_000, node=9),
+    )
+    assert "nmt.unexpected_reset" in run(*shifted(rows, -2434, 6870)).ids()

@@ -245,3 +245,12 @@ def test_every_key_of_a_bus_is_an_option_too() -> None:
     options = {long_name(each) for each in record.params if isinstance(each, click.Option)}
     assert set(BUS_KEYS) - {"name"} <= options
     assert {each.name for each in record.params} >= NOT_IN_A_FILE - {"help"}
+
+
+@pytest.mark.parametrize("content", [b'output = "o\n', b"\xff\xfe"])
+def test_a_file_that_cannot_be_read_is_one_mistake(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "logger.toml"
+    path.write_bytes(content)
+    result = CliRunner().invoke(record, ["--config", str(path), "--check-config"])
+    assert "no bus" not in f"{result.output}{result.exception}"
+    assert str(path) in str(result.exception)

@@ -15,6 +15,7 @@ from syncline_logger.finishing import finish_file
 from syncline_logger.manifest import Manifest
 from syncline_logger.retention import Keep
 from syncline_logger.segments import Split
+from syncline_logger.triggers.plan import TriggerPlan
 from syncline_schemas.batch import Gap
 from tests.logger.capture_contents import doctor_complaints, read_capture
 from tests.logger.store_runs import (
@@ -294,3 +295,39 @@ def test_whatever_the_disk_does_every_frame_is_recorded_or_reported(
     # The file that told of the losses may have been deleted to make room.
     if healed and not deleted:
         assert lost_in(*files) == result.lost_frames
+
+
+def test_a_folder_that_was_removed_is_made_again(tmp_path: Path) -> None:
+    folder = tmp_path / "captures"
+    run, disk = in_trouble(errno.EIO, "write", 2, folder)
+    folder.rename(tmp_path / "gone")
+    disk.refusal = lambda what, path: 0
+    run.step(5).finish()
+    assert numbers_in(*files_of(folder)) == list(range(300, run.sent))
+
+
+def test_a_reserve_that_cannot_be_kept_is_told_once(tmp_path: Path) -> None:
+    run = Run(tmp_path, disk=FailingDisk(free=10), keep=Keep(reserve_bytes=1000)).step(40)
+    told = [text for text in run.finish().problems if "than the reserve" in text]
+    assert len(told) == 1
+    assert numbers_in(*files_of(tmp_path)) == list(range(run.sent))
+
+
+def test_a_reserve_alone_splits_by_itself() -> None:
+    assert Keep(reserve_bytes=200_000_000).split_bytes == 10_000_000
+
+
+def test_an_event_does_not_end_while_the_disk_refuses(tmp_path: Path) -> None:
+    disk = FailingDisk()
+    plan = TriggerPlan(only=True, before_ns=S, after_ns=3 * S)
+    run = Run(tmp_path, disk=disk, triggers=plan).step(2)
+    run.recording.mark("asked", run.now_ns)
+    run.step(1)
+    disk.refusal = lambda what, path: FULL if what == "write" else 0
+    run.step(20)
+    disk.refusal = lambda what, path: 0
+    run.step(40).finish()
+    found = numbers_in(*files_of(tmp_path))
+    gone = lost_in(*files_of(tmp_path))
+    assert gone > 0
+    assert len(found) + gone == found[-1] - found[0] + 1

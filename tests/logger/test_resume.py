@@ -6,7 +6,9 @@ from pathlib import Path
 import pytest
 
 from syncline_logger.manifest import Manifest
+from syncline_logger.retention import Keep
 from syncline_logger.segments import Split
+from syncline_logger.triggers.plan import TriggerPlan
 from syncline_schemas.batch import Gap
 from syncline_schemas.capture.gap_message import DID_NOT_RUN
 from syncline_schemas.capture.record_file import RawChunk, RecordFile
@@ -80,10 +82,32 @@ def test_no_gap_after_a_recording_of_other_buses(tmp_path: Path) -> None:
     assert gaps_in(*of(tmp_path, "new")) == []
 
 
-def test_no_gap_where_the_clock_was_set_back(tmp_path: Path) -> None:
+def test_a_pause_of_unknown_length_where_the_clock_is_behind(tmp_path: Path) -> None:
     before = killed(tmp_path)
-    next_run(tmp_path, before, start_ns=S).step(1).finish()
-    assert gaps_in(*of(tmp_path, "new")) == []
+    result = next_run(tmp_path, before, start_ns=S).step(1).finish()
+    assert gaps_in(*of(tmp_path, "new")) == [Gap(S, S, DID_NOT_RUN)]
+    assert any("behind the end of the last recording" in text for text in result.problems)
+
+
+def test_no_gap_where_nothing_was_recorded_before(tmp_path: Path) -> None:
+    run = Run(tmp_path, resumes=True).step(1)
+    run.finish()
+    assert gaps_in(*files_of(tmp_path)) == []
+
+
+def test_what_another_machine_recorded_is_left_alone_with_its_manifest(tmp_path: Path) -> None:
+    before = killed(tmp_path, steps=5, split=Split(6_000))
+    manifest = tmp_path / "old.json"
+    manifest.write_text(
+        manifest.read_text(encoding="utf-8").replace('"host": "here"', '"host": "away"'),
+        encoding="utf-8",
+    )
+    for path in files_of(tmp_path):
+        path.write_bytes(path.read_bytes().replace(b"here", b"away"))
+    kept = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    keep = Keep(size_bytes=1, age_ns=1)
+    next_run(tmp_path, before, split=Split(6_000), keep=keep).step(20).finish()
+    assert {name: (tmp_path / name).read_bytes() for name in kept} == kept
 
 
 @pytest.mark.parametrize("keep_bytes", [0, 1, 8, 30, 200, 3000, -1, -7, -200, -2500])
@@ -156,7 +180,9 @@ def test_a_cut_file_of_another_machine_is_left_alone(tmp_path: Path) -> None:
 
 
 def test_manifests_that_are_missing_are_made_anew(tmp_path: Path) -> None:
-    before = Run(tmp_path, recording_id="old", split=Split(6_000)).step(10)
+    # Marks of files that were closed before the trigger stand in the manifest alone.
+    alone = TriggerPlan(before_ns=0, after_ns=0)
+    before = Run(tmp_path, recording_id="old", split=Split(6_000), triggers=alone).step(10)
     before.recording.mark("trigger", before.now_ns)
     before.step(1).finish()
     wanted = json.loads((tmp_path / "old.json").read_text(encoding="utf-8"))

@@ -204,7 +204,7 @@ def test_damaged_lines_are_a_loss_of_the_adapter(opened: list[SlcanSource]) -> N
     collected = read(source, 2)
     assert len(collected.frames) == 2
     (loss,) = collected.losses
-    assert (loss.bus, loss.where, loss.frames) == (2, "adapter", None)
+    assert (loss.bus, loss.where, loss.frames) == (2, "line", None)
 
 
 def test_the_controllers_state_and_overruns_become_error_frames(
@@ -322,3 +322,60 @@ def test_it_is_recorded(tmp_path: Path) -> None:
     assert frames[:500] == [(0x185, 0, 8, n.to_bytes(8, "big")) for n in range(500)]
     assert frames[500:] == [(0x1ABCDE05, 1, 2, b"\x11\x22")]
     assert set(adapter.told) <= {b"C", b"S6", b"L", b"F"}
+
+
+class Answers:
+    """A port that only notes what is written to it."""
+
+    def __init__(self) -> None:
+        self.written: list[bytes] = []
+
+    def write(self, data: bytes) -> None:
+        self.written.append(data)
+
+
+def asked_every_second(*answers: bytes) -> tuple[list[bytes], FrameBuffer, str]:
+    """What is written when these bytes come after each second, the losses, and the error."""
+    machine, port = Machine(), Answers()
+    source = SlcanSource(BusOptions("a", "slcan", "x", bitrate=500_000), machine.clock())
+    buffer = FrameBuffer(machine.clock().now_ns, 1000)
+    for answer in answers:
+        try:
+            source._check_channel(buffer, 0)
+            source._ask_status(port)
+        except SourceError as error:
+            return port.written, buffer, str(error)
+        if answer:
+            source.take([answer], [machine.elapsed_ns], buffer, 0)
+        machine.elapsed_ns += 1_000_000_000
+    return port.written, buffer, ""
+
+
+def test_an_adapter_that_was_reset_is_lost() -> None:
+    written, buffer, error = asked_every_second(b"F00\r", b"t0800\rF00\r", b"\a", b"\a", b"\a")
+    assert "the adapter was reset" in error
+    assert len(written) == 4
+    [loss] = buffer.take().losses
+    assert (loss.where, loss.last_ns - loss.first_ns) == ("closed", 3_000_000_000)
+
+
+def test_an_adapter_that_falls_silent_is_lost() -> None:
+    _, _, error = asked_every_second(b"F00\r", *[b""] * 20)
+    assert "answers no more" in error
+
+
+def test_a_lost_answer_does_not_end_asking() -> None:
+    written, _, error = asked_every_second(b"F00\r", b"t0800\r", b"F0\r", b"\a", *[b"F00\r"] * 3)
+    assert (len(written), error) == (7, "")
+
+
+def test_an_adapter_that_never_knew_the_status_is_not_lost() -> None:
+    written, _, error = asked_every_second(*[b"\a"] * 10, *[b""] * 80)
+    assert (len(written), error) == (3, "")
+
+
+def test_damage_is_no_longer_than_what_came_with_it() -> None:
+    _, buffer, _ = asked_every_second(b"t0800\r", b"t0800\r", b"t08\rt0800\r")
+    [loss] = buffer.take().losses
+    assert loss.where == "line"
+    assert loss.last_ns - loss.first_ns == 20_000_000

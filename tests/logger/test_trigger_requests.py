@@ -6,7 +6,15 @@ from pathlib import Path
 
 import pytest
 
-from syncline_logger.triggers.requests import MAX_TEXT, SIGNALLED, Requests, ask, trigger_requests
+from syncline_logger.triggers.requests import (
+    HEAD,
+    MAX_REQUESTS,
+    MAX_TEXT,
+    SIGNALLED,
+    Requests,
+    ask,
+    trigger_requests,
+)
 
 
 def test_a_request_is_taken_once_and_its_words_are_told(tmp_path: Path) -> None:
@@ -26,7 +34,7 @@ def test_a_request_that_nobody_takes_is_withdrawn(tmp_path: Path) -> None:
 
 
 def test_what_lies_in_the_folder_makes_nothing_raise(tmp_path: Path) -> None:
-    (tmp_path / "a.trigger").write_bytes(b"\xff\x00" * MAX_TEXT * 10)
+    (tmp_path / "a.trigger").write_bytes(HEAD + b"\xff\x00" * MAX_TEXT * 10)
     (tmp_path / "b.trigger").mkdir()
     (tmp_path / "c.txt").write_text("x", encoding="utf-8")
     found = Requests(tmp_path).poll()
@@ -44,3 +52,24 @@ def test_the_signal_asks_too() -> None:
         os.kill(os.getpid(), signal.SIGUSR1)
         assert requests.poll() == [SIGNALLED]
     assert signal.getsignal(signal.SIGUSR1) is before
+
+
+def test_files_of_others_stay_and_are_no_requests(tmp_path: Path) -> None:
+    for number in range(MAX_REQUESTS + 5):
+        (tmp_path / f"{number}.trigger").write_text("CREATE TRIGGER x", encoding="utf-8")
+    (tmp_path / "z.trigger").write_bytes(HEAD + b"ours")
+    assert Requests(tmp_path).poll() == ["asked for by syncline trigger: ours"]
+    assert len(list(tmp_path.iterdir())) == MAX_REQUESTS + 5
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="the system has no FIFO")
+def test_a_fifo_is_never_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    fifo = tmp_path / "a.trigger"
+    os.mkfifo(fifo)
+
+    def refuse(*_: object) -> None:
+        raise AssertionError("opened")
+
+    monkeypatch.setattr(Path, "open", refuse)
+    assert Requests(tmp_path).poll() == []
+    assert fifo.exists()

@@ -7,6 +7,7 @@ import re
 import socket
 from collections.abc import Iterator
 from dataclasses import replace
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -334,7 +335,7 @@ def test_everyone_is_told(manager: socket.socket, tmp_path: Path) -> None:
     ]
     log = (tmp_path / "x.log").read_text(encoding="utf-8")
     assert [line.split(" ", 2)[2] for line in log.splitlines()] == [
-        "started",
+        f"started: syncline {version('syncline')}, recording to a.mcap",
         "writing a.mcap",
         "can0: the controller went from unknown to active",
         "stopped",

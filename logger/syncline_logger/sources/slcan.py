@@ -55,6 +55,12 @@ COLLECT_NS = 20_000_000
 COLLECT_BYTES = 1 << 16
 STATUS_NS = 1_000_000_000
 """An adapter that answers to `F` is asked so often for overruns."""
+STATUS_TRY_NS = 30_000_000_000
+"""One that never did is asked so often: an answer may have been damaged."""
+CLOSED_AFTER = 2
+"""An adapter that answered to `F` and refuses it so often in a row was reset."""
+DEAD_AFTER = 5
+"""One that gives nothing at all to so many `F` in a row is opened again."""
 _READ_BYTES = 1 << 14
 _ANSWER = re.compile(rb"(?:(?<=\r)|(?<=\a)|^)\n?\r|\a")
 """An empty line: the adapter took a command; BEL: it did not."""
@@ -75,7 +81,7 @@ class SlcanSource:
         self._lines = LineReader()
         self._log_ns = 0
         self._status = Status(0)
-        self._ask_at_ns: int | None = None
+        self._forget_answers()
         self._early = b""
         self.facts = SourceFacts(
             name=options.name,
@@ -113,13 +119,15 @@ class SlcanSource:
         except OSError as error:
             self.close()
             raise SourceError(self._what_failed("cannot open", error)) from error
-        self._ask_at_ns = self._clock.elapsed_ns()
+        self._forget_answers()
+        self._good_ns = self._clock.now_ns()
         self.facts = replace(self.facts, listen_only=self._listens, notes=notes)
 
     def read(self, buffer: FrameBuffer, bus: int, timeout_s: float) -> int:
         """Put what has come into the buffer. Raises SourceError when the adapter is gone."""
         if self._port is None:
             raise SourceError(f"bus '{self.facts.name}' is not open")
+        self._check_channel(buffer, bus)
         try:
             self._ask_status(self._port)
             pieces, times = self._collect(self._port, timeout_s)
@@ -139,7 +147,10 @@ class SlcanSource:
         arrived = np.array(times, np.int64)
         log_ns = self._clock.now_ns()
         if lines.garbage:
-            buffer.lose(bus, None, "adapter", max(self._log_ns, log_ns - STATUS_NS), log_ns)
+            # A line may have begun in the bytes before.
+            begin_ns = times[0] + self._clock.offset_ns - COLLECT_NS
+            buffer.lose(bus, None, "line", min(max(self._log_ns, begin_ns), log_ns), log_ns)
+        self._note_answers(lines, log_ns)
         frames = self._stamped(lines, arrived[np.searchsorted(ends, lines.at, side="right")], bus)
         frames = self._with_errors(frames, lines, log_ns, bus)
         self._log_ns = log_ns
@@ -248,12 +259,42 @@ class SlcanSource:
         self._early = got
         return None
 
+    def _forget_answers(self) -> None:
+        self._ask_at_ns = self._clock.elapsed_ns()
+        self._answers_status = self._asked = False
+        self._refusals = self._silences = 0
+        self._good_ns = 0
+
+    def _check_channel(self, buffer: FrameBuffer, bus: int) -> None:
+        """Raise SourceError when the adapter's channel turned out to be closed."""
+        if self._refusals >= CLOSED_AFTER or self._silences >= DEAD_AFTER:
+            buffer.lose(bus, None, "closed", self._good_ns, self._clock.now_ns())
+            raise SourceError(
+                f"bus '{self.facts.name}' (slcan {self.facts.channel}): lost: "
+                + ("the adapter was reset" if self._refusals else "the adapter answers no more")
+            )
+
     def _ask_status(self, port: "SerialBase") -> None:
-        """Ask for overruns, as long as the adapter answers to it."""
+        """Ask for overruns."""
         now_ns = self._clock.elapsed_ns()
-        if self._ask_at_ns is not None and now_ns >= self._ask_at_ns:
+        if now_ns >= self._ask_at_ns:
             port.write(b"F\r")
-            self._ask_at_ns = None
+            self._asked = True
+            self._silences += self._answers_status
+            self._ask_at_ns = now_ns + (STATUS_NS if self._answers_status else STATUS_TRY_NS)
+
+    def _note_answers(self, lines: Lines, log_ns: int) -> None:
+        """Whether the adapter still listens, by what it gave."""
+        status = any(status_of(answer) is not None for _, answer in lines.answers)
+        if status and not self._answers_status:
+            self._ask_at_ns = self._clock.elapsed_ns() + STATUS_NS
+        self._answers_status |= status
+        self._silences = 0
+        if status or len(lines.frames):
+            self._refusals, self._good_ns = 0, log_ns
+        elif lines.refused and self._asked and self._answers_status:
+            self._refusals += 1
+        self._asked &= not (status or lines.refused)
 
     def _collect(self, port: "SerialBase", timeout_s: float) -> tuple[list[bytes], list[int]]:
         """Bytes that come within the timeout, and until they are worth parsing; their times."""
@@ -345,7 +386,6 @@ class SlcanSource:
 
     def _status_error(self, status: Status) -> tuple[int, bytes] | None:
         """An error frame of a status that is news."""
-        self._ask_at_ns = self._clock.elapsed_ns() + STATUS_NS
         before, self._status = self._status, status
         bits = Controller(0)
         if status & (Status.OVERRUN | Status.RX_FULL):

@@ -134,7 +134,8 @@ class EventStore:
             self._drain(DRAIN_FRAMES + len(content.frames), now_ns)
         else:
             self._store.write(content, now_ns)
-        if not len(self._ring) and now_ns >= self._ends_ns:
+        # An event ends on the disk: what was lost there has to be told in its file.
+        if not len(self._ring) and now_ns >= self._ends_ns and self.trouble is None:
             self._end_event(now_ns)
 
     def retry(self, now_ns: int, *, last: bool = False) -> None:
@@ -242,3 +243,5 @@ class EventStore:
     def _look_after(self) -> None:
         for done in self._finisher.done() if self._finisher else ():
             self.notes += [done.text] if done.text else []
+            if self._folder:
+                self._folder.take_finished(done.recording_id, done.segment)

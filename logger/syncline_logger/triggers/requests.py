@@ -3,6 +3,7 @@
 import contextlib
 import os
 import signal
+import stat
 import time
 import uuid
 from collections.abc import Callable, Iterator
@@ -12,6 +13,8 @@ from types import FrameType
 
 SUFFIX = ".trigger"
 """Ending of a request; the recorder takes the file away, which is its answer."""
+HEAD = b"syncline trigger\n"
+"""First line of a request; a file that begins otherwise is somebody else's and stays."""
 MAX_TEXT = 200
 MAX_REQUESTS = 20
 """Requests that are taken at once."""
@@ -37,21 +40,29 @@ class Requests:
             while len(found) < MAX_REQUESTS:
                 found.append(self._signals.get_nowait())
         with contextlib.suppress(OSError):
-            files = sorted(self._folder.glob(f"*{SUFFIX}"))[:MAX_REQUESTS] if self._folder else []
-            for path in files:
+            # Foreign files stay, so they must not take the place of requests.
+            for path in sorted(self._folder.glob(f"*{SUFFIX}")) if self._folder else []:
+                if len(found) >= MAX_REQUESTS:
+                    break
                 if text := _taken(path):
                     found.append(text)
         return found
 
 
 def _taken(path: Path) -> str:
-    """The words of a request that could be taken away; empty for none."""
+    """The words of a request that could be taken away; empty for none and for what is no request."""
     try:
+        # Opening a FIFO would wait for its writer.
+        if not stat.S_ISREG(path.lstat().st_mode):
+            return ""
         with path.open("rb") as file:
-            raw = file.read(4 * MAX_TEXT)
+            raw = file.read(len(HEAD) + 4 * MAX_TEXT)
+        if not raw.startswith(HEAD):
+            return ""
         path.unlink()
     except OSError:
         return ""
+    raw = raw[len(HEAD) :]
     words = "".join(c for c in raw.decode("utf-8", "replace") if c.isprintable())[:MAX_TEXT].strip()
     return f"{ASKED}: {words}" if words else ASKED
 
@@ -91,7 +102,7 @@ def ask(
     """
     name = f"{os.getpid()}-{uuid.uuid4().hex[:8]}"
     path, partial = folder / f"{name}{SUFFIX}", folder / f"{name}{SUFFIX}-partial"
-    partial.write_text(text[:MAX_TEXT], encoding="utf-8")
+    partial.write_bytes(HEAD + text[:MAX_TEXT].encode("utf-8", "replace"))
     partial.replace(path)
     until = clock() + wait_s
     while path.exists():

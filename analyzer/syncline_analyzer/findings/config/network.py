@@ -109,9 +109,11 @@ def _collisions(facts: Facts) -> Iterator[Finding]:
             if a.key == b.key or not (a.known.confirmed or b.known.confirmed):
                 continue
             since = overlap(a.span, b.span)
-            if since is None or any(_gone(facts, claim.key, since) for claim in (a, b)):
+            if since is None:
                 continue
             last = max((a, b), key=lambda claim: claim.span.change.seq)
+            if any(_in_doubt(facts, claim, last.span.change.t_ns) for claim in (a, b)):
+                continue
             who = " and ".join(
                 f"{claim.what} of {_lower(facts.who(facts.context.bus_name(bus), claim.key[1]))}"
                 for claim in (a, b)
@@ -138,16 +140,23 @@ def _collisions(facts: Facts) -> Iterator[Finding]:
             break
 
 
-def _gone(facts: Facts, key: NodeKey, seq: int) -> bool:
-    """Whether a node was not heard any more since a gap that lies before a frame.
+def _in_doubt(facts: Facts, claim: _Claim, t_ns: int) -> bool:
+    """Whether a capture gap before a moment may hide that a claim is not that of its node.
 
-    The gap may hide that it got another number, with the identifiers that it had.
+    A node that is not heard any more may have another number since the gap, with the identifiers
+    that it had; answers that come since then and nothing else of their node are perhaps those of
+    another one, whose SDO server was moved (1200h).
     """
-    nmt, timeline = (each.get(key) for each in (facts.control.nmt.nodes, facts.control.nmt.timelines))
-    if nmt is None or timeline is None or nmt.heard_ns is None:
+    bus = facts.context.bus_name(claim.key[0])
+    gaps = [gap for gap in facts.analysis.capture.gaps if gap.bus in (None, bus)]
+    end_ns = max((gap.end_ns for gap in gaps if gap.end_ns <= t_ns), default=None)
+    nmt = facts.control.nmt.nodes.get(claim.key)
+    if end_ns is None:
         return False
-    gaps = [gap for first, gap in timeline.history.gaps if first <= seq]
-    return bool(gaps) and nmt.heard_ns < gaps[-1].end_ns
+    if nmt is not None and nmt.heard_ns is not None:
+        return nmt.heard_ns < end_ns
+    own = (row for row in facts.analysis.sdo if (row.bus, row.node) == (bus, claim.key[1]))
+    return all(row.start_ns >= end_ns for row in own)
 
 
 def _reserved(facts: Facts) -> Iterator[Finding]:
@@ -293,7 +302,8 @@ RULES: tuple[Rule, ...] = (
             "At least one of the two was told or acknowledged by its node.",
             "An info where the other is only assumed: it may have been moved before the capture.",
             "PDOs that are off (bit 31, or identifier 0) do not count, nor do receivers.",
-            "Not where one of the two was not heard any more since a capture gap before the other's.",
+            "Not where a gap may hide that one of the two is the other: it is heard no more after it.",
+            "Nor where one only answers SDO requests since a gap: 1200h may have been written in it.",
         ),
         _collisions,
         untimed=True,

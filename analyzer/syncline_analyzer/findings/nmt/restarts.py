@@ -94,7 +94,7 @@ def _recent_command(facts: Facts, timeline: Timeline, boot: BootUp) -> bool:
     commands = facts.control.nmt.commands
     for at in range(bisect_left(commands, boot.seq, key=lambda row: row.seq) - 1, -1, -1):
         row = commands[at]
-        passed = boot.t_ns - row.t_ns
+        passed = boot.t_ns - row.t_ns + _set_back_ns(facts, boot, row.seq)
         if passed > COMMAND_WINDOW_NS:
             passed -= timeline.quiet.unusual(_answered_ns(timeline, row, boot), boot.t_ns)
         if passed > COMMAND_WINDOW_NS:
@@ -102,6 +102,12 @@ def _recent_command(facts: Facts, timeline: Timeline, boot: BootUp) -> bool:
         if row.bus == boot.bus and row.node in (0, boot.node) and row.command.startswith("reset"):
             return True
     return False
+
+
+def _set_back_ns(facts: Facts, boot: BootUp, since_seq: int) -> int:
+    """By how much the stamps stepped back before a boot-up, since an earlier frame [ns]."""
+    steps = (each for each in facts.control.clock.steps if each.bus == boot.bus)
+    return sum(each.back_ns for each in steps if since_seq < each.seq <= boot.seq)
 
 
 def _answered_ns(timeline: Timeline, row: NmtCommandRow, boot: BootUp) -> int:

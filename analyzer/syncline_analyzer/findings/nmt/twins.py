@@ -81,7 +81,7 @@ def _shared(facts: Facts) -> Shared:
         least, most = BEFORE_NS
         alone_ns = _alone_until(nmt, sign)
         before = min(most, max(least, BEATS_BEFORE * (nmt.heartbeat_period_ns or 0)))
-        start_ns = _before_steps(facts, bus, sign.start_ns, before)
+        start_ns = _before_steps(facts, bus, sign.start_ns, most)
         begin_ns = max(start_ns - (most if alone_ns else before), alone_ns)
         since[facts.context.bus_name(bus), node] = begin_ns
     return Shared(since)

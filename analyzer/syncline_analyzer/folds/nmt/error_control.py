@@ -163,6 +163,11 @@ class ErrorControl:
         told = {beat.seq: beat for beat in beats}
         changed = [(beat, told[beat.seq]) for beat in self.beats if beat.seq in told]
         self.beats = [told.get(beat.seq, beat) for beat in self.beats]
+        boots = {beat.seq for beat in beats if beat.kind == "boot-up"}
+        self.silences = [
+            silence._replace(kind="boot-up") if silence.start_seq in boots else silence
+            for silence in self.silences
+        ]
         for old, new in changed:
             for beat, number in ((old, -1), (new, 1)):
                 self.counts.boot_ups += number * (beat.kind == "boot-up")

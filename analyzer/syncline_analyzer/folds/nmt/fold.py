@@ -425,9 +425,15 @@ class NmtFold:
                 )
                 control.tell_anew(boots)
                 if control.zeros:
-                    anew = booted_with(self._control, (bus, node))
-                    place = (bus, node)
-                    control.tell_anew(powered_on(self._context, place, control.beats, anew, clock))
+                    self._tell_powered_on((bus, node), control, clock)
+
+    def _tell_powered_on(self, key: NodeKey, control: ErrorControl, clock: ClockTable) -> None:
+        """Tell the boot-ups among empty heartbeats after the machine was off, and what they reset."""
+        anew = booted_with(self._control, key)
+        boots = powered_on(self._context, key, control.beats, anew, clock)
+        control.tell_anew(boots)
+        for boot in boots:
+            self._context.shadow.reset(*key, boot.seq, boot.t_ns)
 
     def _written(self, key: NodeKey) -> list[int]:
         """When 1017h of a node was written [ns]."""

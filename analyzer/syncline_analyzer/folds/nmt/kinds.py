@@ -105,15 +105,16 @@ class Kinds:
     def _empty(self, rows: Columns, speaks: Mask, bare: Mask) -> Mask:
         """Frames without data that are heartbeats; the others are requests, stored without RTR.
 
-        Once a log holds a remote frame it does not store others as data frames, so a frame without
-        data is an empty heartbeat unless a state follows at once. Where it holds none, the empty
-        ones are those that come just when heartbeats were due that do not come.
+        Once a log holds a remote frame it does not store others as data frames: a frame without
+        data is an empty heartbeat, also where a state follows at once, which then is another
+        device's. Where it holds none, the empty ones are those that come just when heartbeats were
+        due that do not come.
         """
         waited = np.diff(rows.t_ns, append=rows.t_ns[-1:])
         soon = (waited <= GUARD_ANSWER_NS) | (not self.timed)
         answered = bare & np.concatenate((speaks[1:], [False])) & soon
         marked = (np.cumsum(rows.remote) > 0) | (self._remote_seq >= 0)
-        return (bare & marked & ~answered) | self._in_place(rows, speaks, bare & ~marked, answered)
+        return (bare & marked) | self._in_place(rows, speaks, bare & ~marked, answered)
 
     def _in_place(self, rows: Columns, speaks: Mask, bare: Mask, answered: Mask) -> Mask:
         """Frames without data in the place of heartbeats, whose period they keep."""

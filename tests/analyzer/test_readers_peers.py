@@ -158,7 +158,9 @@ def test_python_can_reads_what_we_write(tmp_path: Path, ending: str, data: st.Da
             assert theirs.is_rx == expected.is_rx
 
 
-@pytest.mark.parametrize("ending", [".log", ".log.zst", ".asc", ".blf", ".trc", ".csv", ".pcapng", ".mcap"])
+@pytest.mark.parametrize(
+    "ending", [".log", ".log.zst", ".asc", ".blf", ".trc", ".csv", ".pcapng", ".mcap"]
+)
 @PROPERTY
 @given(data=st.data())
 def test_what_we_write_we_read_again(tmp_path: Path, ending: str, data: st.DataObject) -> None:

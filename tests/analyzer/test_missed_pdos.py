@@ -140,6 +140,19 @@ def test_a_node_that_was_started_before_the_clock_was_set_back_runs_after_it(
     assert missed(timing(told(1), frames, states=states)) == expected
 
 
+def test_the_first_sync_after_a_start_stays_excused_where_the_clock_is_set_back_just_then() -> None:
+    """By its stamp the SYNC that it did not answer lies in the time before the reset."""
+    answers = [t + MS for k, t in enumerate(regular(199, PERIOD)) if k < 70 or k > 100]
+    frames = shifted(ordered(syncs(regular(200, PERIOD)), pdos(answers)), 5 * SECOND, -2 * SECOND)
+    started = replace(state(1, "OPERATIONAL", 4995 * MS, 8 * SECOND), evidence=169)
+    states = [
+        state(1, "OPERATIONAL", 0, 3500 * MS),
+        state(1, "INITIALISING", 3500 * MS, 4995 * MS),
+        started,
+    ]
+    assert missed(timing(told(1), frames, states=states)) == 0
+
+
 @pytest.mark.parametrize(("last", "expected"), [("OPERATIONAL", 2), ("PRE-OPERATIONAL", 0)])
 def test_a_capture_that_ends_where_its_stamps_go_twice(last: str, expected: int) -> None:
     """A node that is OPERATIONAL at the end was so before the clock was set back."""

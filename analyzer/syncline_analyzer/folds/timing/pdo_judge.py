@@ -181,5 +181,6 @@ class PdoJudge:
 
 
 def _proven_before(row: NmtStateRow, back: Silence) -> bool:
-    """Whether the frame that proves a state came before the clock was set back."""
-    return row.evidence is not None and row.evidence < back.end_seq
+    """Whether the node was in a state, and past its first answers, before the clock was set back."""
+    early = row.start_ns + START_NS <= back.end_ns
+    return early and row.evidence is not None and row.evidence < back.end_seq

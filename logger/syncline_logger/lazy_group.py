@@ -99,9 +99,11 @@ def _plugin(entry: EntryPoint) -> LazyCommand:
     if metadata is None:
         return LazyCommand("", entry.load, "")
     name, summary = metadata["Name"], metadata["Summary"] or ""
-    extras = ",".join(metadata.get_all("Provides-Extra") or ())
+    # Of our own extras one brings the commands; a foreign plug-in may need any of its own.
+    own = name == "syncline"
+    extras = "analyzer" if own else ",".join(metadata.get_all("Provides-Extra") or ())
     requirement = f'"{name}[{extras}]"' if extras else name
-    short_help = SHORT_HELP.get(entry.name, summary) if name == "syncline" else summary
+    short_help = SHORT_HELP.get(entry.name, summary) if own else summary
     return LazyCommand(short_help, entry.load, f"pip install {requirement}")
 
 

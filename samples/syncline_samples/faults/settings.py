@@ -202,6 +202,8 @@ class NodeIdChange:
         machine.at(at_s, machine.master.command, RESET_NODE, self.node)
         machine.at(at_s + _RESET_S, machine.learn_boot_up, self.node)
         number_changed(machine, self.node, at_s)
+        # The description knows the device under its old number only.
+        machine.expect("device.looks_like", self.to, at_s, machine.scenario.seconds, required=False)
 
 
 def number_changed(machine: Machine, node: int, at_s: float) -> None:

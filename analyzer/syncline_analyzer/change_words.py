@@ -17,6 +17,9 @@ _RPDO_MAPPING, _TPDO_MAPPING = range(0x1600, 0x1800), range(0x1A00, 0x1C00)
 _GROUPS = {1: "all", 2: "communication", 3: "application"}
 _AFTER_AN_ERROR = {0: "goes to Pre-operational", 1: "keeps its NMT state", 2: "goes to Stopped"}
 
+Shown = int | float | str | None
+"""A value of an object as tables and words show it."""
+
 
 def change_words(
     device: Device | None, profile: int | None, key: Key, old: object, new: object
@@ -53,9 +56,7 @@ def value_words(device: Device | None, profile: int | None, key: Key, value: obj
     return _value(_facts(device, profile, key), key, value)
 
 
-def typed(
-    device: Device | None, profile: int | None, key: Key, value: float | str | None
-) -> int | float | str | None:
+def typed(device: Device | None, profile: int | None, key: Key, value: Shown) -> Shown:
     """A value of an object that no EDS describes, with its sign where the CiA profile gives one."""
     facts = standard_facts(profile or 0, *key)
     if device is not None or facts is None or not isinstance(value, int):

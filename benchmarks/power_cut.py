@@ -173,8 +173,10 @@ def guest(arguments: argparse.Namespace) -> None:
         say(starting=arguments.recording)
         record_for(arguments.recording, arguments.rate, None)
     if arguments.refuse:
-        record_for("refused", FULL_RATE, full_disk if arguments.refuse == "full" else read_only)
-        tell_found("refused", arguments.refuse)
+        # The two share a disk: each counts its own recording only.
+        recording = f"refused-{arguments.refuse}"
+        record_for(recording, FULL_RATE, full_disk if arguments.refuse == "full" else read_only)
+        tell_found(recording, arguments.refuse)
 
 
 def full_disk(trouble: Trouble) -> None:

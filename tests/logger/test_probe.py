@@ -191,6 +191,7 @@ def test_nodes() -> None:
 
 
 def test_the_analyzer_learns_from_it(tmp_path: Path) -> None:
+    pytest.importorskip("pandas", reason="needs the analyzer")
     with machine(jn2100=10):
         probe(tmp_path, "--nodes", "10")
     session = open_session(tmp_path / "x.mcap")

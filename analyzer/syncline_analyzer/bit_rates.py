@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from syncline_analyzer.capture import CaptureFacts
 from syncline_analyzer.context import BitrateSource, Context
-from syncline_analyzer.deafness import Numbered
 from syncline_analyzer.echo import COPY
+from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.folds.timing.bit_rate import Estimate, estimate, stamps_starts
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
 from syncline_schemas.wire_length import data_phase_bits, wire_bits
@@ -37,6 +37,8 @@ class _Spacings:
     last_ns: int | None = None
     """Stamp of the last frame; None where the next one has none to be measured from."""
     tried: int = 0
+    _told: tuple[int, Estimate | None] | None = None
+    """Resolution and result of the last estimate."""
 
     def add(self, frames: FrameBatch) -> None:
         """Take in the frames of the bus that were really sent."""
@@ -59,8 +61,11 @@ class _Spacings:
         """What they say of the bit rate."""
         if not self.count:
             return None
+        if self._told is None or (self.tried, self._told[0]) != (self.count, resolution_ns):
+            apart_ns, bits = np.concatenate(self.apart_ns), np.concatenate(self.bits)
+            self._told = resolution_ns, estimate(apart_ns, bits, resolution_ns)
         self.tried = self.count
-        return estimate(np.concatenate(self.apart_ns), np.concatenate(self.bits), resolution_ns)
+        return self._told[1]
 
     def of_starts(self, bitrate: int, resolution_ns: int) -> bool:
         """Whether the stamps are those of the start of the frames."""
@@ -92,22 +97,22 @@ class BitRates:
         self._data_bitrate = data_bitrate
         self._spacings: dict[int, _Spacings] = {}
 
-    def settled(self, stream: Iterable[Numbered]) -> Iterator[Numbered]:
+    def settled(self, stream: Iterable[IndexedBatch | Gap]) -> Iterator[IndexedBatch | Gap]:
         """The stream, held back at its start until the bit rate of every bus in it is settled.
 
         When the stream has been read, `Context.estimates` is complete.
         """
-        held: list[Numbered] = []
+        held: list[IndexedBatch | Gap] = []
         frames = 0
         open_ = True
-        for seq, item in stream:
+        for item in stream:
             self.refresh()
             self._add(item)
             if not open_:
-                yield seq, item
+                yield item
                 continue
-            held.append((seq, item))
-            frames += len(item) if isinstance(item, FrameBatch) else 0
+            held.append(item)
+            frames += 0 if isinstance(item, Gap) else len(item)
             if self._all_settled() or frames >= HOLD_FRAMES or len(held) >= HOLD_ITEMS:
                 open_ = False
                 self._settle()
@@ -195,7 +200,7 @@ class BitRates:
             self._context.bitrates[name] = bitrate
             self._context.bitrate_sources[name] = source
 
-    def _add(self, item: FrameBatch | Gap) -> None:
+    def _add(self, item: IndexedBatch | Gap) -> None:
         if not self._context.timed:
             return
         if isinstance(item, Gap):
@@ -203,11 +208,12 @@ class BitRates:
                 if item.bus in (None, bus):
                     spacings.last_ns = None
             return
-        real = (item.flags & COPY) == 0
-        for bus in np.unique(item.bus).tolist():
+        for bus in item.buses:
             spacings = self._spacings.setdefault(bus, _Spacings())
             if spacings.count < SPACINGS:
-                spacings.add(item[real & (item.bus == bus)])
+                frames = item.of_bus(bus).frames
+                copied = (frames.flags & COPY) != 0
+                spacings.add(frames[~copied] if copied.any() else frames)
 
     def _unknown(self) -> list[tuple[str, _Spacings]]:
         named = [(self._context.bus_name(bus), each) for bus, each in self._spacings.items()]

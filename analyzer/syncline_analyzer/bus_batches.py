@@ -2,11 +2,8 @@
 
 from collections.abc import Iterator
 
-import numpy as np
-
 from syncline_analyzer.fold import IndexedBatch
-from syncline_analyzer.joining import JOINED_FRAMES
-from syncline_schemas.batch import FrameBatch
+from syncline_analyzer.joining import JOINED_FRAMES, Joiner
 
 
 class BusBatches:
@@ -23,37 +20,17 @@ class BusBatches:
     def __init__(self, *, timed: bool, frames: int = JOINED_FRAMES) -> None:
         self._timed = timed
         self._wanted = frames
-        self._waiting: dict[int, list[IndexedBatch]] = {}
+        self._joiners: dict[int, Joiner] = {}
 
-    def add(self, seq: int, frames: FrameBatch) -> Iterator[IndexedBatch]:
-        """Take in the next frames, the first of which is at `seq`; the batches that are full now."""
-        for bus, part in self._parts(IndexedBatch(frames, seq, timed=self._timed)):
-            waiting = self._waiting.setdefault(bus, [])
-            waiting.append(part)
-            if sum(map(len, waiting)) >= self._wanted:
-                whole = IndexedBatch.joined(waiting)
-                full = len(whole) - len(whole) % self._wanted
-                if full == len(whole) == self._wanted:
-                    yield whole
-                else:
-                    for at in range(0, full, self._wanted):
-                        yield whole.part(slice(at, at + self._wanted))
-                self._waiting[bus] = [whole.part(slice(full, None))] if full < len(whole) else []
+    def add(self, batch: IndexedBatch) -> Iterator[IndexedBatch]:
+        """Take in the next frames; the batches that are full now."""
+        for bus in batch.buses:
+            if bus not in self._joiners:
+                self._joiners[bus] = Joiner(timed=self._timed, frames=self._wanted)
+            yield from self._joiners[bus].add(batch.of_bus(bus))
 
     def flush(self, bus: int | None = None) -> Iterator[IndexedBatch]:
         """What is left of a bus, or of all of them: before a gap, and at the end."""
-        for number in sorted(self._waiting) if bus is None else [bus]:
-            if waiting := self._waiting.pop(number, []):
-                yield IndexedBatch.joined(waiting)
-
-    @staticmethod
-    def _parts(batch: IndexedBatch) -> Iterator[tuple[int, IndexedBatch]]:
-        """The frames of each bus."""
-        numbers = batch.frames.bus
-        if not len(numbers):
-            return
-        if bool((numbers == numbers[0]).all()):
-            yield int(numbers[0]), batch
-            return
-        for bus in np.unique(numbers).tolist():
-            yield bus, batch.part(np.flatnonzero(numbers == bus))
+        for number in sorted(self._joiners) if bus is None else [bus]:
+            if number in self._joiners:
+                yield from self._joiners[number].flush()

@@ -6,9 +6,12 @@ import numpy as np
 
 from syncline_analyzer.capture import CaptureFacts, TimeBase
 from syncline_analyzer.context import Context
+from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.results import CaptureRow, GapRow, MarkRow
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
 from syncline_schemas.wording import counted
+
+_COUNTED = FrameFlag.ERROR | FrameFlag.REMOTE | FrameFlag.EXTENDED | FrameFlag.FD
 
 
 def time_base(facts: Sequence[CaptureFacts]) -> TimeBase:
@@ -35,20 +38,26 @@ class Census:
         self.end_ns = 0
         self._gaps: list[Gap] = []
 
-    def update(self, batch: FrameBatch) -> None:
+    def update(self, batch: IndexedBatch) -> None:
         if not len(batch):
             return
-        error = (batch.flags & FrameFlag.ERROR) != 0
+        t_ns = batch.frames.t_ns
         self.frames += len(batch)
-        self._error += int(np.count_nonzero(error))
-        self._remote += int(np.count_nonzero(batch.flags[~error] & FrameFlag.REMOTE))
-        self._extended += int(np.count_nonzero(batch.flags[~error] & FrameFlag.EXTENDED))
-        for bus, count in enumerate(np.bincount(batch.bus[(batch.flags & FrameFlag.FD) != 0])):
-            self._fd[bus] = self._fd.get(bus, 0) + int(count)
+        if batch.flags_seen & _COUNTED:
+            self._count(batch.frames)
         if self._first_ns is None:
-            self._first_ns = self._latest_ns = int(batch.t_ns[0])
-        self._latest_ns = max(self._latest_ns, int(batch.t_ns.max()))
-        self.end_ns = int(batch.t_ns[-1])
+            self._first_ns = self._latest_ns = int(t_ns[0])
+        self._latest_ns = max(self._latest_ns, int(t_ns.max()))
+        self.end_ns = int(t_ns[-1])
+
+    def _count(self, frames: FrameBatch) -> None:
+        """Take in a batch that does not consist of plain data frames only."""
+        error = (frames.flags & FrameFlag.ERROR) != 0
+        self._error += int(np.count_nonzero(error))
+        self._remote += int(np.count_nonzero(frames.flags[~error] & FrameFlag.REMOTE))
+        self._extended += int(np.count_nonzero(frames.flags[~error] & FrameFlag.EXTENDED))
+        for bus, count in enumerate(np.bincount(frames.bus[(frames.flags & FrameFlag.FD) != 0])):
+            self._fd[bus] = self._fd.get(bus, 0) + int(count)
 
     def gap(self, gap: Gap) -> None:
         self._gaps.append(gap)

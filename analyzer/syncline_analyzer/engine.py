@@ -70,17 +70,17 @@ def analyze(
     folds: tuple[Fold, ...] = (control, timing, angle, PdoLengths(context))
     census = Census()
     echoes = Echoes(lambda: max((each.resolution_ns for each in facts), default=1))
-    numbered = joined(with_deafness(_told_errors(stream, facts, buses)))
+    items = joined(with_deafness(_told_errors(stream, facts, buses)), timed=context.timed)
     rates = BitRates(context, facts, bitrate, data_bitrate)
     batches = BusBatches(timed=context.timed)
-    for seq, item in rates.settled(echoes.marked(numbered) if context.timed else numbered):
+    for item in rates.settled(echoes.marked(items) if context.timed else items):
         if isinstance(item, Gap):
             _feed(folds, batches.flush(item.bus))
             for fold in folds:
                 fold.gap(item)
             census.gap(item)
         else:
-            _feed(folds, batches.add(seq, hidden(item)))
+            _feed(folds, batches.add(item.showing(hidden(item.frames))))
             census.update(item)
         if progress:
             progress(census.frames)

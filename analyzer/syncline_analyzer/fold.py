@@ -2,15 +2,17 @@
 
 from collections.abc import Sequence
 from functools import cached_property
+from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from syncline_analyzer.grouping import BUS_SHIFT, REMOTE_KEY, Grouping
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
-from syncline_schemas.canopen.services import Service, service_of
+from syncline_schemas.canopen.services import SERVICE_OF_ID, Service, service_of
 
-_DATA_11_BIT = np.uint16(FrameFlag.EXTENDED | FrameFlag.ERROR | FrameFlag.REMOTE | FrameFlag.FD)
+_NOWHERE = slice(0, 0)
 
 
 class IndexedBatch:
@@ -41,6 +43,11 @@ class IndexedBatch:
     def __len__(self) -> int:
         return len(self.frames)
 
+    @property
+    def scattered(self) -> bool:
+        """Whether rows of the capture may lie between those of the batch."""
+        return self._given is not None
+
     @cached_property
     def seqs(self) -> NDArray[np.int64]:
         """(n,) position of each row in the capture."""
@@ -51,7 +58,22 @@ class IndexedBatch:
     @property
     def last_seq(self) -> int:
         """Position of the last row in the capture; of the row before the first, if there is none."""
-        return int(self.seqs[-1]) if len(self) else self.seq0 - 1
+        return self.seq(-1) if len(self) else self.seq0 - 1
+
+    @cached_property
+    def flags_seen(self) -> int:
+        """Every `FrameFlag` bit that any of the frames has."""
+        return int(np.bitwise_or.reduce(self.frames.flags, initial=0))
+
+    @cached_property
+    def buses(self) -> list[int]:
+        """Numbers of the buses of the frames, ascending."""
+        numbers = self.frames.bus
+        if not len(numbers):
+            return []
+        first = int(numbers[0])
+        alone = bool((numbers == numbers[0]).all())
+        return [first] if alone else np.flatnonzero(np.bincount(numbers)).tolist()
 
     def row_at(self, seq: int) -> int:
         """How many rows come before a position in the capture."""
@@ -59,7 +81,25 @@ class IndexedBatch:
 
     def part(self, rows: slice | NDArray[np.intp]) -> "IndexedBatch":
         """Some of the rows, in their order."""
+        if isinstance(rows, slice):
+            begin, stop, step = rows.indices(len(self))
+            if (begin, stop, step) == (0, len(self), 1):
+                return self
+            if self._given is None and step == 1:
+                return IndexedBatch(self.frames[rows], self.seq0 + begin, timed=self.timed)
         return IndexedBatch(self.frames[rows], timed=self.timed, seqs=self.seqs[rows])
+
+    def of_bus(self, bus: int) -> "IndexedBatch":
+        """The frames of one of its buses."""
+        if self.buses == [bus]:
+            return self
+        return self.part(np.flatnonzero(self.frames.bus == bus))
+
+    def showing(self, frames: FrameBatch) -> "IndexedBatch":
+        """The same place in the capture with other content."""
+        if frames is self.frames:
+            return self
+        return IndexedBatch(frames, self.seq0, timed=self.timed, seqs=self._given)
 
     @classmethod
     def joined(cls, parts: Sequence["IndexedBatch"]) -> "IndexedBatch":
@@ -67,8 +107,12 @@ class IndexedBatch:
         if len(parts) == 1:
             return parts[0]
         frames = FrameBatch.concat([part.frames for part in parts])
-        seqs = np.concatenate([part.seqs for part in parts])
-        return cls(frames, timed=parts[0].timed, seqs=seqs)
+        timed = parts[0].timed
+        if all(a.last_seq + 1 == b.seq0 for a, b in pairwise(parts)) and not any(
+            part.scattered for part in parts
+        ):
+            return cls(frames, parts[0].seq0, timed=timed)
+        return cls(frames, timed=timed, seqs=np.concatenate([part.seqs for part in parts]))
 
     @cached_property
     def service(self) -> NDArray[np.uint8]:
@@ -87,40 +131,87 @@ class IndexedBatch:
         return remote
 
     @cached_property
-    def _by_id(self) -> dict[tuple[int, int], NDArray[np.intp]]:
-        frames = self.frames
-        rows = np.flatnonzero((frames.flags & _DATA_11_BIT) == 0)
-        key = (frames.bus[rows].astype(np.uint32) << 11) | frames.can_id[rows]
-        order = np.argsort(
-            key.astype(np.uint16) if key.max(initial=0) < 1 << 16 else key, kind="stable"
-        )
-        ordered = key[order]
-        cuts = np.flatnonzero(np.diff(ordered)) + 1
-        starts = np.concatenate(([0], cuts)) if len(ordered) else np.zeros(0, np.intp)
+    def grouping(self) -> Grouping:
+        """All 11-bit frames by identifier, CAN FD and remote frames included."""
+        return Grouping.of(self.frames)
+
+    @cached_property
+    def _classic(self) -> Grouping:
+        """The same without CAN FD."""
+        if self.flags_seen & FrameFlag.FD:
+            return Grouping.of(self.frames, FrameFlag.FD)
+        return self.grouping
+
+    @cached_property
+    def _places(self) -> dict[tuple[int, int], slice]:
+        """Where in `_classic` the data frames of each identifier are."""
+        grouping = self._classic
+        edges = grouping.edges.tolist()
         return {
-            (int(ordered[start]) >> 11, int(ordered[start]) & 0x7FF): part
-            for start, part in zip(starts, np.split(rows[order], cuts), strict=False)
+            (key >> BUS_SHIFT, key & 0x7FF): slice(begin, stop)
+            for key, begin, stop in zip(grouping.keys.tolist(), edges[:-1], edges[1:], strict=True)
+            if not key & REMOTE_KEY
         }
+
+    @property
+    def rows_by_id(self) -> NDArray[np.intp]:
+        """(m,) rows of the 11-bit frames by identifier; those of one are at its `place`."""
+        return self._classic.rows
+
+    @cached_property
+    def seqs_by_id(self) -> NDArray[np.int64]:
+        """(m,) positions of `rows_by_id` in the capture."""
+        rows = self._classic.rows
+        return self._given[rows] if self._given is not None else rows + self.seq0
+
+    @cached_property
+    def t_ns_by_id(self) -> NDArray[np.int64]:
+        """(m,) stamps of `rows_by_id` [ns]."""
+        return self.frames.t_ns.take(self._classic.rows)
+
+    @cached_property
+    def words_by_id(self) -> NDArray[np.uint64]:
+        """(m,) the eight data bytes of each of `rows_by_id` in one word, to be compared."""
+        data = np.ascontiguousarray(self.frames.data[:, :8])
+        return data.view(np.uint64)[:, 0].take(self._classic.rows)
+
+    def place(self, bus: int, can_id: int) -> slice:
+        """Where in the columns by identifier the data frames of one are."""
+        return self._places.get((bus, can_id), _NOWHERE)
 
     def ids(self) -> list[tuple[int, int]]:
         """(bus, identifier) of every 11-bit data frame in the batch, ascending."""
-        return list(self._by_id)
+        return list(self._places)
 
     def rows(self, bus: int, can_id: int) -> NDArray[np.intp]:
         """Rows of one identifier's 11-bit data frames, in arrival order."""
-        return self._by_id.get((bus, can_id), _NO_ROWS)
+        return self._classic.rows[self._places.get((bus, can_id), _NOWHERE)]
+
+    def seqs_of(self, bus: int, can_id: int) -> NDArray[np.int64]:
+        """Positions of the same frames in the capture; a view."""
+        return self.seqs_by_id[self._places.get((bus, can_id), _NOWHERE)]
+
+    def t_ns_of(self, bus: int, can_id: int) -> NDArray[np.int64]:
+        """Stamps of the same frames [ns]; a view."""
+        return self.t_ns_by_id[self._places.get((bus, can_id), _NOWHERE)]
 
     def rows_of(self, *services: Service, remote: bool = False) -> NDArray[np.intp]:
         """Rows whose predefined service is one of these; data frames, or remote ones."""
-        wanted = np.isin(np.arange(len(Service)), services)
-        return np.flatnonzero(wanted[self.service] & (self.remote == remote))
+        grouping = self._classic
+        keys = grouping.keys
+        wanted = np.isin(SERVICE_OF_ID[keys & np.uint32(0x7FF)], services)
+        wanted &= ((keys & np.uint32(REMOTE_KEY)) != 0) == remote
+        found = [
+            grouping.rows[grouping.edges[group] : grouping.edges[group + 1]]
+            for group in np.flatnonzero(wanted).tolist()
+        ]
+        return np.sort(np.concatenate(found)) if found else grouping.rows[:0]
 
     def seq(self, row: int) -> int:
         """Position of a row in the capture."""
-        return int(self.seqs[row])
-
-
-_NO_ROWS = np.zeros(0, np.intp)
+        if self._given is not None:
+            return int(self._given[row])
+        return self.seq0 + int(row) + (len(self) if row < 0 else 0)
 
 
 class Fold(Protocol):

@@ -25,6 +25,7 @@ from syncline_schemas.capture.layout import (
     Compression,
 )
 from syncline_schemas.errors import UsageError
+from syncline_schemas.wording import counted
 
 HOUSEKEEPING_NS = 10_000_000_000
 """How often the free space and the budget are looked at."""
@@ -37,7 +38,10 @@ NEEDED_BYTES = 1 << 20
 
 @dataclass(frozen=True, slots=True)
 class StorePlan:
-    """How the files of a recording are made; `metadata` is that of the first one."""
+    """How the files of a recording are made; `metadata` is that of the first one.
+
+    `tell` hears of each file that is begun, closed, left or deleted.
+    """
 
     names: SegmentNames
     metadata: CaptureMetadata
@@ -48,6 +52,7 @@ class StorePlan:
     split: Split = field(default_factory=Split)
     keep: Keep = field(default_factory=Keep)
     disk: Disk = field(default_factory=Disk)
+    tell: Callable[[str], None] = lambda text: None
 
 
 @dataclass(slots=True)
@@ -137,8 +142,9 @@ class CaptureStore:
         """Write a metadata record into the segments that follow."""
         self._metadata[name] = values
 
-    def mark(self, note: MarkNote, begin_ns: int | None = None, end_ns: int | None = None) -> None:
-        """Keep the running segment for good, and those of a stretch of log time around it."""
+    def mark(self, note: MarkNote, end_ns: int | None = None) -> None:
+        """Keep the running segment for good, and those from `note.begin_ns` to `end_ns`."""
+        begin_ns = note.begin_ns
         for segment in self._manifest.segments if begin_ns is not None else ():
             if segment.end_ns is not None and segment.end_ns >= (begin_ns or 0):
                 segment.mark(note)
@@ -266,6 +272,7 @@ class CaptureStore:
         self._manifest.segments.append(segment)
         self._number += 1
         self.path = path
+        plan.tell(f"writing {path}")
         self._save()
         return _Open(file, segment)
 
@@ -278,6 +285,7 @@ class CaptureStore:
             return
         self._describe(last)
         last.segment.state = "closed"
+        self._plan.tell(f"closed {last.file.path}: {_contents(last.segment)}")
         if self._open is last:
             self._open = None
         self._save()
@@ -287,6 +295,7 @@ class CaptureStore:
         last.file.abandon()
         self._describe(last)
         last.segment.state = "cut"
+        self._plan.tell(f"left {last.file.path} without its end: {_contents(last.segment)}")
         if last.file.start_ns is None:
             self._manifest.segments.remove(last.segment)
         else:
@@ -373,13 +382,14 @@ class CaptureStore:
             expected = self._plan.split.size_bytes or 0
             if self._open:
                 expected = max(expected, self._open.file.bytes_written)
-            self._folder.make_room(
+            for gone in self._folder.make_room(
                 self._plan.keep,
                 now_ns,
                 max(writing_bytes, expected),
                 needed_bytes,
                 self._running.ran_ns - self._described_ran_ns,
-            )
+            ):
+                self._plan.tell(f"deleted {gone.segment.file}: {gone.why}")
 
     def _tell_reserve(self) -> None:
         """Say once that no room is left for others and nothing is there that may be deleted."""
@@ -405,8 +415,13 @@ class CaptureStore:
             self._folder.save(self._manifest)
 
 
+def _contents(segment: Segment) -> str:
+    return f"{counted(segment.frames, 'frame')}, {segment.bytes / 1e6:.1f} MB"
+
+
 def _record(note: MarkNote) -> Mapping[str, str]:
-    return {"t_ns": str(note.t_ns), "reason": note.reason}
+    begin = {} if note.begin_ns is None else {"begin_ns": str(note.begin_ns)}
+    return {"t_ns": str(note.t_ns), "reason": note.reason, **begin}
 
 
 def _manifest(plan: StorePlan, start_ns: int) -> Manifest:

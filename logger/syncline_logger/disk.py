@@ -3,12 +3,10 @@
 import errno
 import os
 import shutil
-from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 
-PARTIAL = ".partial"
-"""Ending of a file that takes the place of another one when it is complete."""
+from syncline_logger.small_file import replace_file
 
 
 class DiskFile:
@@ -82,17 +80,8 @@ class Disk:
 
     def write_text(self, path: Path, text: str) -> None:
         """Write a small file in one step: a reader, or a power cut, finds the old or the new."""
-        partial = path.with_name(path.name + PARTIAL)
-        try:
-            with partial.open("w", encoding="utf-8", newline="\n") as stream:
-                stream.write(text)
-                stream.flush()
-                os.fsync(stream.fileno())
-            self.replace(partial, path)
-        except OSError:
-            with suppress(OSError):
-                partial.unlink(missing_ok=True)
-            raise
+        replace_file(path, text, durable=True)
+        self.sync_folder(path.parent)
 
 
 def lock(fd: int) -> bool:

@@ -1,6 +1,6 @@
 """What the live line tells: rates, bus load, nodes and their states; fed with frames, no I/O."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -61,19 +61,40 @@ class StatusSnapshot:
         return sum(bus.frames for bus in self.buses)
 
 
+@dataclass(frozen=True, slots=True)
+class NodeChange:
+    """Something changed with a node; `bus` is its bus's name."""
+
+    log_ns: int
+    bus: str
+    text: str
+
+
 @dataclass(slots=True)
 class _Node:
+    """`told`: its state as the last change told it."""
+
     state: NmtState
     seen_ns: int
     stamps_ns: NDArray[np.int64]
+    told: NmtState | None = None
 
     def state_at(self, heard_ns: int, listening_ns: int) -> NmtState:
         """LOST after too long a silence; only the time in which somebody listened counts."""
+        silent = self.is_long(heard_ns - max(self.seen_ns, listening_ns))
+        return NmtState.LOST if silent else self.state
+
+    def is_long(self, silence_ns: int) -> bool:
+        """Whether a silence is too long for its period."""
         period_ns = _longest_period(np.diff(self.stamps_ns).tolist())
-        silence_ns = heard_ns - max(self.seen_ns, listening_ns)
-        if period_ns and silence_ns > max(SILENT_PERIODS * period_ns, SHORTEST_SILENCE_NS):
-            return NmtState.LOST
-        return self.state
+        return period_ns > 0 and silence_ns > max(SILENT_PERIODS * period_ns, SHORTEST_SILENCE_NS)
+
+    def tell(self, state: NmtState) -> str:
+        """Words where the state is another one than was told last, else none."""
+        before, self.told = self.told, state
+        if before is None:
+            return f"is heard, {state}"
+        return "" if before == state else f"goes from {before} to {state}"
 
 
 def _longest_period(intervals_ns: Sequence[int]) -> int:
@@ -105,6 +126,7 @@ class LiveStatus:
     def __init__(self, buses: Sequence[BusInfo], start_ns: int) -> None:
         self._buses = {bus.number: _Bus(bus, start_ns, start_ns) for bus in buses}
         self._start_ns = self._period_start_ns = start_ns
+        self._changes: list[NodeChange] = []
 
     def update(self, frames: FrameBatch, log_ns: NDArray[np.int64]) -> None:
         """Take in frames of any bus. log_ns: (n,) int64, never decreasing."""
@@ -115,7 +137,12 @@ class LiveStatus:
             if bus.info.bitrate:
                 busy_ns = wire_ns(mine, bus.info.bitrate, bus.info.data_bitrate)
                 bus.busy_ns += float(busy_ns.sum())
-            _take_error_control(bus.nodes, mine, log_ns[rows])
+            self._changes += _take_error_control(bus, mine, log_ns[rows])
+
+    def take_changes(self) -> list[NodeChange]:
+        """What changed with the nodes since the last call."""
+        changes, self._changes = self._changes, []
+        return changes
 
     def listened(self, bus: int, begin_ns: int, end_ns: int) -> None:
         """All frames that a bus gave in [begin_ns, end_ns) of log time are taken in.
@@ -140,14 +167,27 @@ class LiveStatus:
             _snapshot(bus, condition, period_ns)
             for bus, condition in zip(self._buses.values(), conditions, strict=True)
         )
+        self._changes += [
+            change for bus in self._buses.values() for change in _silences(bus, now_ns)
+        ]
         return StatusSnapshot(
             now_ns, now_ns - self._start_ns, path, bytes_written, buses, gaps, trouble
         )
 
 
+def _silences(bus: _Bus, now_ns: int) -> Iterator[NodeChange]:
+    """Nodes that have become silent; what they send next is told when it comes."""
+    for number, node in sorted(bus.nodes.items()):
+        if node.state_at(bus.heard_ns, bus.listening_ns) == NmtState.LOST:
+            text = node.tell(NmtState.LOST)
+            if text:
+                yield NodeChange(now_ns, bus.info.name, f"node {number} {text}")
+
+
 def _take_error_control(
-    nodes: dict[int, _Node], frames: FrameBatch, log_ns: NDArray[np.int64]
-) -> None:
+    bus: _Bus, frames: FrameBatch, log_ns: NDArray[np.int64]
+) -> Iterator[NodeChange]:
+    nodes = bus.nodes
     heard = (service_of(frames) == Service.ERROR_CONTROL) & (frames.dlc == 1)
     heard &= (frames.flags & FrameFlag.REMOTE) == 0
     rows = np.flatnonzero(heard)
@@ -163,7 +203,24 @@ def _take_error_control(
         else:
             stamps_ns = np.concatenate([before.stamps_ns, frames.t_ns[mine]])
         state = _state_of(int(frames.data[mine[-1], 0]))
-        nodes[number] = _Node(state, int(log_ns[mine[-1]]), stamps_ns[-STAMPS_KEPT:])
+        node = _Node(state, int(log_ns[mine[-1]]), stamps_ns[-STAMPS_KEPT:])
+        words = ["boots"] if len(boot_ups) else []
+        if before is not None:
+            node.told = before.told
+            silence_ns = _silence_ns(before, bus, int(frames.t_ns[mine[0]]), int(log_ns[mine[0]]))
+            if before.is_long(silence_ns):
+                words.append(f"was silent for {silence_ns / 1e9:.1f} s")
+        words += filter(None, [node.tell(state)])
+        nodes[number] = node
+        if words:
+            text = f"node {number} {', '.join(words)}"
+            yield NodeChange(node.seen_ns, bus.info.name, text)
+
+
+def _silence_ns(before: _Node, bus: _Bus, t_ns: int, log_ns: int) -> int:
+    """How long a node was silent until this frame: frames that are only handed over late were not."""
+    listened_ns = log_ns - max(before.seen_ns, bus.listening_ns)
+    return min(listened_ns, t_ns - int(before.stamps_ns[-1]))
 
 
 def _state_of(byte: int) -> NmtState:

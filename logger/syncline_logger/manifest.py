@@ -17,10 +17,14 @@ State = Literal["writing", "closed", "cut", "unreadable"]
 
 @dataclass(frozen=True, slots=True)
 class MarkNote:
-    """A moment that somebody wants to find again."""
+    """A moment that somebody wants to find again.
+
+    begin_ns: earlier segments that end at this log time or later are kept with it [ns].
+    """
 
     t_ns: int
     reason: str
+    begin_ns: int | None = None
 
 
 @dataclass(slots=True)
@@ -43,8 +47,13 @@ class Segment:
 
     def mark(self, note: MarkNote) -> None:
         """Note a mark; a marked segment is never deleted."""
-        if len(self.marks) < KEPT_MARKS:
+        if len(self.marks) < KEPT_MARKS and note not in self.marks:
             self.marks.append(note)
+
+    def is_kept_by(self, note: MarkNote) -> bool:
+        """Whether a later mark keeps this segment and nothing else does yet."""
+        reaches = note.begin_ns is not None and (self.end_ns or 0) >= note.begin_ns
+        return reaches and not self.marks
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,6 +101,17 @@ class Manifest:
     def file_name(self) -> str:
         """Name of the manifest."""
         return f"{self.recording_id}{SUFFIX}"
+
+    def spread_marks(self) -> bool:
+        """Mark the earlier segments that a mark keeps; whether there was one without a mark."""
+        changed = False
+        for marked in self.segments:
+            for note in marked.marks:
+                for segment in self.segments:
+                    if segment.segment < marked.segment and segment.is_kept_by(note):
+                        segment.mark(note)
+                        changed = True
+        return changed
 
     def delete(self, segment: Segment, now_ns: int, why: str) -> None:
         """Note that a segment's file is gone."""

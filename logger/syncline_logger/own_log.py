@@ -1,12 +1,12 @@
 """The recorder's own log: what happened to it, in a file of bounded size."""
 
 import logging
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from logging.handlers import RotatingFileHandler
 from pathlib import Path
 
+from syncline_logger.notes import utc_text
 from syncline_schemas.errors import UsageError
 
 ROOT = "syncline"
@@ -20,6 +20,15 @@ class _QuietHandler(RotatingFileHandler):
 
     def handleError(self, record: logging.LogRecord) -> None:
         """Lose the line."""
+
+
+class _Formatter(logging.Formatter):
+    """A line begins with when it happened, which may be before it is written."""
+
+    def formatTime(self, record: logging.LogRecord, datefmt: str | None = None) -> str:
+        """UTC."""
+        t_ns: int = getattr(record, "t_ns", round(record.created * 1e9))
+        return utc_text(t_ns)
 
 
 @contextmanager
@@ -37,11 +46,7 @@ def own_log(path: Path | None, size: int, keep: int) -> Iterator[None]:
         handler = _QuietHandler(path, maxBytes=size, backupCount=keep, encoding="utf-8")
     except OSError as error:
         raise UsageError(f"--log {path}: cannot be written: {error.strerror or error}") from error
-    formatter = logging.Formatter("%(asctime)s.%(msecs)03dZ %(levelname)s %(message)s")
-    formatter.converter = time.gmtime
-    formatter.default_time_format = "%Y-%m-%dT%H:%M:%S"
-    formatter.datefmt = "%Y-%m-%dT%H:%M:%S"
-    handler.setFormatter(formatter)
+    handler.setFormatter(_Formatter("%(asctime)s %(levelname)s %(message)s"))
     before = logger.level
     logger.addHandler(handler)
     logger.setLevel(logging.INFO)

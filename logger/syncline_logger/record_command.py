@@ -332,6 +332,7 @@ def _run(plan: "RecordPlan") -> None:
             on_start=outputs.started,
             on_status=outputs.status,
             on_turn=outputs.alive,
+            on_note=outputs.note,
             asked=requests.poll,
             status_period_ns=wanted.status_period_ns or view.period_ns,
         )

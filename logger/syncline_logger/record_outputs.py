@@ -1,19 +1,26 @@
 """Everything that is told of a running recording: view, files, own log, service manager."""
 
 import logging
+import time
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
 
+from syncline_logger.aside import Aside
 from syncline_logger.live_status import StatusSnapshot
+from syncline_logger.notes import Note
 from syncline_logger.prometheus import prometheus_text
 from syncline_logger.sd_notify import ServiceManager
-from syncline_logger.status_changes import status_changes
+from syncline_logger.standard_output import forget_stdout
 from syncline_logger.status_file import StatusFile
 from syncline_logger.status_view import plain_line, status_file_text
 
 LOG = logging.getLogger("syncline.record")
+
+LAST_OUTPUTS_S = 2.0
+"""How long the end waits for outputs that stand still."""
 
 
 class View(Protocol):
@@ -29,7 +36,11 @@ class View(Protocol):
 
 
 class RecordOutputs:
-    """Passes what the recorder tells to everyone who wants to know; ends with the recording."""
+    """Passes what the recorder tells to everyone who wants to know; ends with the recording.
+
+    All but the service manager are told by a thread of their own, in order: what stands still or
+    raises there neither holds up nor harms the recording.
+    """
 
     def __init__(
         self,
@@ -45,6 +56,8 @@ class RecordOutputs:
         self._files = [StatusFile(path, text) for path, text in wanted if path is not None]
 
     def __enter__(self) -> Self:
+        self._aside = Aside()
+        self._log("syncline %s starts", version("syncline"))
         return self
 
     def __exit__(
@@ -54,32 +67,47 @@ class RecordOutputs:
         trace: TracebackType | None,
     ) -> None:
         """Say how it ended; the files say from now on that nobody records."""
-        if error is None:
-            LOG.info("stopped")
+        if error is not None:
+            self._log("ended by %s: %s", type(error).__name__, error, level=logging.ERROR)
+        elif self._last is None:
+            self._log("stopped")
         else:
-            LOG.error("ended by %s: %s", type(error).__name__, error)
+            self._log("stopped: %s", plain_line(self._last))
         if self._last is not None:
-            for file in self._files:
-                file.show(self._last, running=False)
+            self._show_files(self._last, running=False)
         self._manager.stopping()
         self._manager.close()
+        if not self._aside.close(LAST_OUTPUTS_S):
+            forget_stdout()
 
     def started(self, path: Path) -> None:
         """The recorder listens and the file is open."""
-        LOG.info("started: syncline %s, recording to %s", version("syncline"), path)
-        self._view.started(path)
+        self._log("recording to %s", path)
+        self._aside.do("the view", partial(self._view.started, path))
         self._manager.ready(f"recording to {path}")
+
+    def note(self, note: Note) -> None:
+        """Something happened."""
+        level = logging.WARNING if note.serious else logging.INFO
+        self._log("%s", note, level=level, t_ns=note.log_ns)
 
     def status(self, snapshot: StatusSnapshot) -> None:
         """A period has passed."""
-        for change in status_changes(self._last, snapshot):
-            LOG.info(change)
         self._last = snapshot
-        self._view.status(snapshot)
-        for file in self._files:
-            file.show(snapshot)
+        self._aside.do("the view", partial(self._view.status, snapshot))
+        self._show_files(snapshot, running=True)
         self._manager.status(plain_line(snapshot))
 
     def alive(self) -> None:
         """The writing loop has done its work once more."""
         self._manager.alive()
+
+    def _log(
+        self, text: str, *words: object, level: int = logging.INFO, t_ns: int | None = None
+    ) -> None:
+        extra = {"t_ns": time.time_ns() if t_ns is None else t_ns}
+        self._aside.do("the log", lambda: LOG.log(level, text, *words, extra=extra))
+
+    def _show_files(self, snapshot: StatusSnapshot, *, running: bool) -> None:
+        for file in self._files:
+            self._aside.do(str(file.path), partial(file.show, snapshot, running=running))

@@ -14,7 +14,9 @@ from syncline_logger.batcher import Collected, FrameBuffer, LossPlace
 from syncline_logger.clock import ClockReading, RecorderClock
 from syncline_logger.decode_worker import DecodeWorker
 from syncline_logger.decoding import LiveDecoder
+from syncline_logger.guard import Guard
 from syncline_logger.live_status import StatusSnapshot
+from syncline_logger.notes import OnNote
 from syncline_logger.pace import WritePace
 from syncline_logger.recording import Recording, RecordOptions, RecordResult
 from syncline_logger.rehearsal import rehearse
@@ -53,6 +55,7 @@ def record(
     status_period_ns: int = 1_000_000_000,
     on_turn: Callable[[], None] | None = None,
     asked: Callable[[], Iterable[str]] | None = None,
+    on_note: OnNote | None = None,
 ) -> RecordResult:
     """Record buses until `stop` is set or `duration_ns` has passed, and close the file.
 
@@ -66,15 +69,16 @@ def record(
         on_turn: called about ten times a second by the writing loop, while it does its work and no
             thread that reads hangs.
         asked: polled once per chunk; gives words for each mark that somebody asks for.
+        on_note: called at once with everything that happens: files, gaps, marks, lost nodes.
+
+    What these raise ends no recording: it is told once in the status, and they are called again.
 
     Raises:
         SourceError: a bus cannot be opened. UsageError: the file exists.
     """
-    recorder = LiveRecorder(sources, target, options or RecordOptions(), asked)
-    if on_start:
-        on_start(recorder.path)
+    recorder = LiveRecorder(sources, target, options or RecordOptions(), asked, on_note)
     return recorder.run(
-        stop or threading.Event(), duration_ns, on_status, status_period_ns, on_turn
+        stop or threading.Event(), duration_ns, on_status, status_period_ns, on_turn, on_start
     )
 
 
@@ -193,8 +197,11 @@ class LiveRecorder:
         target: Path,
         options: RecordOptions,
         asked: Callable[[], Iterable[str]] | None = None,
+        on_note: OnNote | None = None,
     ) -> None:
         self._asked = asked
+        self._raised: list[str] = []
+        self._guard = Guard(self._raised.append)
         unrehearsed = rehearse(options.compression, decode=options.decode)
         self._options = options
         self._sources = list(sources)
@@ -220,6 +227,7 @@ class LiveRecorder:
                 source=", ".join(f"{bus.interface} {bus.channel}".strip() for bus in buses),
                 about=source_metadata(source.facts for source in self._sources),
                 resumes=True,
+                on_note=self._guarded(on_note) if on_note else None,
             )
         except BaseException:
             self._close_sources(self._sources)
@@ -237,6 +245,9 @@ class LiveRecorder:
         self._clock_step_ns = self._start_ns
         self._waiting: list[Collected] = []
 
+    def _guarded(self, on_note: OnNote) -> OnNote:
+        return lambda note: self._guard.call("the notes", on_note, note)
+
     @property
     def path(self) -> Path:
         """The file that is being written."""
@@ -249,8 +260,11 @@ class LiveRecorder:
         on_status: Callable[[StatusSnapshot], None] | None,
         status_period_ns: int,
         on_turn: Callable[[], None] | None = None,
+        on_start: Callable[[Path], None] | None = None,
     ) -> RecordResult:
         """Record; returns when the file is closed."""
+        if on_start:
+            self._guard.call("the start's output", on_start, self.path)
         self._threads.start()
         try:
             why = self._loop(stop, duration_ns, on_status, status_period_ns, on_turn)
@@ -266,8 +280,13 @@ class LiveRecorder:
                 reader.source for reader in self._threads.readers if reader.finished
             )
         if on_status:
-            on_status(self._recording.snapshot(self._clock.now_ns()))
+            self._show(on_status)
+        result.problems.extend(self._raised)
         return result
+
+    def _show(self, on_status: Callable[[StatusSnapshot], None]) -> None:
+        snapshot = self._recording.snapshot(self._clock.now_ns())
+        self._guard.call("the status output", on_status, snapshot)
 
     def _loop(
         self,
@@ -298,11 +317,11 @@ class LiveRecorder:
                 self._write_chunk(now_ns)
             if on_status and view_ns is not None and now_ns >= view_ns:
                 self._take()
-                on_status(self._recording.snapshot(self._clock.now_ns()))
+                self._show(on_status)
                 view_ns = now_ns + status_period_ns
             self._threads.look_after(self._clock.elapsed_ns())
             if on_turn and not self._threads.hang:
-                on_turn()
+                self._guard.call("the turn", on_turn)
             due_ns = min(each for each in (next_chunk_ns, view_ns, end_ns) if each is not None)
             wait_s = min(max((due_ns - self._clock.now_ns()) / 1e9, 0), TICK_S)
             self._buffer.filled.wait(wait_s)
@@ -313,7 +332,8 @@ class LiveRecorder:
 
     def _write_period(self, now_ns: int) -> None:
         self._sample_clocks(now_ns)
-        for text in self._asked() if self._asked else ():
+        asked = self._guard.call("requests for marks", self._asked) if self._asked else ()
+        for text in asked or ():
             self._recording.ask(text, now_ns)
         self._write_chunk(now_ns, status=True)
 
@@ -330,6 +350,9 @@ class LiveRecorder:
     def _take(self) -> None:
         """Count what has come in; it waits for the next chunk."""
         self._note_events()
+        for text in self._raised:
+            self._recording.add_status(0, self._clock.now_ns(), text)
+        self._raised.clear()
         # Read before the buffer is: what a thread heard until then is in it.
         heard_ns = [(each.bus, each.listening_ns, each.heard_ns) for each in self._threads.readers]
         collected = self._buffer.take()

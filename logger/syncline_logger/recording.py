@@ -22,6 +22,7 @@ from syncline_logger.decoding import UNREGISTERED, ChannelSpec, Decoded
 from syncline_logger.disk import Disk
 from syncline_logger.live_status import LiveStatus, StatusSnapshot
 from syncline_logger.manifest import MarkNote
+from syncline_logger.notes import Note, OnNote, gap_text, utc_text
 from syncline_logger.recording_folder import RecordingFolder
 from syncline_logger.retention import Keep
 from syncline_logger.segments import SegmentNames, Split
@@ -162,6 +163,7 @@ class Recording:
         about: Mapping[str, str] | None = None,
         resumes: bool = False,
         disk: Disk | None = None,
+        on_note: OnNote | None = None,
     ) -> None:
         recording_id = options.recording_id or uuid.uuid4().hex[:8]
         self._buses = {bus.number: bus for bus in buses}
@@ -171,7 +173,8 @@ class Recording:
         self._gap_count = self._lost_frames = self.marks = 0
         self._problems: list[str] = []
         self._messages: list[tuple[ChannelSpec, int, Message]] = []
-        self._heard_ns = self._clock_ns = self._start_ns = start_ns
+        self._heard_ns = self._clock_ns = self._now_ns = self._start_ns = start_ns
+        self._on_note = on_note
         self._off: set[str] = set()
         self._offset_ns: int | None = None
         self._settings: dict[tuple[int, int], Settings] = {}
@@ -194,6 +197,7 @@ class Recording:
             split=split_of(options),
             keep=options.keep,
             disk=disk or Disk(),
+            tell=lambda text: self._tell(Note(self._now_ns, text)),
         )
         folder = _folder(plan)
         self._triggers = options.triggers
@@ -229,6 +233,7 @@ class Recording:
         if len(self._gaps) < MAX_KEPT:
             self._gaps.append(gap)
         self._messages.append((GAP_CHANNEL, log_ns, gap_message(gap)))
+        self._tell(Note(log_ns, gap_text(gap), self._bus_name(gap.bus), serious=True))
         self._beside(TRIGGERS, log_ns, lambda: self.watch.gap(gap, log_ns))
 
     def mark(
@@ -248,8 +253,10 @@ class Recording:
             t_ns=log_ns if t_ns is None else t_ns, reason=text, bus=bus, node=node
         )
         self._messages.append((MARK_CHANNEL, log_ns, message))
+        when = "" if t_ns in (None, log_ns) else f" at {utc_text(message.t_ns)}"
+        self._tell(Note(log_ns, f"mark{when}: {text}", self._bus_name(bus)))
         plan = self._triggers
-        self.store.mark(MarkNote(log_ns, text), log_ns - plan.before_ns, log_ns + plan.after_ns)
+        self.store.mark(MarkNote(log_ns, text, log_ns - plan.before_ns), log_ns + plan.after_ns)
         self.marks += 1
 
     def ask(self, text: str, log_ns: int) -> None:
@@ -307,6 +314,8 @@ class Recording:
         """Note a bus's state and counters; `text` says what changed."""
         spec = ChannelSpec(status_topic(self._buses[bus].name), STATUS_SCHEMA)
         self._messages.append((spec, log_ns, self.conditions[bus].message(text)))
+        if text:
+            self._tell(Note(log_ns, text, self._buses[bus].name))
         if text and len(self._problems) < MAX_KEPT:
             self._problems.append(f"{self._buses[bus].name}: {text}")
 
@@ -323,9 +332,24 @@ class Recording:
         for bus, condition in self.conditions.items():
             rows = np.flatnonzero(frames.bus == bus)
             self._note_changes(bus, condition.update(frames[rows], log_ns[rows]))
-        self._beside(LIVE_STATUS, self._heard_ns, lambda: self.live.update(frames, log_ns))
+        self._beside(LIVE_STATUS, self._heard_ns, lambda: self._look_at_nodes(frames, log_ns))
         self._beside(TRIGGERS, self._heard_ns, lambda: self.watch.update(frames, log_ns))
         self._mark_triggers()
+
+    def _look_at_nodes(self, frames: FrameBatch, log_ns: NDArray[np.int64]) -> None:
+        self.live.update(frames, log_ns)
+        self._tell_changes()
+
+    def _tell_changes(self) -> None:
+        for change in self.live.take_changes():
+            self._tell(Note(change.log_ns, change.text, change.bus))
+
+    def _tell(self, note: Note) -> None:
+        if self._on_note:
+            self._on_note(note)
+
+    def _bus_name(self, bus: int | None) -> str:
+        return "" if bus is None else self._buses[bus].name
 
     def listened(self, bus: int, begin_ns: int, end_ns: int) -> None:
         """All frames that a bus gave in [begin_ns, end_ns) of log time are taken in."""
@@ -383,6 +407,7 @@ class Recording:
         now_ns: log time; None takes that of the last frame.
         """
         now_ns = self._heard_ns if now_ns is None else now_ns
+        self._now_ns = max(self._now_ns, now_ns)
         self.store.retry(now_ns)
         blocks = self._told_by_the_store(now_ns)
         for part in decoded:
@@ -422,6 +447,7 @@ class Recording:
             found.append(
                 self.live.snapshot(now_ns, path, written, conditions, self._gap_count, trouble)
             )
+            self._tell_changes()
 
         if not self._beside(SNAPSHOT, now_ns, look):
             elapsed_ns = now_ns - self._start_ns
@@ -432,6 +458,7 @@ class Recording:
 
     def finish(self, end_ns: int, why: str) -> RecordResult:
         """Write the end of the file and close it."""
+        self._now_ns = max(self._now_ns, end_ns)
         self.store.retry(end_ns, last=True)
         self._beside(TRIGGERS, end_ns, lambda: self._finish_watch(end_ns))
         self.write(FrameBatch.empty(), np.zeros(0, np.int64), now_ns=end_ns)

@@ -1,16 +1,17 @@
 """The folder of a recorder: what it recorded there, by the manifests and the files themselves."""
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from syncline_logger.disk import PARTIAL, Disk, is_being_written
+from syncline_logger.disk import Disk, is_being_written
 from syncline_logger.manifest import SUFFIX as MANIFEST_SUFFIX
 from syncline_logger.manifest import Manifest, MarkNote, Segment
 from syncline_logger.retention import Keep, Surplus, surplus
-from syncline_logger.segments import is_part, whole_path
+from syncline_logger.segments import SUFFIX, is_part, whole_path
+from syncline_logger.small_file import DRAFT_NAME
 from syncline_schemas.capture.layout import MARK_METADATA_NAME, PROFILE
 from syncline_schemas.capture.record_file import RecordFile
 from syncline_schemas.capture.recover import is_whole
@@ -20,6 +21,13 @@ _OWN_NAME = re.compile(r"\d{8}T\d{6}Z_(?P<id>[^_]+)(?:_(?P<segment>\d{4,}))?(?:\
 """Names that a recorder gives; a file that somebody renamed is not its own any more."""
 RECOVERING = ".recovering"
 """Ending of a regular file that is being made of a cut one."""
+
+
+def _is_left_over(name: str) -> bool:
+    """Whether a file was to take another one's place when its recorder was killed."""
+    if RECOVERING in name:
+        return ".mcap" in name and name.endswith((RECOVERING, f"{RECOVERING}.partial"))
+    return f"{MANIFEST_SUFFIX}." in name and DRAFT_NAME.fullmatch(name) is not None
 
 
 @dataclass(slots=True)
@@ -42,12 +50,9 @@ class RecordingFolder:
 
     def load(self) -> None:
         """Look at what is there; manifests that are missing are made anew from the files."""
-        try:
-            files = {path.name: path for path in self.path.iterdir()}
-        except OSError:
-            return
+        files = _regular_files(self.path)
         for name, path in files.items():
-            if name.endswith((RECOVERING, RECOVERING + PARTIAL)) and ".mcap" in name:
+            if _is_left_over(name):
                 with suppress(OSError):
                     self.disk.remove(path)
             elif name.endswith(MANIFEST_SUFFIX):
@@ -57,6 +62,9 @@ class RecordingFolder:
                     self.recordings.append(manifest)
         self._reconcile(set(files))
         self._adopt(files)
+        for each in self.recordings:
+            if each.recording_id not in self.busy and each.spread_marks():
+                self.save(each)
         self.recordings.sort(key=lambda each: (each.number, each.created_ns))
 
     def add(self, manifest: Manifest) -> None:
@@ -92,6 +100,7 @@ class RecordingFolder:
             for n, segment in enumerate(manifest.segments):
                 if (manifest.recording_id, segment.segment) == (recording_id, finished.segment):
                     manifest.segments[n] = finished
+                    manifest.spread_marks()
                     self.save(manifest)
 
     def make_room(
@@ -197,6 +206,9 @@ class RecordingFolder:
             manifest.segments.append(segment)
             manifest.segments.sort(key=lambda each: each.segment)
             self._look_at(manifest, segment)
+            if segment.state == "cut":
+                with suppress(OSError), files[name].open("rb") as file:
+                    take_marks(segment, RecordFile(file))
             changed[manifest.recording_id] = manifest
         for manifest in changed.values():
             if manifest.recording_id not in self.busy:
@@ -212,11 +224,21 @@ class RecordingFolder:
 def strangers_without_end(folder: Path) -> list[Path]:
     """Captures in a folder that were cut off and that no recorder finishes by itself."""
     found = []
+    for name, path in sorted(_regular_files(folder).items()):
+        with suppressOSError:
+            if name.endswith(SUFFIX) and not _OWN_NAME.fullmatch(name) and not is_whole(path):
+                found.append(path)
+    return found
+
+
+def _regular_files(folder: Path) -> dict[str, Path]:
+    """Files of a folder by name; whatever else lies there, opening it may wait for ever."""
+    found = {}
     with suppress(OSError):
-        for path in sorted(folder.glob("*.mcap")):
+        for path in folder.iterdir():
             with suppress(OSError):
-                if not _OWN_NAME.fullmatch(path.name) and not is_whole(path):
-                    found.append(path)
+                if path.is_file():
+                    found[path.name] = path
     return found
 
 
@@ -236,8 +258,26 @@ def describe_segment(segment: Segment, records: RecordFile) -> None:
             for channel, number in counts.channel_message_counts.items()
             if channel in frame_channels
         )
-    if not segment.marks and any(each.name == MARK_METADATA_NAME for each in summary.metadata):
-        segment.mark(MarkNote(segment.start_ns or 0, "marked"))
+    take_marks(segment, records)
+
+
+def take_marks(segment: Segment, records: RecordFile) -> None:
+    """Take the marks from a file whose manifest tells of none."""
+    if segment.marks:
+        return
+    for record in records.metadata():
+        if record.name == MARK_METADATA_NAME:
+            segment.mark(_mark_of(record.metadata, segment))
+
+
+def _mark_of(values: Mapping[str, str], segment: Segment) -> MarkNote:
+    """The mark of a metadata record; one with damaged numbers keeps its own file."""
+    try:
+        begin = values.get("begin_ns")
+        begin_ns = None if begin is None else int(begin)
+        return MarkNote(int(values["t_ns"]), values.get("reason", ""), begin_ns)
+    except (KeyError, ValueError):
+        return MarkNote(segment.start_ns or 0, "marked")
 
 
 def _read(path: Path) -> Manifest | None:

@@ -141,10 +141,9 @@ class SourceReader:
 
     def finish(self) -> None:
         """Take what still waits; tell the gap of a source that is not heard."""
-        if self.present and self.source.fileno() is not None:
-            for _ in range(LAST_READS):
-                if not self.turn(0):
-                    break
+        for _ in range(LAST_READS):
+            if not (self.present and self.turn(0)):
+                break
         if not self.present:
             self._tell("", gap=self._gap(self._clock.now_ns()))
         self.finished = True

@@ -1,11 +1,14 @@
 """The start after a cut: the broken file is finished, the pause is a gap, nothing keeps it from starting."""
 
 import json
+import os
+import threading
 from pathlib import Path
 
 import pytest
 
 from syncline_logger.manifest import Manifest
+from syncline_logger.recording_folder import strangers_without_end
 from syncline_logger.retention import Keep
 from syncline_logger.segments import Split
 from syncline_logger.triggers.plan import TriggerPlan
@@ -180,9 +183,8 @@ def test_a_cut_file_of_another_machine_is_left_alone(tmp_path: Path) -> None:
 
 
 def test_manifests_that_are_missing_are_made_anew(tmp_path: Path) -> None:
-    # Marks of files that were closed before the trigger stand in the manifest alone.
-    alone = TriggerPlan(before_ns=0, after_ns=0)
-    before = Run(tmp_path, recording_id="old", split=Split(6_000), triggers=alone).step(10)
+    around = TriggerPlan(before_ns=3 * S, after_ns=0)
+    before = Run(tmp_path, recording_id="old", split=Split(6_000), triggers=around).step(10)
     before.recording.mark("trigger", before.now_ns)
     before.step(1).finish()
     wanted = json.loads((tmp_path / "old.json").read_text(encoding="utf-8"))
@@ -193,9 +195,10 @@ def test_manifests_that_are_missing_are_made_anew(tmp_path: Path) -> None:
     assert [[each[name] for name in names] for each in found["segments"]] == [
         [each[name] for name in names] for each in wanted["segments"]
     ]
-    assert [bool(each["marks"]) for each in found["segments"]] == [
-        bool(each["marks"]) for each in wanted["segments"]
-    ]
+    marked = [bool(each["marks"]) for each in found["segments"]]
+    assert marked == [bool(each["marks"]) for each in wanted["segments"]]
+    assert sum(marked) > 1
+    assert not all(marked)
     assert (found["buses"], found["host"]) == (["a"], "here")
 
 
@@ -228,3 +231,30 @@ def test_the_end_of_a_long_cut_file_is_found_from_behind(tmp_path: Path) -> None
     [path] = files_of(tmp_path)
     with path.open("rb") as file:
         assert RecordFile(file).last_chunk_end_ns() == before.now_ns - 1
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes here")
+def test_what_is_no_file_blocks_no_start(tmp_path: Path) -> None:
+    strange = ["x.mcap", "y.json", "20200101T000000Z_id.mcap", "z.mcap.recovering"]
+    for name in strange:
+        os.mkfifo(tmp_path / name)
+        (tmp_path / f"d{name}").mkdir()
+    os.mkfifo(tmp_path / "x.trigger")
+    (tmp_path / "loop.mcap").symlink_to("loop.mcap")
+    (tmp_path / "fifo.mcap").symlink_to("x.mcap")
+    (tmp_path / "garbage.mcap").write_bytes(b"\x89MCAP0\r\n" + bytes(100))
+    (tmp_path / "20200101T000000Z_garbage.mcap").write_bytes(b"no capture at all")
+    before = sorted(tmp_path.iterdir())
+
+    def start() -> None:
+        assert strangers_without_end(tmp_path) == [tmp_path / "garbage.mcap"]
+        Run(tmp_path, resumes=True, split=Split(6_000), keep=Keep(size_bytes=7_000)).step(
+            3
+        ).finish()
+
+    thread = threading.Thread(target=start, daemon=True)
+    thread.start()
+    thread.join(20)
+    assert not thread.is_alive()
+    assert set(before) <= set(tmp_path.iterdir())
+    assert len(numbers_in(*tmp_path.glob("*_id_*.mcap"))) == 300

@@ -223,6 +223,40 @@ def test_a_marked_segment_of_an_earlier_recording_stays(tmp_path: Path) -> None:
     assert [path for path in files_of(tmp_path) if "_old_" in path.name] == [marked]
 
 
+@pytest.mark.parametrize("killed", [False, True])
+def test_what_lies_before_a_mark_stays_without_its_manifest(tmp_path: Path, killed: bool) -> None:
+    around = TriggerPlan(before_ns=4 * S, after_ns=2 * S)
+    before = Run(tmp_path, recording_id="old", split=Split(6_000), triggers=around).step(12)
+    before.recording.mark("EMCY 8130h", before.now_ns)
+    before.step(1)
+    if killed:
+        before.kill()
+    else:
+        before.step(11).finish()
+    told = json.loads((tmp_path / "old.json").read_text(encoding="utf-8"))["segments"]
+    marked = [each["file"].replace(".part", "") for each in told if each["marks"]]
+    assert 2 < len(marked) < len(told)
+    (tmp_path / "old.json").unlink()
+    keep = Keep(size_bytes=20_000)
+    after = Run(tmp_path, start_ns=before.now_ns, split=Split(6_000), keep=keep, resumes=True).step(
+        40
+    )
+    after.finish()
+    assert [path.name for path in files_of(tmp_path) if "_old_" in path.name] == marked
+
+
+def test_all_files_of_an_event_stay(tmp_path: Path) -> None:
+    only = TriggerPlan(before_ns=4 * S, after_ns=8 * S, only=True)
+    run = Run(tmp_path, split=Split(6_000), keep=Keep(size_bytes=7_000), triggers=only).step(5)
+    run.recording.mark("EMCY 8130h", run.now_ns)
+    run.step(20).finish()
+    [path] = tmp_path.glob("*.json")
+    told = json.loads(path.read_text(encoding="utf-8"))
+    assert len(told["segments"]) > 3
+    assert all(each["marks"] for each in told["segments"])
+    assert told["deletions"] == []
+
+
 def test_a_disk_that_is_full_gets_room_by_deleting(tmp_path: Path) -> None:
     disk = FailingDisk()
     run = Run(tmp_path, disk=disk, split=Split(6_000), keep=Keep(reserve_bytes=1_000)).step(30)

@@ -1,17 +1,19 @@
 """Serial adapters over a pseudo terminal: opened to listen, read in bulk, lost and back."""
 
+import itertools
 import os
 import select
 import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
+from random import Random
 from typing import Any
 
 import numpy as np
 import pytest
 
-from syncline_logger.batcher import Collected, FrameBuffer
+from syncline_logger.batcher import Collected, FrameBuffer, Loss
 from syncline_logger.bus_options import BusOptions
 from syncline_logger.clock import RecorderClock
 from syncline_logger.recorder import record
@@ -201,10 +203,15 @@ def test_damaged_lines_are_a_loss_of_the_adapter(opened: list[SlcanSource]) -> N
     source = SlcanSource(options(adapter))
     opened.append(source)
     source.open()
-    collected = read(source, 2)
+    buffer = FrameBuffer(RecorderClock().now_ns, 10_000)
+    count = 0
+    while count < 2:
+        count += source.read(buffer, 2, 5)
+    source.read(buffer, 2, 0)
+    collected = buffer.take()
     assert len(collected.frames) == 2
     (loss,) = collected.losses
-    assert (loss.bus, loss.where, loss.frames) == (2, "line", None)
+    assert (loss.bus, loss.where, loss.frames) == (2, "line", 1)
 
 
 def test_the_controllers_state_and_overruns_become_error_frames(
@@ -374,8 +381,74 @@ def test_an_adapter_that_never_knew_the_status_is_not_lost() -> None:
     assert (len(written), error) == (3, "")
 
 
+def damaged(sent: list[tuple[int, bytes]]) -> tuple[int, list[Loss], RecorderClock]:
+    """Frames that came of these bytes [after ms], the losses told, and the clock at the end."""
+    machine = Machine()
+    clock = machine.clock()
+    source = SlcanSource(BusOptions("a", "slcan", "x", bitrate=500_000), clock)
+    source._port, source._ask_at_ns = Answers(), 1 << 62  # type: ignore[assignment]
+    buffer = FrameBuffer(clock.now_ns, 100_000)
+    losses: list[Loss] = []
+    count = 0
+
+    def read(data: bytes, timeout_s: float) -> None:
+        nonlocal count
+        source._early = data
+        count += source.read(buffer, 0, timeout_s)
+        losses.extend(buffer.take().losses)
+
+    source._received = lambda port, timeout_s: b""  # type: ignore[method-assign]
+    for after_ms, data in sent:
+        machine.elapsed_ns += after_ms * 1_000_000
+        read(data, 0.1)
+    read(b"", 0)
+    return count, losses, clock
+
+
+LINE = b"t18580011223344556677"
+
+
 def test_damage_is_no_longer_than_what_came_with_it() -> None:
-    _, buffer, _ = asked_every_second(b"t0800\r", b"t0800\r", b"t08\rt0800\r")
-    [loss] = buffer.take().losses
+    _, [loss], clock = damaged([(1000, b"t0800\r"), (1000, b"t08\rt0800\r")])
     assert loss.where == "line"
-    assert loss.last_ns - loss.first_ns == 20_000_000
+    assert (loss.last_ns, loss.last_ns - loss.first_ns) == (clock.now_ns(), 20_000_000)
+
+
+def test_damage_without_end_is_told_once_a_second_with_all_its_lines() -> None:
+    rng = Random(4)
+    sent, data = 0, []
+    for _ in range(2_000):
+        lines = [bytearray(LINE + b"\r") for _ in range(5)]
+        sent += len(lines)
+        for line in lines:
+            if rng.random() < 0.3:
+                line[rng.randrange(len(line) - 1)] = rng.choice(b"~?#z")
+        data.append((10, b"".join(lines)))
+    received, losses, _ = damaged(data)
+    assert received + sum(loss.frames or 0 for loss in losses) == sent
+    assert 19 <= len(losses) <= 21, "20 s"
+    assert all(a.last_ns <= b.first_ns for a, b in itertools.pairwise(losses))
+    assert all(loss.last_ns - loss.first_ns <= 1_020_000_000 for loss in losses)
+
+
+def test_damage_that_is_over_is_told_within_a_second() -> None:
+    _, [first, second], _ = damaged(
+        [(100, b"t08\r"), (100, b"t0800\rt08\r"), (5000, b""), (100, b"t08\r"), (100, b"")]
+    )
+    assert (first.frames, second.frames) == (2, 1)
+    assert first.log_ns < second.first_ns
+    assert first.last_ns - first.first_ns == 120_000_000
+
+
+def test_damage_before_the_adapter_is_lost_is_told() -> None:
+    machine = Machine()
+    source = SlcanSource(BusOptions("a", "slcan", "x"), machine.clock())
+    source._port, source._early = Answers(), b"t08\r"  # type: ignore[assignment]
+    buffer = FrameBuffer(machine.clock().now_ns, 1000)
+    source._received = lambda port, timeout_s: b""  # type: ignore[method-assign]
+    source.read(buffer, 0, 0.1)
+    assert buffer.take().losses == []
+    source._refusals = 9
+    with pytest.raises(SourceError, match="reset"):
+        source.read(buffer, 0, 0.1)
+    assert sorted(loss.where for loss in buffer.take().losses) == ["closed", "line"]

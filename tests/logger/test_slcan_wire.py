@@ -169,7 +169,7 @@ def test_answers_are_no_frames() -> None:
 
 def test_bytes_without_an_end_do_not_pile_up() -> None:
     reader = LineReader()
-    garbage = sum(reader.feed(b"x" * 1000).garbage for _ in range(50))
+    garbage = sum(reader.feed(b"y" * 1000).garbage for _ in range(50))
     assert garbage == 1
     assert rows(reader.feed(b"xx\rt0800\r")) == [(0x080, 0, 0, b"")]
     assert MAX_LINE < 1000
@@ -180,3 +180,18 @@ def test_mixed_widths_keep_their_order() -> None:
     got = rows(read(data))
     assert [row[0] for row in got] == [0x185, 0x285, 0x185, 0x080]
     assert np.shape(read(data).frames.data) == (4, 64)
+
+
+@pytest.mark.parametrize(
+    ("pieces", "frames"),
+    [
+        ([b"t08\r"], 1),
+        ([b"t18521122#t18521122\r"], 2),
+        ([b"#18521122\rt08\r"], 2),
+        ([b"noise\r"], 1),
+        ([b"t18521122#" * 20, b"t18521122#" * 20, b"t18521122\rt0800\r"], 41),
+    ],
+)
+def test_frames_in_damaged_lines_are_counted(pieces: list[bytes], frames: int) -> None:
+    reader = LineReader()
+    assert sum(reader.feed(piece).garbage_frames for piece in pieces) == frames

@@ -16,8 +16,9 @@ from syncline_logger.own_log import own_log
 from syncline_logger.prometheus import prometheus_text
 from syncline_logger.record_outputs import RecordOutputs
 from syncline_logger.sd_notify import ServiceManager
+from syncline_logger.small_file import replace_file
 from syncline_logger.status_changes import status_changes
-from syncline_logger.status_file import StatusFile, replace_file
+from syncline_logger.status_file import StatusFile
 from syncline_logger.status_view import plain_line, status_file_text, status_json
 from syncline_schemas.errors import UsageError
 from tests.logger.status_builder import S, bus, status
@@ -43,11 +44,10 @@ def test_a_reader_never_sees_a_part_of_the_file(
     path = tmp_path / "status.json"
     replace_file(path, "old")
 
-    def full(self: Path, text: str, **_: object) -> int:
-        self.open("w", encoding="utf-8").close()
+    def full(self: Path, target: Path) -> Path:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(Path, "write_text", full)
+    monkeypatch.setattr(Path, "replace", full)
     with pytest.raises(OSError, match="No space"):
         replace_file(path, "new")
     assert path.read_text(encoding="utf-8") == "old"

@@ -12,9 +12,9 @@ from syncline_logger.adapter_clock import AdapterClock, Knot
 from syncline_logger.batcher import FrameBuffer
 from syncline_logger.bus_condition import SOCKETCAN_ERROR_FRAMES
 from syncline_logger.bus_options import BusOptions, filter_words
+from syncline_logger.can_message import fields_of, ns_of
 from syncline_logger.clock import RecorderClock
 from syncline_logger.source import SourceFacts
-from syncline_schemas.batch import FrameFlag
 from syncline_schemas.errors import SourceError
 
 MESSAGES_PER_READ = 1000
@@ -50,16 +50,6 @@ CLOCK_KIND: dict[str, str] = {
     "virtual": "host",
 }
 """Who stamps the frames, as far as python-can's sources tell."""
-
-_EXTENDED = int(FrameFlag.EXTENDED)
-_REMOTE = int(FrameFlag.REMOTE)
-_ERROR = int(FrameFlag.ERROR)
-_FD = int(FrameFlag.FD)
-_BRS = int(FrameFlag.BRS)
-_ESI = int(FrameFlag.ESI)
-_TX = int(FrameFlag.TX)
-_DLC_INVALID = int(FrameFlag.DLC_INVALID)
-_NO_DATA = bytearray()
 
 
 class PythonCanSource:
@@ -147,16 +137,7 @@ class PythonCanSource:
         try:
             message = receive(timeout_s)
             while message is not None:
-                data, length = message.data, message.dlc
-                flags = _flags(message)
-                if flags & _REMOTE:
-                    data = _NO_DATA
-                elif length != len(data):
-                    if flags & _FD or length <= 8 or len(data) != 8:
-                        flags |= _DLC_INVALID
-                    length = len(data)
-                can_id = message.arbitration_id & 0x1FFF_FFFF
-                append(t_ns(message.timestamp), bus, can_id, flags, length & 0xFF, data)
+                append(t_ns(message.timestamp), bus, *fields_of(message))
                 count += 1
                 message = receive(0) if count < MESSAGES_PER_READ else None
         except Exception as error:
@@ -164,10 +145,10 @@ class PythonCanSource:
         return count
 
     def _t_ns(self, timestamp: float) -> int:
-        """t of a stamp, 0 when there is none; the one place where float seconds end."""
+        """t of a stamp, 0 when there is none."""
         if not timestamp:
             return 0
-        stamp_ns = round(timestamp * 1e9)
+        stamp_ns = ns_of(timestamp)
         if self._is_utc is None:
             self._is_utc = self._tells_utc(stamp_ns)
         if self._is_utc:
@@ -249,18 +230,6 @@ def _bit_rates(options: BusOptions) -> tuple[int | None, int | None]:
                 return timing.nom_bitrate, timing.data_bitrate
             return timing.bitrate, data_bitrate
     return bitrate, data_bitrate
-
-
-def _flags(message: can.Message) -> int:
-    flags = _EXTENDED if message.is_extended_id else 0
-    if message.is_remote_frame:
-        flags |= _REMOTE
-    if message.is_fd:
-        flags |= _FD | (_BRS if message.bitrate_switch else 0)
-        flags |= _ESI if message.error_state_indicator else 0
-    if message.is_error_frame:
-        flags |= _ERROR
-    return flags if message.is_rx else flags | _TX
 
 
 def quiet_python_can() -> None:

@@ -18,6 +18,7 @@ from syncline_logger.batcher import FrameBuffer
 from syncline_logger.bus_options import BusOptions, Filter
 from syncline_logger.clock import RecorderClock
 from syncline_logger.source import SourceFacts
+from syncline_logger.sources.damaged_lines import DamagedLines
 from syncline_logger.sources.slcan_stamps import MILLISECOND_NS, StampClock
 from syncline_logger.sources.slcan_wire import LineReader, Lines, Status, error_frame, status_of
 from syncline_schemas.batch import FrameBatch, FrameFlag
@@ -83,6 +84,7 @@ class SlcanSource:
         self._status = Status(0)
         self._forget_answers()
         self._early = b""
+        self._damage = DamagedLines()
         self.facts = SourceFacts(
             name=options.name,
             interface="slcan",
@@ -124,16 +126,25 @@ class SlcanSource:
         self.facts = replace(self.facts, listen_only=self._listens, notes=notes)
 
     def read(self, buffer: FrameBuffer, bus: int, timeout_s: float) -> int:
-        """Put what has come into the buffer. Raises SourceError when the adapter is gone."""
+        """Put what has come into the buffer. Raises SourceError when the adapter is gone.
+
+        timeout_s: 0 also tells the damage that is held back.
+        """
         if self._port is None:
             raise SourceError(f"bus '{self.facts.name}' is not open")
-        self._check_channel(buffer, bus)
         try:
+            self._check_channel(buffer, bus)
             self._ask_status(self._port)
             pieces, times = self._collect(self._port, timeout_s)
         except OSError as error:
+            self._damage.tell(buffer, bus)
             raise SourceError(self._what_failed("lost", error)) from error
-        return self.take(pieces, times, buffer, bus) if pieces else 0
+        except SourceError:
+            self._damage.tell(buffer, bus)
+            raise
+        count = self.take(pieces, times, buffer, bus) if pieces else 0
+        self._damage.tell(buffer, bus, self._clock.now_ns() if timeout_s else None)
+        return count
 
     def take(
         self, pieces: Sequence[bytes], times: Sequence[int], buffer: FrameBuffer, bus: int
@@ -146,10 +157,12 @@ class SlcanSource:
         ends = np.array(list(accumulate(map(len, pieces))), np.int64)
         arrived = np.array(times, np.int64)
         log_ns = self._clock.now_ns()
-        if lines.garbage:
+        if lines.garbage_frames:
             # A line may have begun in the bytes before.
             begin_ns = times[0] + self._clock.offset_ns - COLLECT_NS
-            buffer.lose(bus, None, "line", min(max(self._log_ns, begin_ns), log_ns), log_ns)
+            begin_ns = min(max(self._log_ns, begin_ns), log_ns)
+            self._damage.add(lines.garbage_frames, begin_ns, log_ns)
+            self._damage.tell(buffer, bus, log_ns)
         self._note_answers(lines, log_ns)
         frames = self._stamped(lines, arrived[np.searchsorted(ends, lines.at, side="right")], bus)
         frames = self._with_errors(frames, lines, log_ns, bus)

@@ -53,6 +53,8 @@ class Lines:
         refused: BELs: commands that it did not take.
         garbage: lines that are nothing known, and frames whose digits are damaged.
         garbage_bytes: bytes in them.
+        garbage_frames: frames that were in them, by the letters at which frames begin, at least one
+            in each line.
     """
 
     frames: FrameBatch
@@ -64,6 +66,7 @@ class Lines:
     refused: int = 0
     garbage: int = 0
     garbage_bytes: int = 0
+    garbage_frames: int = 0
 
 
 class LineReader:
@@ -83,20 +86,29 @@ class LineReader:
         used = int(ends[-1]) + 1 if len(ends) else 0
         self._rest = text[used:]
         begins = np.concatenate([np.zeros(min(len(ends), 1), np.int64), ends[:-1] + 1])
+        skipped_frames = 0
         if self._skipping and len(ends):
+            skipped_frames = _starts(text[: int(ends[0])])
             begins, ends = begins[1:], ends[1:]
             self._skipping = False
         lines = _read(plain, begins, ends, before)
+        lines = replace(lines, garbage_frames=lines.garbage_frames + skipped_frames)
         if len(self._rest) > MAX_LINE:
-            lost, self._rest = len(self._rest), b""
-            counted = 0 if self._skipping else 1
+            lost, self._rest = self._rest, b""
+            first = 0 if self._skipping else 1
             self._skipping = True
             return replace(
                 lines,
-                garbage=lines.garbage + counted,
-                garbage_bytes=lines.garbage_bytes + lost,
+                garbage=lines.garbage + first,
+                garbage_bytes=lines.garbage_bytes + len(lost),
+                garbage_frames=lines.garbage_frames + max(first, _starts(lost)),
             )
         return lines
+
+
+def _starts(text: bytes) -> int:
+    """Letters at which frames begin and that no digit is."""
+    return int(_STARTS[np.frombuffer(text, np.uint8)].sum())
 
 
 _PADDING = 160
@@ -114,8 +126,11 @@ _FLAGS = {
 _NO_FRAME = 0xFFFF
 _FLAGS_OF = np.full(256, _NO_FRAME, np.uint16)
 _FLAGS_OF[[ord(letter) for letter in _FLAGS]] = list(_FLAGS.values())
-_ANSWERS = np.zeros(256, np.bool_)
-_ANSWERS[list(b"FVvNsezZ")] = True
+_STARTS = np.zeros(256, np.bool_)
+_STARTS[list(b"tTrRx")] = True
+_LONGEST_ANSWER = np.zeros(256, np.int64)
+_LONGEST_ANSWER[list(b"FVvNse")] = 64
+_LONGEST_ANSWER[list(b"zZ")] = 1
 
 _NIBBLE = np.full(256, 0xFF, np.uint8)
 _NIBBLE[list(b"0123456789")] = np.arange(10)
@@ -155,8 +170,9 @@ def _read(
     for group in groups:
         taken[group.row] = True
     other = np.flatnonzero(~taken & (length > 0))
-    answers = other[_ANSWERS[letter[other]] & (length[other] <= _LONGEST_ANSWER)]
+    answers = other[length[other] <= _LONGEST_ANSWER[letter[other]]]
     garbage = np.setdiff1d(other, answers, assume_unique=True)
+    damaged = [plain[begins[row] : ends[row]] for row in garbage.tolist()]
     group = _joined(groups)
     zeros = np.zeros(len(group.row), np.int64)
     frames = FrameBatch(
@@ -175,11 +191,11 @@ def _read(
         int(np.count_nonzero(plain[ends] == BEL)),
         len(garbage),
         int(length[garbage].sum()),
+        sum(max(1, int(_STARTS[line].sum())) for line in damaged),
     )
 
 
 _SHAPE = int(FrameFlag.EXTENDED | FrameFlag.FD) | 0xFF00
-_LONGEST_ANSWER = 64
 
 
 def _group(

@@ -24,6 +24,9 @@ DRAIN_FRAMES = 1 << 17
 """Frames of the time before a trigger that are written at once beside what comes in: the ring of
 four full buses is on the disk after about a minute."""
 
+ALWAYS_NS = 1 << 62
+"""An event is kept to its end, in however many files."""
+
 
 class EventStore:
     """Looks like a CaptureStore; each event becomes a recording of its own.
@@ -106,14 +109,14 @@ class EventStore:
         if self._store:
             self._store.carry(name, values)
 
-    def mark(self, note: MarkNote, begin_ns: int | None = None, end_ns: int | None = None) -> None:
+    def mark(self, note: MarkNote, end_ns: int | None = None) -> None:
         """A trigger: an event begins, or the running one lasts longer."""
         self._ends_ns = max(self._ends_ns, note.t_ns + self._triggers.after_ns)
         if self._store is None:
             self._wanted = self._wanted or note
             self._begin(note)
         else:
-            self._store.mark(note, begin_ns, end_ns)
+            self._store.mark(note)
 
     def date_set(self, ahead_ns: int) -> None:
         """Log time goes ahead by so much without that time having passed."""
@@ -197,7 +200,7 @@ class EventStore:
         for name, values in {**self._metadata, TRIGGER_METADATA_NAME: record}.items():
             store.add_metadata(name, values)
         store.waiting.lost_frames |= self._lost
-        store.mark(note)
+        store.mark(note, ALWAYS_NS)
         self._store, self._wanted = store, None
         self._events += 1
         self.path = store.path

@@ -11,6 +11,8 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from types import FrameType
 
+from syncline_logger.small_file import replace_file
+
 SUFFIX = ".trigger"
 """Ending of a request; the recorder takes the file away, which is its answer."""
 HEAD = b"syncline trigger\n"
@@ -101,9 +103,8 @@ def ask(
     written to.
     """
     name = f"{os.getpid()}-{uuid.uuid4().hex[:8]}"
-    path, partial = folder / f"{name}{SUFFIX}", folder / f"{name}{SUFFIX}-partial"
-    partial.write_bytes(HEAD + text[:MAX_TEXT].encode("utf-8", "replace"))
-    partial.replace(path)
+    path = folder / f"{name}{SUFFIX}"
+    replace_file(path, HEAD + text[:MAX_TEXT].encode("utf-8", "replace"))
     until = clock() + wait_s
     while path.exists():
         if clock() >= until:

@@ -3,7 +3,7 @@
 import struct
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from io import BytesIO
 from typing import BinaryIO, TypeVar
 
@@ -176,6 +176,25 @@ class RecordFile:
                 self.damage.append(f"attachment or metadata at byte {offset} is damaged")
             else:
                 yield record
+
+    def metadata(self) -> Iterator[mcap_records.Metadata]:
+        """Metadata records; of a file without a summary those before the first damage.
+
+        No chunk is read, so that files of any size are walked through quickly.
+        """
+        summary = self.summary()
+        if summary is not None:
+            documents = self.documents(replace(summary, attachments=[]))
+            yield from (each for each in documents if isinstance(each, mcap_records.Metadata))
+            return
+        position = len(MAGIC)
+        while position < self.size and self._is_record(position):
+            opcode, length = self._head(position)
+            if opcode == Opcode.METADATA:
+                record = _parse_document(opcode, self._read(position + _HEAD, length))
+                if isinstance(record, mcap_records.Metadata):
+                    yield record
+            position += _HEAD + length
 
     def records(self, position: int = len(MAGIC)) -> Iterator[Record]:
         """Records from a position to the end of the data, for files without a usable summary.

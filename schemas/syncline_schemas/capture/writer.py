@@ -43,6 +43,7 @@ class CaptureWriter:
     Attributes:
         frames_written: frames of all buses.
         bytes_written: bytes given to the stream.
+        bus_count: buses so far.
 
     Raises:
         UsageError: the buses are not numbered 0, 1, 2 ... or two have one topic.
@@ -70,15 +71,13 @@ class CaptureWriter:
         self._last_log_ns = 0
         self._lag: LagBounds | None = None
         self._channel_of_bus = np.zeros(256, np.uint16)
-        self._bus_count = len(buses)
+        self.bus_count = len(buses)
         self.frames_written = 0
         self.add_metadata(METADATA_NAME, metadata.to_record())
         for attachment in attachments:
             self.attach(attachment)
         for bus in buses:
-            self._channel_of_bus[bus.number] = self.add_channel(
-                frames_topic(bus.name), _FRAME_SCHEMA, bus.to_channel()
-            )
+            self._add_frames_channel(bus)
 
     @property
     def bytes_written(self) -> int:
@@ -109,6 +108,24 @@ class CaptureWriter:
             )
         )
         return channel_id
+
+    def add_bus(self, bus: BusInfo) -> None:
+        """Register a bus that became known later, under the next number.
+
+        Raises:
+            UsageError: the number is another one, or its name makes the topic of another bus.
+        """
+        if bus.number != self.bus_count or bus.number > 255:
+            raise UsageError(f"the next bus has number {self.bus_count}, not {bus.number}")
+        if (frames_topic(bus.name), _FRAME_SCHEMA) in self._channel_ids:
+            raise UsageError(f"bus {bus.name!r} gets the topic of another bus; rename one of them")
+        self._add_frames_channel(bus)
+        self.bus_count += 1
+
+    def _add_frames_channel(self, bus: BusInfo) -> None:
+        self._channel_of_bus[bus.number] = self.add_channel(
+            frames_topic(bus.name), _FRAME_SCHEMA, bus.to_channel()
+        )
 
     def write_chunk(
         self,
@@ -176,8 +193,8 @@ class CaptureWriter:
         return self._schema_ids[schema]
 
     def _frame_run(self, batch: FrameBatch, log_time_ns: NDArray[np.int64]) -> RecordRun:
-        if len(batch) and int(batch.bus.max()) >= self._bus_count:
-            raise ValueError(f"bus {batch.bus.max()} is not one of the {self._bus_count} buses")
+        if len(batch) and int(batch.bus.max()) >= self.bus_count:
+            raise ValueError(f"bus {batch.bus.max()} is not one of the {self.bus_count} buses")
         log_time = self._forward_only(log_time_ns)
         self._lag = LagBounds.widened(self._lag, log_time, batch.t_ns)
         channel = self._channel_of_bus[batch.bus]

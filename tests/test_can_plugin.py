@@ -232,7 +232,8 @@ def test_file_objects_and_gzip(tmp_path: Path) -> None:
     with McapWriter(stream) as writer:
         for message in MESSAGES:
             writer(message)
-    assert same(list(McapReader(io.BytesIO(stream.getvalue()))), list(MESSAGES))
+    with McapReader(io.BytesIO(stream.getvalue())) as reader:
+        assert same(list(reader), list(MESSAGES))
     keep()
     with McapWriter(gzip.open(tmp_path / "x.mcap.gz", "wb")) as writer:
         writer(MESSAGES[0])

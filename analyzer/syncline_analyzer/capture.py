@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Literal, NamedTuple, Protocol
 
 from syncline_schemas.batch import FrameBatch, Gap
+from syncline_schemas.capture.adapter_fit import AdapterFit
 from syncline_schemas.capture.learned import Settings
 from syncline_schemas.capture.mark import Mark
 
@@ -58,6 +59,8 @@ class CaptureFacts:
     notes: list[str] = field(default_factory=list)
     marks: list[Mark] = field(default_factory=list)
     """Moments that the recorder marked; of one file at most a thousand."""
+    adapter_fits: dict[str, AdapterFit] = field(default_factory=dict)
+    """By bus name, of adapters whose own clock stamped the frames."""
 
     def bus_number(self, name: str) -> int:
         """Number of the bus of this name, which is appended when it is new."""

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
 from syncline_schemas.can_errors import (
+    ERROR_BYTES,
     RECORDER_OFF,
     RECORDER_OVERFLOW,
     Controller,
@@ -56,11 +57,17 @@ def with_deafness(stream: Iterable[Numbered]) -> Iterator[Numbered]:
 
 
 def without_classes(batch: FrameBatch, buses: Collection[int]) -> FrameBatch:
-    """The batch with the error frames of these buses saying only that there was one."""
+    """The batch with the error frames of these buses saying only that there was one.
+
+    So do those without eight bytes: SocketCAN's always have them (linux/can/error.h), those that
+    other drivers hand to python-can often have not.
+    """
     rows = (batch.flags & FrameFlag.ERROR) != 0
-    if not buses or not rows.any():
+    if not rows.any():
         return batch
-    rows &= np.isin(batch.bus, list(buses))
+    rows &= np.isin(batch.bus, list(buses)) | (batch.dlc != ERROR_BYTES)
+    if not rows.any():
+        return batch
     data = np.where(rows[:, np.newaxis], np.uint8(0), batch.data)
     return replace(batch, can_id=np.where(rows, np.uint32(0), batch.can_id), data=data)
 

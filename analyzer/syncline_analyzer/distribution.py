@@ -20,6 +20,7 @@ _FIRST_KEY = 1023 << _MANTISSA_BITS
 _COARSE_BINS = 50 << _MANTISSA_BITS
 
 Floats = NDArray[np.float64]
+_NO_VALUES = np.zeros(0)
 
 
 class Distribution:
@@ -27,50 +28,62 @@ class Distribution:
 
     def __init__(self) -> None:
         self.count = 0
-        self.minimum = 0.0
-        self.maximum = 0.0
-        self._mean = float("nan")
+        self._low = float("inf")
+        self._high = float("-inf")
+        self._counted = 0
+        self._mean = 0.0
         self._squares = 0.0
         """Sum of the squares of the distances from the mean."""
-        self._kept: list[Floats] = []
+        self._waiting: list[Floats] = []
+        """All values while there are few of them, then those that are not in the bins yet."""
+        self._held = 0
         self._bins: _Bins | None = None
 
     def add(self, values: NDArray[np.int64] | Floats) -> None:
         """Take in values; negative ones must have been left out."""
         if not len(values):
             return
-        new = values.astype(np.float64)
-        low, high = float(np.minimum.reduce(new)), float(np.maximum.reduce(new))
-        self._add_moments(new, low, high)
-        if self._bins is not None:
-            self._bins.add(new, low, high)
-            return
-        self._kept.append(new)
-        if self.count > EXACT_LIMIT:
-            kept = np.concatenate(self._kept)
-            self._kept, self._bins = [], _Bins(kept)
-            self._bins.add(kept, self.minimum, self.maximum)
+        self.count += len(values)
+        self._waiting.append(values.astype(np.float64))
+        self._held += len(values)
+        if self._held > EXACT_LIMIT:
+            self._settle()
+
+    @property
+    def minimum(self) -> float:
+        """The least value; infinite without values."""
+        return min([self._low, *(float(each.min()) for each in self._waiting)])
+
+    @property
+    def maximum(self) -> float:
+        """The largest value; minus infinite without values."""
+        return max([self._high, *(float(each.max()) for each in self._waiting)])
 
     def quantile(self, share: float) -> float:
         """Value below which a share (0..1) of all values lies; NaN without values."""
         if not self.count:
             return float("nan")
-        if self._bins is None:
+        bins = self._settled()
+        if bins is None:
             return quantile_of(self._exact(), share)
-        value = self._bins.value(share * (self.count - 1))
-        return min(max(value, self.minimum), self.maximum)
+        value = bins.value(share * (self.count - 1))
+        return min(max(value, self._low), self._high)
 
     @property
     def mean(self) -> float:
-        """Mean of all values."""
-        return float(self._exact().mean()) if self._kept else self._mean
+        """Mean of all values; NaN without values."""
+        if not self.count:
+            return float("nan")
+        return float(self._exact().mean()) if self._settled() is None else self._mean
 
     @property
     def std(self) -> float:
         """Standard deviation of all values."""
         if not self.count:
             return float("nan")
-        return float(self._exact().std() if self._kept else np.sqrt(self._squares / self.count))
+        if self._settled() is None:
+            return float(self._exact().std())
+        return float(np.sqrt(self._squares / self.count))
 
     @property
     def relative_error(self) -> float:
@@ -111,13 +124,14 @@ class Distribution:
 
     def _spread_below(self, below_ns: float) -> tuple[float, float, float]:
         """(deviation, 99th less 1st percentile, maximum) of the values less than `below_ns`."""
-        if self._bins is None:
+        bins = self._settled()
+        if bins is None:
             value = self._exact()
             value = value[value < below_ns]
             width = quantile_of(value, 0.99) - quantile_of(value, 0.01)
             return float(value.std()), width, float(value.max())
-        value, weight = self._bins.weighted()
-        value = np.clip(value, self.minimum, self.maximum)
+        value, weight = bins.weighted()
+        value = np.clip(value, self._low, self._high)
         value, weight = value[value < below_ns], weight[value < below_ns]
         if not len(value):
             return 0.0, 0.0, self.minimum
@@ -148,29 +162,45 @@ class Distribution:
         head = _tail(low, min(self.minimum, low), width)
         tail = _tail(float(middle[-1]), max(self.maximum, float(middle[-1])), width)
         edges = np.concatenate([head[::-1], middle, tail])
-        if self._bins is None:
+        bins = self._settled()
+        if bins is None:
             return np.histogram(self._exact(), edges)[0].astype(np.int64), edges
-        value, weight = self._bins.weighted()
-        inside = np.clip(value, self.minimum, self.maximum)
+        value, weight = bins.weighted()
+        inside = np.clip(value, self._low, self._high)
         return np.histogram(inside, edges, weights=weight)[0].astype(np.int64), edges
 
     def _exact(self) -> Floats:
-        if len(self._kept) > 1:
-            self._kept = [np.concatenate(self._kept)]
-        return self._kept[0]
+        """All values that wait, in one array."""
+        if len(self._waiting) > 1:
+            self._waiting = [np.concatenate(self._waiting)]
+        return self._waiting[0]
 
-    def _add_moments(self, new: Floats, low: float, high: float) -> None:
-        """Extremes, mean and squares; those of two parts are joined as Chan et al. do (1979)."""
+    def _settled(self) -> "_Bins | None":
+        """The bins with all values in them, None while all values are kept."""
+        if self._bins is not None and self._waiting:
+            self._settle()
+        return self._bins
+
+    def _settle(self) -> None:
+        """Put what waits into the bins, many values at a time."""
+        new = self._exact()
+        self._waiting, self._held = [], 0
+        low, high = float(np.minimum.reduce(new)), float(np.maximum.reduce(new))
+        self._low, self._high = min(self._low, low), max(self._high, high)
+        if self._bins is None:
+            self._bins = _Bins(new)
+        self._bins.add(new, low, high)
+        self._add_moments(new)
+
+    def _add_moments(self, new: Floats) -> None:
+        """Mean and squares; those of two parts are joined as Chan et al. do (1979)."""
         mean = float(np.add.reduce(new)) / len(new)
-        if not self.count:
-            self.minimum, self.maximum, self._mean = low, high, mean
-        self.minimum, self.maximum = min(self.minimum, low), max(self.maximum, high)
-        before, self.count = self.count, self.count + len(new)
-        apart = mean - self._mean
-        self._mean += apart * len(new) / self.count
+        before, self._counted = self._counted, self._counted + len(new)
+        apart = mean - self._mean if before else 0.0
+        self._mean = self._mean + apart * len(new) / self._counted if before else mean
         apart_ns = new - mean
         self._squares += float(np.add.reduce(np.multiply(apart_ns, apart_ns, out=apart_ns)))
-        self._squares += apart * apart * before * len(new) / self.count
+        self._squares += apart * apart * before * len(new) / self._counted
 
 
 def _told(value: float, resolution_ns: int, unit_ns: float) -> float | None:
@@ -219,28 +249,35 @@ class _Bins:
         self._width = (top - self._low) / FINE_BINS
         self._fine = np.zeros(FINE_BINS, np.int64)
         self._coarse = np.zeros(_COARSE_BINS, np.int64)
+        self._all_fine = True
+        """Whether all values are in the fine bins."""
         self._cumulated: tuple[Floats, NDArray[np.int64]] | None = None
         """Middles of the bins, and how many values lie up to each, while nothing is added."""
 
     def add(self, values: Floats, low: float, high: float) -> None:
         """Take in values, the least and the largest of which are `low` and `high`."""
         self._cumulated = None
-        place = (values - self._low) / self._width
-        if low >= self._low and (high - self._low) / self._width < FINE_BINS:
-            self._fine += np.bincount(place.astype(np.int64), minlength=FINE_BINS)
-            return
-        place = np.floor(place)
-        fine = (place >= 0) & (place < FINE_BINS)
-        self._fine += np.bincount(place[fine].astype(np.int64), minlength=FINE_BINS)
-        self._coarse += np.bincount(_coarse_keys(values[~fine]), minlength=_COARSE_BINS)
+        place = values - self._low
+        place /= self._width
+        if low < self._low or (high - self._low) / self._width >= FINE_BINS:
+            outside = np.flatnonzero((place < 0) | (place >= FINE_BINS))
+            place[outside] = 0
+            self._fine[0] -= len(outside)
+            self._all_fine = False
+            self._coarse += np.bincount(_coarse_keys(values[outside]), minlength=_COARSE_BINS)
+        self._fine += np.bincount(place.astype(np.int64), minlength=FINE_BINS)
 
     def value(self, number: float) -> float:
         """Middle of the bin in which the value of this number, counted from 0, lies."""
         if self._cumulated is None:
-            value, weight = self.weighted()
-            self._cumulated = value, np.cumsum(weight)
+            if self._all_fine:
+                self._cumulated = _NO_VALUES, np.cumsum(self._fine)
+            else:
+                value, weight = self.weighted()
+                self._cumulated = value, np.cumsum(weight)
         value, counts = self._cumulated
-        return float(value[int(np.searchsorted(counts, number, side="right"))])
+        at = int(np.searchsorted(counts, number, side="right"))
+        return self._low + (at + 0.5) * self._width if self._all_fine else float(value[at])
 
     def weighted(self) -> tuple[Floats, NDArray[np.int64]]:
         """Middles of the bins that are not empty, ascending, and their counts."""

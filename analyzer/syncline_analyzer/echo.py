@@ -7,9 +7,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from syncline_analyzer.deafness import Numbered
+from syncline_analyzer.fold import IndexedBatch
+from syncline_analyzer.grouping import BUS_SHIFT, REMOTE_KEY, Grouping, key_of
 from syncline_analyzer.results import DoubledRow
-from syncline_schemas.batch import FrameBatch, FrameFlag
+from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
 
 COPY = np.uint16(1 << 15)
 """Bit of the `flags` column, within the analyses only: the frame stands in the capture twice."""
@@ -35,10 +36,8 @@ _MIN_FRAMES = 200
 """With fewer frames of its bus a batch is judged as the one before."""
 _FINE_NS = 10_000
 """Stamps of coarser steps do not tell whether the wire could carry both frames [ns]."""
-_MAX_IDS = 4096
 _EVIDENCE = 20
 _SDO_REQUEST = range(0x601, 0x680)
-_REMOTE_KEY = 1 << 11
 
 Ints = NDArray[np.int64]
 
@@ -99,13 +98,10 @@ class Echoes:
         self._buses: dict[int, _Bus] = {}
         self._last: FrameBatch = FrameBatch.empty()
 
-    def marked(self, stream: Iterable[Numbered]) -> Iterator[Numbered]:
+    def marked(self, stream: Iterable[IndexedBatch | Gap]) -> Iterator[IndexedBatch | Gap]:
         """The stream with `COPY` set on every frame that is a copy; `seq` stays as it is."""
-        for seq, item in stream:
-            if isinstance(item, FrameBatch):
-                yield seq, self._mark(seq, item)
-            else:
-                yield seq, item
+        for item in stream:
+            yield item if isinstance(item, Gap) else self._mark(item)
 
     def rows(self, buses: list[str]) -> list[DoubledRow]:
         """One row per bus with copies."""
@@ -124,36 +120,39 @@ class Echoes:
             if bus.copies
         ]
 
-    def _mark(self, seq: int, batch: FrameBatch) -> FrameBatch:
-        before = len(self._last)
-        frames = FrameBatch.concat([self._last, batch]) if before else batch
-        rows = np.flatnonzero((frames.flags & (FrameFlag.EXTENDED | FrameFlag.ERROR)) == 0)
-        remote = ((frames.flags[rows] & FrameFlag.REMOTE) != 0).astype(np.uint32)
-        key = (frames.bus[rows].astype(np.uint32) << 12) | (remote << 11) | frames.can_id[rows]
-        small = int(key.max(initial=0)) < 1 << 16
-        order = np.argsort(key.astype(np.uint16) if small else key, kind="stable")
-        rows, key = rows[order], key[order]
-        last = np.flatnonzero(np.diff(key, append=np.uint32(0xFFFFFFFF)))
-        self._last = frames[np.sort(rows[last[:_MAX_IDS]])]
-        equal = _equal(frames, rows, key)
-        if np.count_nonzero(equal) < (1 if self._buses else MIN_PAIRS):
+    def _mark(self, batch: IndexedBatch) -> IndexedBatch:
+        before = self._last
+        repeats = _repeats(batch.grouping, batch.frames, batch.grouped_t_ns)
+        suspects = len(repeats) + _carried(before, batch)
+        self._last = _last_of_each(before, batch)
+        if suspects < (1 if self._buses else MIN_PAIRS):
             return batch
+        frames = FrameBatch.concat([before, batch.frames]) if len(before) else batch.frames
+        copy = self._copies(frames, batch.seq0 - len(before))[len(before) :]
+        if not copy.any():
+            return batch
+        flags = batch.frames.flags
+        return batch.showing(replace(batch.frames, flags=np.where(copy, flags | COPY, flags)))
+
+    def _copies(self, frames: FrameBatch, seq0: int) -> NDArray[np.bool_]:
+        """(n,) which frames are copies."""
+        grouping = Grouping.of(frames)
+        rows, key = grouping.rows, grouping.key
+        equal = np.zeros(len(rows), np.bool_)
+        equal[_repeats(grouping, frames, frames.t_ns[rows])] = True
         copy = np.zeros(len(frames), np.bool_)
-        for number in np.unique(key[equal] >> 12).tolist():
-            first, stop = np.searchsorted(key, [number << 12, (number + 1) << 12])
+        for number in np.unique(key[equal] >> np.uint32(BUS_SHIFT)).tolist():
+            first, stop = np.searchsorted(key, [number << BUS_SHIFT, (number + 1) << BUS_SHIFT])
             groups = _groups(frames, rows[first:stop], key[first:stop], equal[first:stop])
             state = self._buses.get(number, _Bus())
             _judge(state, frames, groups, self._resolution_ns())
             found = _copies(state, groups)
             if found:
                 self._buses[number] = state
-                _count(state, frames, found, seq - before)
+                _count(state, frames, found, seq0)
                 for _, chosen in found:
                     copy[chosen] = True
-        copy = copy[before:]
-        if not copy.any():
-            return batch
-        return replace(batch, flags=np.where(copy, batch.flags | COPY, batch.flags))
+        return copy
 
 
 def hidden(batch: FrameBatch) -> FrameBatch:
@@ -169,26 +168,57 @@ def hidden(batch: FrameBatch) -> FrameBatch:
     )
 
 
-def _equal(
-    frames: FrameBatch, rows: NDArray[np.intp], key: NDArray[np.uint32]
-) -> NDArray[np.bool_]:
-    """(n,) which frames repeat the one before of their identifier at once."""
-    equal = np.zeros(len(rows), np.bool_)
-    if len(rows) < 2:
-        return equal
-    apart = np.diff(frames.t_ns[rows])
-    near = np.flatnonzero((key[1:] == key[:-1]) & (apart >= 0) & (apart <= LONGEST_NS))
-    one, other = rows[near], rows[near + 1]
-    same = frames.dlc[one] == frames.dlc[other]
-    same &= (frames.data[one] == frames.data[other]).all(axis=1)
-    equal[near[same] + 1] = True
-    return equal
+def _last_of_each(before: FrameBatch, batch: IndexedBatch) -> FrameBatch:
+    """The last frame of every identifier after a batch, in order."""
+    grouping = batch.grouping
+    last = batch.frames[np.sort(grouping.last)]
+    if not len(before):
+        return last
+    return FrameBatch.concat([before[~np.isin(key_of(before), grouping.keys)], last])
+
+
+def _repeats(grouping: Grouping, frames: FrameBatch, t_ns: Ints) -> NDArray[np.intp]:
+    """Places in a grouping whose frame repeats the one before of its identifier at once.
+
+    Args:
+        t_ns: (m,) stamps of the frames in their order in the grouping.
+    """
+    rows, key = grouping.rows, grouping.key
+    near = _soon(t_ns[1:], t_ns[:-1])
+    near = near[key[near] == key[near + 1]]
+    found: NDArray[np.intp] = near[_alike(frames[rows[near]], frames[rows[near + 1]])] + 1
+    return found
+
+
+def _carried(before: FrameBatch, batch: IndexedBatch) -> int:
+    """How many identifiers begin the batch with their last frame before it once more."""
+    _, last, first = np.intersect1d(
+        key_of(before), batch.grouping.keys, assume_unique=True, return_indices=True
+    )
+    one, other = before[last], batch.frames[batch.grouping.first[first]]
+    near = _soon(other.t_ns, one.t_ns)
+    return int(np.count_nonzero(_alike(one[near], other[near])))
+
+
+def _soon(t_ns: Ints, before_ns: Ints) -> NDArray[np.intp]:
+    """Where a stamp is as close behind another as a copy may be."""
+    apart = t_ns - before_ns
+    # A negative distance is a large unsigned one.
+    return np.flatnonzero(apart.view(np.uint64) <= LONGEST_NS)
+
+
+def _alike(one: FrameBatch, other: FrameBatch) -> NDArray[np.bool_]:
+    """(n,) which frames have the same content."""
+    width = min(one.data.shape[1], other.data.shape[1])
+    same: NDArray[np.bool_] = (one.data[:, :width] == other.data[:, :width]).all(axis=1)
+    same &= one.dlc == other.dlc
+    return same
 
 
 def _groups(
     frames: FrameBatch,
     rows: NDArray[np.intp],
-    key: NDArray[np.uint32],
+    key: NDArray[np.unsignedinteger],
     equal: NDArray[np.bool_],
 ) -> list[_Group]:
     cuts = np.flatnonzero(np.diff(key)) + 1
@@ -255,7 +285,7 @@ def _delays(group: _Group) -> Ints:
 
 def _too_close(group: _Group, delays: Ints) -> bool:
     """Whether no wire can carry the second frame so soon after the first."""
-    shortest_ns = (_SHORTEST_BITS + 8 * group.dlc * (group.key < _REMOTE_KEY)) * _BIT_NS
+    shortest_ns = (_SHORTEST_BITS + 8 * group.dlc * (group.key < REMOTE_KEY)) * _BIT_NS
     return float(np.quantile(delays, 0.95)) < shortest_ns
 
 
@@ -274,7 +304,7 @@ def _bundled(frames: FrameBatch, groups: list[_Group], doubled: list[_Group]) ->
 
 def _is_own(key: int) -> bool:
     """Whether only a master sends it: NMT, SYNC, TIME, SDO requests and remote frames."""
-    return key >= _REMOTE_KEY or key in (0x000, 0x080, 0x100) or key in _SDO_REQUEST
+    return key >= REMOTE_KEY or key in (0x000, 0x080, 0x100) or key in _SDO_REQUEST
 
 
 def _copies(state: _Bus, groups: list[_Group]) -> list[tuple[_Group, NDArray[np.intp]]]:

@@ -24,7 +24,7 @@ from syncline_analyzer.joining import joined
 from syncline_analyzer.nodes import node_rows
 from syncline_analyzer.object_changes import object_change_rows
 from syncline_analyzer.objects import history_rows, object_rows
-from syncline_analyzer.pdo_lengths import PdoLengths
+from syncline_analyzer.pdo_lengths import PdoLengths, length_rows
 from syncline_analyzer.recall import recall
 from syncline_analyzer.results import Analysis
 from syncline_analyzer.shadow import Shadow
@@ -143,6 +143,7 @@ def analyze(
         lss=controls.lss.rows,
         time_stamps=controls.time.rows,
         doubled=echoes.rows(buses),
+        pdo_lengths=length_rows(context),
     )
     if unlisted := controls.sdo.unlisted:
         analysis.capture.notes.append(f"{unlisted} more SDO transfers are counted, but not listed")

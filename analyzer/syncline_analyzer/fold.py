@@ -75,6 +75,12 @@ class IndexedBatch:
         alone = bool((numbers == numbers[0]).all())
         return [first] if alone else np.flatnonzero(np.bincount(numbers)).tolist()
 
+    @cached_property
+    def ascending(self) -> bool:
+        """Whether no stamp is earlier than the one before it."""
+        t_ns = self.frames.t_ns
+        return bool((t_ns[1:] >= t_ns[:-1]).all())
+
     def row_at(self, seq: int) -> int:
         """How many rows come before a position in the capture."""
         return int(np.searchsorted(self.seqs, seq))
@@ -136,6 +142,11 @@ class IndexedBatch:
         return Grouping.of(self.frames)
 
     @cached_property
+    def grouped_t_ns(self) -> NDArray[np.int64]:
+        """(m,) stamps of `grouping.rows` [ns]."""
+        return self.frames.t_ns.take(self.grouping.rows)
+
+    @cached_property
     def _classic(self) -> Grouping:
         """The same without CAN FD."""
         if self.flags_seen & FrameFlag.FD:
@@ -167,6 +178,8 @@ class IndexedBatch:
     @cached_property
     def t_ns_by_id(self) -> NDArray[np.int64]:
         """(m,) stamps of `rows_by_id` [ns]."""
+        if self._classic is self.grouping:
+            return self.grouped_t_ns
         return self.frames.t_ns.take(self._classic.rows)
 
     @cached_property

@@ -9,6 +9,7 @@ from syncline_analyzer.capture import TimeBase
 from syncline_analyzer.clock_repair import repair_clocks
 from syncline_analyzer.readers import open_capture
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
+from syncline_schemas.capture.adapter_fit import AdapterFit
 from syncline_schemas.capture.mark import Mark
 
 
@@ -23,6 +24,7 @@ class CaptureInfo:
         first_ns, last_ns: earliest and latest stamp; None without frames or without times.
         start_utc_ns: `first_ns` where the log has a date.
         steps_back: stamps earlier than the one before.
+        adapter_fits: by bus, how well the adapter's own clock was mapped onto UTC.
         size_bytes: of the file as it is, packed or not.
     """
 
@@ -53,6 +55,7 @@ class CaptureInfo:
     notes: list[str] = field(default_factory=list)
     damage: str | None = None
     marks: list[Mark] = field(default_factory=list)
+    adapter_fits: dict[str, AdapterFit] = field(default_factory=dict)
 
     @property
     def whole(self) -> bool:
@@ -111,7 +114,7 @@ def inspect(path: str | Path) -> CaptureInfo:
     info.has_description = facts.description_toml is not None
     info.eds_files = sorted(facts.eds_files)
     info.notes, info.damage = list(facts.notes), facts.damage
-    info.marks = list(facts.marks)
+    info.marks, info.adapter_fits = list(facts.marks), dict(facts.adapter_fits)
     return info
 
 

@@ -4,6 +4,7 @@ import numpy as np
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.fold import IndexedBatch
+from syncline_analyzer.results import PdoLengthRow
 from syncline_schemas.batch import Gap
 from syncline_schemas.canopen.services import SERVICE_OF_ID, Service
 
@@ -29,3 +30,12 @@ class PdoLengths:
 
     def gap(self, gap: Gap) -> None:
         """A gap changes nothing of it."""
+
+
+def length_rows(context: Context) -> list[PdoLengthRow]:
+    """One row per length of a PDO identifier, by bus, identifier and length."""
+    return [
+        PdoLengthRow(context.bus_name(bus), can_id, length, seq)
+        for (bus, can_id), lengths in sorted(context.pdo_lengths.items())
+        for length, seq in sorted(lengths.items())
+    ]

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from syncline_analyzer.capture import CaptureFacts
-from syncline_analyzer.folds.sdo.rows import known_value
+from syncline_analyzer.folds.sdo.values import known_value
 from syncline_analyzer.object_history import Known
 from syncline_analyzer.shadow import Shadow
 

@@ -9,7 +9,7 @@ Columns = dict[str, NDArray[Any]]
 
 
 class Thinner:
-    """Equally long columns, of which at most `limit` rows are kept.
+    """Equally long columns, of which at most `limit` rows are kept; NaN where one is not added.
 
     While there are fewer, all rows stay. Beyond that, neighbouring rows are cut into runs of equal
     length, and of each run the rows with the smallest and the largest `key` stay (NaN never does
@@ -50,7 +50,14 @@ class Thinner:
 
 
 def _joined(blocks: list[Columns]) -> Columns:
-    return {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
+    names = dict.fromkeys(name for block in blocks for name in block)
+    return {name: np.concatenate([_column(block, name) for block in blocks]) for name in names}
+
+
+def _column(block: Columns, name: str) -> NDArray[Any]:
+    """A column of a block, NaN where it has none of this name."""
+    found = block.get(name)
+    return found if found is not None else np.full(len(next(iter(block.values()))), np.nan)
 
 
 def _thin(columns: Columns, key: str, run: int) -> Columns:
@@ -65,9 +72,13 @@ def extreme_rows(value: NDArray[np.float64], run: int) -> NDArray[np.intp]:
     [0, 1, 4, 5]
     """
     padded = np.concatenate([value, np.full(-len(value) % run, np.nan)]).reshape(-1, run)
+    low = high = padded
     hole = np.isnan(padded)
+    if hole.any():
+        low, high = np.where(hole, np.inf, padded), np.where(hole, -np.inf, padded)
     base = np.arange(len(padded)) * run
-    low = np.where(hole, np.inf, padded).argmin(axis=1) + base
-    high = np.where(hole, -np.inf, padded).argmax(axis=1) + base
-    pairs = np.sort(np.stack([low, high], axis=1), axis=1).reshape(-1)
-    return pairs[np.diff(pairs, prepend=-1) > 0]
+    least, most = low.argmin(axis=1) + base, high.argmax(axis=1) + base
+    pairs = np.stack([np.minimum(least, most), np.maximum(least, most)], axis=1).reshape(-1)
+    apart = np.ones(len(pairs), np.bool_)
+    apart[1::2] = least != most
+    return pairs[apart]

@@ -74,6 +74,8 @@ class Shadow:
         """Time of the last command that reset a node's communication only."""
         self.version = 0
         """Grows with everything that may bind identifiers, so that readers know when to look again."""
+        self.upset = 0
+        """Grows when another object than the one that was read or written takes a new value."""
         self._configured: dict[tuple[int, int], list[int]] = {}
         """`seq` of every change of a node's communication profile."""
 
@@ -83,20 +85,42 @@ class Shadow:
         A value that is read while no write waits to be saved is taken as the stored one.
         """
         key = (index, sub)
-        if known.source == "sdo-read" and self._reads_the_same(bus, node, key, known):
+        if known.source == "sdo-read" and self.repeats(bus, node, key, known.value):
             self._note_read_again(bus, node, key, known.seq or 0)
-            if standard_of(*key) is not None or key in position_objects(self.device(bus, node)):
-                again = self._rereads.setdefault((bus, node, key), deque(maxlen=MAX_CHANGES))
-                again.append(known)
+            if self.is_position(bus, node, key):
+                self.confirm(bus, node, key, known)
             return
         facts = quirks(self.device(bus, node))
-        self._store(bus, node, facts.aliases.get(key, key), known, key in facts.stored_at_once)
+        stored = facts.aliases.get(key, key)
+        self.upset += stored != key
+        self._store(bus, node, stored, known, key in facts.stored_at_once)
         if index in self._telling:
             self.version += 1
             self._identified.pop((bus, node), None)
         if known.source != "sdo-write":
             return
         self._follow_write(bus, node, key, known)
+
+    def repeats(self, bus: int, node: int, key: Key, value: Value) -> bool:
+        """Whether a read of a value only confirms what was read before."""
+        history = self._known.get((bus, node), {}).get(key)
+        last = history.changes[-1] if history and history.changes else None
+        if last is None or last.known is None:
+            return False
+        return last.cause == "sdo-read" and last.known.value == value
+
+    def tells(self, index: int) -> bool:
+        """Whether devices are told apart by an object."""
+        return index in self._telling
+
+    def is_position(self, bus: int, node: int, key: Key) -> bool:
+        """Whether every read of an object counts, also of a value that is known: it is measured."""
+        return standard_of(*key) is not None or key in position_objects(self.device(bus, node))
+
+    def confirm(self, bus: int, node: int, key: Key, known: Known) -> None:
+        """Store that a position was read once more; see `take_rereads`."""
+        again = self._rereads.setdefault((bus, node, key), deque(maxlen=MAX_CHANGES))
+        again.append(known)
 
     def recall(self, bus: int, node: int, key: Key, known: Known, *, kept: bool) -> None:
         """Store what was seen before the first frame; `kept`: a reset does not take it back."""
@@ -143,6 +167,7 @@ class Shadow:
                 (CiA 301 7.3.2.2), unless the device's maker says otherwise.
         """
         self.version += 1
+        self.upset += 1
         self._reset_seq[bus, node] = seq
         all_of_it = not self._only_communication(bus, node, t_ns, specifier)
         for key, history in self._known.get((bus, node), {}).items():
@@ -257,14 +282,6 @@ class Shadow:
             or identify_among(self._attached, identity)
         )
 
-    def _reads_the_same(self, bus: int, node: int, key: Key, known: Known) -> bool:
-        """Whether a read only confirms the value that was read before."""
-        history = self._known.get((bus, node), {}).get(key)
-        last = history.changes[-1] if history and history.changes else None
-        if last is None or last.known is None:
-            return False
-        return last.cause == "sdo-read" and last.known.value == known.value
-
     def _note_read_again(self, bus: int, node: int, key: Key, seq: int) -> None:
         """Note that an object has the value of before a reset, once after each."""
         reset = self._reset_seq.get((bus, node), -1)
@@ -279,9 +296,11 @@ class Shadow:
         facts = quirks(self.device(bus, node))
         for written, changed, value in facts.side_effects:
             if written == key:
+                self.upset += 1
                 self._store(bus, node, changed, replace(known, value=value), False, "side effect")
         seq, t_ns = known.seq or 0, known.t_ns or 0
         if facts.factory_reset_writes.get(key) == known.value:
+            self.upset += 1
             for (index, _), history in self._known[bus, node].items():
                 if index in _MANUFACTURER:
                     history.add(Change(seq, t_ns, None, "factory reset"))

@@ -43,7 +43,10 @@ class Change:
 
 
 class BusCondition:
-    """What `/can/<bus>/status` tells of one bus, fed with the bus's frames."""
+    """What `/can/<bus>/status` tells of one bus, fed with the bus's frames.
+
+    `clock_residual_ns`: largest error of the adapter's clock on UTC; None where it has no clock.
+    """
 
     def __init__(self, interface: str, bus: int = 0) -> None:
         self._bus = bus
@@ -62,6 +65,7 @@ class BusCondition:
         self.dropped_queue = 0
         self.dropped_disk = 0
         self.adapter_present = True
+        self.clock_residual_ns: int | None = None
 
     @property
     def dropped_frames(self) -> int:

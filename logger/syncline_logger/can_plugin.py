@@ -84,7 +84,11 @@ class McapReader(BinaryIOMessageReader):
         self._folder: tempfile.TemporaryDirectory[str] | None = None
         super().__init__(file, mode="rb")
         try:
-            self._path = Path(file) if isinstance(file, str | os.PathLike) else self._copied()
+            if isinstance(file, str | os.PathLike):
+                self._path = Path(file)
+                self.file.close()  # each pass over the messages opens it anew
+            else:
+                self._path = self._copied()
             self._scan = CaptureScan(self._path)
             if self._scan.facts.closed:
                 self._check_schemas()

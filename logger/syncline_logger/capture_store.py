@@ -5,6 +5,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 from syncline_logger.capture_file import Block, CaptureFile
+from syncline_logger.clocks_in_force import ClocksInForce, knots_of
 from syncline_logger.content import Content
 from syncline_logger.disk import Disk
 from syncline_logger.disk_trouble import DiskTrouble, is_trouble
@@ -68,7 +69,7 @@ class CaptureStore:
 
     While the disk refuses, contents wait in memory; what has no room there is counted as lost, and
     a new file is tried at growing intervals. Each segment begins with all attachments and metadata
-    records that were given so far.
+    records that were given so far, and with the clocks of adapters that are in force.
 
     Attributes:
         path: of the file that was begun last.
@@ -91,7 +92,9 @@ class CaptureStore:
         folder: RecordingFolder | None = None,
         attachments: Sequence[Attachment] = (),
         finishes: bool = False,
+        clocks: ClocksInForce | None = None,
     ) -> None:
+        self._clocks = clocks or ClocksInForce()
         self._plan = plan
         self._folder = folder
         self._manifest = _manifest(plan, start_ns)
@@ -216,12 +219,18 @@ class CaptureStore:
             self._go_on(content.first_ns, now_ns)
         if self._open:
             try:
-                self._open.file.write(content.frames, content.log_ns, content.blocks)
+                self._write(self._open.file, content)
                 return
             except OSError as error:
                 self._fail(error, self._open, now_ns)
         assert self.trouble is not None
         self.waiting.add(content, self.trouble.text)
+
+    def _write(self, file: CaptureFile, content: Content) -> None:
+        """Write a content; a new file begins with the clocks that are in force. Raises OSError."""
+        whole = self._clocks.before(content) if file.start_ns is None else content
+        file.write(whole.frames, whole.log_ns, whole.blocks)
+        self._clocks.note(knots_of(content))
 
     def _go_on(self, start_ns: int, now_ns: int) -> None:
         """Open the next segment, then close the last one; that goes on where no other can be."""
@@ -333,14 +342,15 @@ class CaptureStore:
         try:
             self._open = self._begun(waiting[0].first_ns if waiting else now_ns)
             while waiting:
-                first = waiting[0]
-                self._open.file.write(first.frames, first.log_ns, first.blocks)
+                self._write(self._open.file, waiting[0])
                 waiting.popleft()
         except OSError as error:
             if self._open:
                 self._leave(self._open)
             self.trouble = self.trouble.again(error, now_ns)
             return
+        self._clocks.note(self.waiting.lost_clocks)
+        self.waiting.lost_clocks.clear()
         self.notes.append(self.trouble.over(now_ns))
         self.trouble = None
         marks, self._marks = self._marks, []

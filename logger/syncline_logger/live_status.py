@@ -26,6 +26,7 @@ class BusSnapshot:
     """One bus at one moment; rates are those of the last period.
 
     `load_percent` is None where the bit rate is not known. `nodes`: state by node id.
+    `clock_residual_ns`: largest error of the adapter's clock on UTC, None where it has no clock.
     """
 
     name: str
@@ -37,6 +38,7 @@ class BusSnapshot:
     error_frames: int
     dropped_frames: int
     nodes: dict[int, str]
+    clock_residual_ns: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -245,6 +247,7 @@ def _snapshot(bus: _Bus, condition: BusCondition, period_ns: int) -> BusSnapshot
         adapter_present=condition.adapter_present,
         error_frames=condition.error_frames,
         dropped_frames=condition.dropped_frames,
+        clock_residual_ns=condition.clock_residual_ns,
         nodes={
             number: node.state_at(bus.heard_ns, bus.listening_ns)
             for number, node in sorted(bus.nodes.items())

@@ -298,6 +298,7 @@ class Recording:
 
     def add_knot(self, bus: int, knot: Knot, reading: ClockReading, log_ns: int) -> None:
         """Note how the stamps of a bus's adapter become t."""
+        self.conditions[bus].clock_residual_ns = knot.residual_ns
         message = syncline_pb2.ClockSample(
             utc_ns=reading.utc_ns,
             monotonic_ns=reading.monotonic_ns,

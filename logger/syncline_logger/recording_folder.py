@@ -225,7 +225,7 @@ def strangers_without_end(folder: Path) -> list[Path]:
     """Captures in a folder that were cut off and that no recorder finishes by itself."""
     found = []
     for name, path in sorted(_regular_files(folder).items()):
-        with suppressOSError:
+        with suppress(OSError):
             if name.endswith(SUFFIX) and not _OWN_NAME.fullmatch(name) and not is_whole(path):
                 found.append(path)
     return found

@@ -53,6 +53,7 @@ def _bus_values(bus: BusSnapshot) -> dict[str, Any]:
         "adapter_present": bus.adapter_present,
         "error_frames": bus.error_frames,
         "dropped_frames": bus.dropped_frames,
+        "clock_residual_ns": bus.clock_residual_ns,
         "nodes": {str(node): str(state) for node, state in bus.nodes.items()},
     }
 

@@ -6,7 +6,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from syncline_logger.capture_file import Block
+from syncline_logger.clocks_in_force import knots_of
 from syncline_logger.content import Content
+from syncline_logger.decoding import ChannelSpec
 from syncline_schemas.batch import FrameBatch, Gap
 from syncline_schemas.capture.layout import GAP_TOPIC, MARK_TOPIC
 
@@ -23,10 +25,12 @@ class WaitingRoom:
     Attributes:
         contents: that wait.
         lost_frames: that were ever lost here, by bus number.
+        lost_clocks: samples of adapters' clocks that were lost here.
     """
 
     contents: deque[Content] = field(default_factory=deque)
     lost_frames: dict[int, int] = field(default_factory=dict)
+    lost_clocks: dict[int, tuple[ChannelSpec, bytes]] = field(default_factory=dict)
     max_frames: int = MAX_WAITING_FRAMES
     _missed: dict[int, Gap] = field(default_factory=dict)
     _notes: list[Block] = field(default_factory=list)
@@ -63,6 +67,7 @@ class WaitingRoom:
             gap = _gap(content.frames, bus, reason)
             self.lost_frames[bus] = self.lost_frames.get(bus, 0) + (gap.lost_frames or 0)
             self._missed[bus] = _joined(self._missed[bus], gap) if bus in self._missed else gap
+        self.lost_clocks.update(knots_of(content))
         notes = [each for each in content.blocks if each[0].topic in (GAP_TOPIC, MARK_TOPIC)]
         self._notes += notes[: MAX_WAITING_CONTENTS - len(self._notes)]
 

@@ -48,6 +48,8 @@ WARNING_COUNT = 96
 PASSIVE_COUNT = 128
 SOCKETCAN_INTERFACES = frozenset({"slcan", "socketcan", "socketcand", "virtual"})
 """python-can's names of interfaces whose error frames carry these classes."""
+ERROR_BYTES = 8
+"""Data bytes of every error frame of SocketCAN (`CAN_ERR_DLC`)."""
 RECORDER_OFF = "recorder bus-off"
 """Reason of a gap: the recorder's own controller was bus-off and heard nothing."""
 RECORDER_OVERFLOW = "receive buffer of the recorder's controller overflowed"

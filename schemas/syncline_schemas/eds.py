@@ -27,6 +27,10 @@ if TYPE_CHECKING:
 __all__ = ["EdsWarning", "LoadedEds", "assumed_value", "load_eds", "variables"]
 
 
+MAX_BYTES = 64 << 20
+"""The largest EDS files have about 10 MB."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class LoadedEds:
     """An object dictionary and what had to be repaired to get it.
@@ -79,9 +83,18 @@ def _first(text: EdsText) -> str:
 
 def _content(source: str | Path | bytes) -> tuple[str, bytes]:
     if isinstance(source, bytes):
-        return "the EDS file", source
+        where, data = "the EDS file", source[: MAX_BYTES + 1]
+    else:
+        where, data = str(source), _read(Path(source))
+    if len(data) > MAX_BYTES:
+        raise DescriptionError(f"{where} is larger than {MAX_BYTES >> 20} MiB: no EDS file is")
+    return where, data
+
+
+def _read(source: Path) -> bytes:
     try:
-        return str(source), Path(source).read_bytes()
+        with source.open("rb") as file:
+            return file.read(MAX_BYTES + 1)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise DescriptionError(f"{source} cannot be read: {reason}") from error
@@ -130,9 +143,12 @@ def _device_info(text: EdsText, info: dict[str, str]) -> Entry:
 
 def _commissioning(text: EdsText, info: dict[str, str]) -> Entry:
     entry: Entry = {}
-    for key, name, high in (("nodeid", "NodeID", 127), ("baudrate", "Baudrate", 10_000_000)):
+    for key, name, high in (("nodeid", "NodeID", 127), ("baudrate", "Baudrate", 1000)):
         stated = info.get(f"devicecomissioning.{key}")
         value = number(stated) if stated else None
+        if key == "baudrate" and value is not None and 1000 < value <= 1_000_000:
+            text.warn("[DeviceComissioning]", f"Baudrate {value} is in bit/s, kbit/s is meant")
+            value //= 1000
         if value is not None and 1 <= value <= high:
             entry[name] = str(value)
         elif stated:

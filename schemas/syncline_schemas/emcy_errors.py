@@ -47,10 +47,11 @@ class ErrorList:
 
     Attributes:
         active: errors that are there, in order of their raise; who ends one takes it out.
+        device: whose tables say what bits stand for; it may become known later.
     """
 
     def __init__(self, device: Device | None) -> None:
-        self._device = device
+        self.device = device
         self.active: list[ActiveError] = []
         self._register = self._words = 0
         self._last = b""
@@ -71,7 +72,7 @@ class ErrorList:
             return known, False
         if len(self.active) >= MAX_ACTIVE:
             return None, False
-        words = words_of(self._device, manufacturer)
+        words = words_of(self.device, manufacturer)
         fresh, fresh_words = register & ~self._register, words & ~self._words
         error = ActiveError(code, manufacturer, t_ns, register, fresh, fresh_words)
         self.active.append(error)
@@ -91,7 +92,7 @@ class ErrorList:
 
     def remember(self, data: bytes) -> None:
         """Keep the bits of a message: what is new in the next one is that one's."""
-        self._register, self._words = data[2], words_of(self._device, data[3:8])
+        self._register, self._words = data[2], words_of(self.device, data[3:8])
         self._last = data[:8]
 
     def forget(self) -> None:
@@ -107,10 +108,10 @@ class ErrorList:
         named = self._named(register, manufacturer)
         if named and (register or len(named) < len(self.active)):
             return named
-        if not register and not words_of(self._device, manufacturer):
+        if not register and not words_of(self.device, manufacturer):
             return None
         repeated = data[:8] == self._last
-        gone = gone_errors(self._device, self.active, register, manufacturer, repeated=repeated)
+        gone = gone_errors(self.device, self.active, register, manufacturer, repeated=repeated)
         if repeated and len(gone) == 1 and not gone[0].certain:
             gone[0].doubted = gone[0].doubted or at
             return []
@@ -122,7 +123,7 @@ class ErrorList:
         Where the low byte of the code tells nothing, the maker's bytes tell errors apart, unless
         the device's table says that they hold its alarm words.
         """
-        fields = self._device is not None and bool(self._device.emcy_fields)
+        fields = self.device is not None and bool(self.device.emcy_fields)
         return error.code == code and (
             bool(code & 0xFF) or fields or error.manufacturer == manufacturer
         )
@@ -133,7 +134,7 @@ class ErrorList:
         A register of 0 outweighs them where the device's table says what its bits stand for. Where
         it is not 0, the first byte alone may name the error, as CANopenNode does.
         """
-        device = self._device
+        device = self.device
         if not any(manufacturer) or (
             device and (device.emcy_fields or (device.emcy_registers and not register))
         ):

@@ -9,7 +9,7 @@ shorter, which their log does not show. ESI is what the frame's flag says.
 
 from collections.abc import Sequence
 from functools import cache
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,11 @@ FD_LENGTHS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)
 """Data bytes of a CAN FD frame by its DLC code."""
 _RUN = 5
 _STATES = 8
+_STATE, _COUNT = np.uint8(7), np.uint8(0xF8)
+"""Parts of what a walk over bits tells: the state behind them, and the stuff bits so far << 3."""
+_REMOTE, _EXTENDED = 1 << 4, 1 << 5
+_FD, _ERROR = 1 << 6, (1 << 6) + 1
+"""Shapes of frames; those of classic frames are the length with the two bits above."""
 _EXTENDED_HEADER_BITS = 39
 _STANDARD_HEADER_BITS = 19
 _FD_START_BITS = {False: 17, True: 36}
@@ -37,6 +42,9 @@ _CRC17_LENGTH = 16
 _CRC17_FIELD_BITS = 4 + 17 + 6
 """Stuff count, CRC-17, and the fixed stuff bits before them and after each fourth bit."""
 _CRC21_FIELD_BITS = 4 + 21 + 7
+
+_Word = TypeVar("_Word", np.uint32, np.uint64)
+_Walked = tuple[NDArray[np.uint16], NDArray[np.uint8]]
 
 
 def wire_bits(batch: FrameBatch, *, intermission: bool = True) -> NDArray[np.int64]:
@@ -55,24 +63,24 @@ def wire_bits(batch: FrameBatch, *, intermission: bool = True) -> NDArray[np.int
 
     Returns: (n,) int64 [bit].
     """
-    flags = batch.flags
-    error = (flags & FrameFlag.ERROR) != 0
     bits = np.zeros(len(batch), np.int64)
-    data = np.ascontiguousarray(batch.data[:, :8])
-    remote = (flags & FrameFlag.REMOTE) != 0
-    length = np.minimum(batch.dlc, 8)
-    shape = length.astype(np.uint8) | (remote << 4) | (((flags & FrameFlag.EXTENDED) != 0) << 5)
-    shape[((flags & FrameFlag.FD) != 0) | error] = 0xFF
-    for kind in np.flatnonzero(np.bincount(shape, minlength=256)[:0xFF]):
-        rows = _rows(shape, int(kind))
+    shape = _shapes(batch)
+    words = np.ascontiguousarray(batch.data[:, :8]).view(np.uint64)[:, 0]
+    for kind in np.flatnonzero(np.bincount(shape, minlength=_ERROR + 1)[:_FD]).tolist():
+        rows = _rows(shape, kind)
         bits[rows] = _classic_bits(
-            batch.can_id[rows], int(kind) & 15, data[rows], bool(kind & 16), bool(kind & 32)
+            _taken(batch.can_id, rows),
+            kind & 15,
+            _taken(words, rows),
+            bool(kind & _REMOTE),
+            bool(kind & _EXTENDED),
         )
-    fd = np.flatnonzero((shape == 0xFF) & ~error)
+    fd = np.flatnonzero(shape == _FD)
     if len(fd):
         bits[fd] = _fd_nominal_bits(batch[fd])
     if intermission:
-        bits[~error] += INTERMISSION_BITS
+        bits += INTERMISSION_BITS
+        bits[shape == _ERROR] = 0
     return bits
 
 
@@ -139,61 +147,101 @@ def longest_bits(length: int, *, extended: bool = False, fd: bool = False) -> in
     return stuffed + (places - 1) // 4 + fixed + TRAILER_BITS + INTERMISSION_BITS
 
 
+def _shapes(batch: FrameBatch) -> NDArray[np.uint8]:
+    """(n,) what frames of one length of the fixed parts have in common."""
+    flags, shape = batch.flags, np.minimum(batch.dlc, np.uint8(8))
+    seen = int(np.bitwise_or.reduce(flags, initial=0))
+    for flag, bit in ((FrameFlag.REMOTE, _REMOTE), (FrameFlag.EXTENDED, _EXTENDED)):
+        if seen & flag:
+            shape[(flags & flag) != 0] |= np.uint8(bit)
+    for flag, value in ((FrameFlag.FD, _FD), (FrameFlag.ERROR, _ERROR)):
+        if seen & flag:
+            shape[(flags & flag) != 0] = value
+    return shape
+
+
 def _rows(shape: NDArray[np.uint8], kind: int) -> slice | NDArray[np.intp]:
     rows = np.flatnonzero(shape == kind)
     return slice(None) if len(rows) == len(shape) else rows
 
 
+def _taken(column: NDArray[_Word], rows: slice | NDArray[np.intp]) -> NDArray[_Word]:
+    return column[rows] if isinstance(rows, slice) else column.take(rows)
+
+
 def _classic_bits(
-    can_id: NDArray[np.uint32], length: int, data: NDArray[np.uint8], remote: bool, extended: bool
-) -> NDArray[np.int64]:
-    """Length without intermission of frames of one shape."""
-    if extended:
-        first = can_id >> 23
-        control = (remote << 6) | length
-        words: list[NDArray[np.integer[Any]]] = [
-            (can_id >> 18 & 0x1F) << 11 | 0x600 | can_id >> 9 & 0x1FF,
-            (can_id & 0x1FF) << 7 | control,
-        ]
-        prefix_bits = 7
-    else:
-        first = can_id >> 9
-        words = [(can_id & 0x1FF) << 7 | ((remote << 6) | length)]
-        prefix_bits = 3
-    header_bits = prefix_bits + 16 * len(words)
+    can_id: NDArray[np.uint32],
+    length: int,
+    data: NDArray[np.uint64],
+    remote: bool,
+    extended: bool,
+) -> NDArray[np.integer[Any]]:
+    """Length without intermission of frames of one shape; `data` are their eight bytes."""
     payload = 0 if remote else length
-    words += [data.view(">u2")[:, k] for k in range(payload // 2)]
-    last = data[:, payload - 1] if payload % 2 else None
-    stuffed = _stuff_bits(first, prefix_bits, words, last)
-    return stuffed + (header_bits + 8 * payload + CRC_BITS + TRAILER_BITS)
+    if extended:
+        crc, step = _extended_header(can_id, remote << 6 | length)
+        fixed = _EXTENDED_HEADER_BITS + 8 * payload + CRC_BITS + TRAILER_BITS
+    else:
+        headers = _standard_headers(remote << 6 | length)
+        crc, step = headers[0].take(can_id), headers[1].take(can_id)
+        fixed = _STANDARD_HEADER_BITS + 8 * payload + CRC_BITS + TRAILER_BITS
+    if payload:
+        crc, step = _after_data(crc, step, data, payload)
+    # The CRC in 15 bits, and one more that makes no stuff bit.
+    end = _stuff_table_16().take(_place(step, crc << np.uint16(1) | ~crc & np.uint16(1)))
+    stuffed: NDArray[np.integer[Any]] = ((step >> 3) + (end >> 3)).astype(np.int64) + fixed
+    return stuffed
 
 
-def _stuff_bits(
-    first: NDArray[np.integer[Any]],
-    prefix_bits: int,
-    words: list[NDArray[np.integer[Any]]],
-    last: NDArray[np.uint8] | None,
-) -> NDArray[np.int64]:
-    """Stuff bits of a prefix of a few bits, 16-bit words, perhaps a byte, and the CRC of all."""
+def _after_data(
+    crc: NDArray[np.uint16], step: NDArray[np.uint8], data: NDArray[np.uint64], payload: int
+) -> _Walked:
+    """CRC, and stuff bits with the state, behind the data bytes as well."""
     word_crc, word_stuff = _crc_table_16(), _stuff_table_16()
-    crc = word_crc[first]
-    step = _prefix_table(prefix_bits)[first]
-    count = (step >> 3).astype(np.int64)
+    words = data.view(">u2").reshape(-1, 4)
+    for k in range(payload // 2):
+        word = words[:, k].astype(np.uint16)
+        crc = word_crc.take(crc << np.uint16(1) ^ word)
+        step = word_stuff.take(_place(step, word)) + (step & _COUNT)
+    if payload % 2:
+        last = np.ascontiguousarray(data.view(np.uint8).reshape(-1, 8)[:, payload - 1])
+        crc = (crc << np.uint16(8)) & np.uint16(0x7FFF) ^ _crc_table().take(
+            crc >> np.uint16(7) ^ last & np.uint16(0xFF)
+        )
+        step = _stuff_table(8).take((step & _STATE).astype(np.uint16) << 8 | last) + (step & _COUNT)
+    return crc, step
+
+
+def _place(step: NDArray[np.uint8], word: NDArray[np.uint16]) -> NDArray[np.uint32]:
+    """Where `_stuff_table_16` tells what follows a state and 16 bits."""
+    place: NDArray[np.uint32] = (step & _STATE).astype(np.uint32) << np.uint32(16) | word
+    return place
+
+
+@cache
+def _standard_headers(control: int) -> _Walked:
+    """(2048,) CRC, and stuff bits with the state, behind the header of each 11-bit identifier."""
+    can_id = np.arange(1 << 11, dtype=np.uint32)
+    return _header(can_id >> 9, 3, [(can_id & 0x1FF) << 7 | control])
+
+
+def _extended_header(can_id: NDArray[np.uint32], control: int) -> _Walked:
+    """The same of 29-bit identifiers, (n,)."""
+    middle = (can_id >> 18 & 0x1F) << 11 | 0x600 | can_id >> 9 & 0x1FF
+    return _header(can_id >> 23, 7, [middle, (can_id & 0x1FF) << 7 | control])
+
+
+def _header(
+    first: NDArray[np.integer[Any]], prefix_bits: int, words: Sequence[NDArray[np.integer[Any]]]
+) -> _Walked:
+    """CRC, and stuff bits with the state, of a prefix of a few bits and 16-bit words."""
+    word_crc, word_stuff = _crc_table_16(), _stuff_table_16()
+    crc, step = word_crc[first], _prefix_table(prefix_bits)[first]
     for word in words:
         word16 = word.astype(np.uint16)
         crc = word_crc[(crc << np.uint16(1)) ^ word16]
-        step = word_stuff[(step & 7).astype(np.uint32) << 16 | word16]
-        count += step >> 3
-    if last is not None:
-        crc = ((crc << np.uint16(8)) & np.uint16(0x7FFF)) ^ _crc_table()[(crc >> 7 ^ last) & 0xFF]
-        step = _stuff_table(8)[(step & 7).astype(np.uint16) << 8 | last]
-        count += step >> 3
-    # The CRC follows in 15 bits: the high 8 and the low 7.
-    step = _stuff_table(8)[(step & 7).astype(np.uint16) << 8 | crc >> 7]
-    count += step >> 3
-    step = _stuff_table(7)[(step & 7).astype(np.uint16) << 7 | crc & np.uint16(0x7F)]
-    total: NDArray[np.int64] = count + (step >> 3)
-    return total
+        step = word_stuff[_place(step, word16)] + (step & _COUNT)
+    return crc, step
 
 
 def _fd_nominal_bits(frames: FrameBatch) -> NDArray[np.int64]:

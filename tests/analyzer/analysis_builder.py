@@ -30,6 +30,7 @@ from syncline_analyzer.results import (
     Quantiles,
     Responses,
     SdoRow,
+    SdoTransfers,
     Series,
     ShaftRow,
     SyncRow,
@@ -195,7 +196,8 @@ def finding(id: str = "nmt.node_lost", second: float = 250.0, **changes: Any) ->
 def analysis(**changes: Any) -> Analysis:
     """An analysis in which everything is empty that is not given."""
     plain: dict[str, Any] = {f.name: [] for f in fields(Analysis)}
-    return Analysis(**plain | {"capture": capture_row()} | changes)
+    given = plain | {"capture": capture_row()} | changes
+    return Analysis(**given | {"sdo": SdoTransfers.of(given["sdo"])})
 
 
 def shaft(count: int = 60_000, node: int = 5, name: str = "Position value") -> Trace:

@@ -10,6 +10,7 @@ from syncline_analyzer.bit_rates import HOLD_FRAMES, BitRates
 from syncline_analyzer.capture import CaptureFacts
 from syncline_analyzer.context import Context
 from syncline_analyzer.engine import analyze
+from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.results import Analysis
 from syncline_analyzer.session import open_session
 from syncline_analyzer.shadow import Shadow
@@ -176,12 +177,12 @@ def test_each_bus_has_its_own() -> None:
 
 def test_the_stream_is_held_back_no_longer_than_needed_and_complete() -> None:
     rows = FrameBatch.from_rows([frame(t, 0x701, b"\5") for t in regular(5000, 100 * MS)])
-    parts = [(k * 5000, rows) for k in range(80)]
+    parts = [IndexedBatch(rows, k * 5000) for k in range(80)]
     facts = CaptureFacts(Path("x"), "test", ["can0"])
     context = Context(["can0"], Shadow(lambda bus: "can0"))
     taken = 0
 
-    def stream() -> Iterator[tuple[int, FrameBatch]]:
+    def stream() -> Iterator[IndexedBatch]:
         nonlocal taken
         for part in parts:
             taken += 1
@@ -197,8 +198,9 @@ def test_nothing_is_held_back_where_the_bit_rate_is_told() -> None:
     rows = FrameBatch.from_rows([frame(t, 0x701, b"\5") for t in regular(50, 100 * MS)])
     facts = CaptureFacts(Path("x"), "test", ["can0"])
     context = Context(["can0"], Shadow(lambda bus: "can0"))
-    settled = BitRates(context, [facts], 500_000, None).settled(iter([(0, rows), (50, rows)]))
-    assert next(settled) == (0, rows)
+    parts = [IndexedBatch(rows, 0), IndexedBatch(rows, 50)]
+    settled = BitRates(context, [facts], 500_000, None).settled(iter(parts))
+    assert next(settled) is parts[0]
 
 
 def test_a_bus_that_comes_too_late_is_told_but_not_measured() -> None:

@@ -10,6 +10,7 @@ import pytest
 from syncline_analyzer.bus_batches import BusBatches
 from syncline_analyzer.capture import CaptureFacts
 from syncline_analyzer.engine import analyze
+from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.results import Analysis
 from syncline_schemas.batch import FrameBatch, Gap
 from syncline_schemas.description import BusDescription
@@ -156,7 +157,8 @@ def test_batches_of_a_bus_are_cut_by_its_own_frames_alone() -> None:
     whole = frames(np.arange(10, dtype=np.int64), 0x181)
     whole = replace(whole, bus=numbers)
     batches = BusBatches(timed=True, frames=3)
-    found = [*batches.add(100, whole[:6]), *batches.add(106, whole[6:]), *batches.flush(1)]
+    parts = IndexedBatch(whole[:6], 100), IndexedBatch(whole[6:], 106)
+    found = [*batches.add(parts[0]), *batches.add(parts[1]), *batches.flush(1)]
     assert [batch.seqs.tolist() for batch in found] == [
         [100, 102, 103],
         [105, 106, 107],

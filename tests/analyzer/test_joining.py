@@ -9,6 +9,7 @@ import pytest
 
 from syncline_analyzer.collecting import rare_collections
 from syncline_analyzer.deafness import Numbered
+from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.joining import joined
 from syncline_schemas.batch import FrameBatch, Gap
 
@@ -25,10 +26,10 @@ def _batch(first: int, count: int) -> FrameBatch:
     )
 
 
-def _shape(stream: Iterator[Numbered]) -> list[tuple[int, list[int] | str]]:
+def _shape(stream: Iterator[IndexedBatch | Gap]) -> list[tuple[int, list[int]] | str]:
     return [
-        (seq, item.reason if isinstance(item, Gap) else item.can_id.tolist())
-        for seq, item in stream
+        item.reason if isinstance(item, Gap) else (item.seq0, item.frames.can_id.tolist())
+        for item in stream
     ]
 
 
@@ -42,14 +43,14 @@ def test_all_batches_are_equally_long_however_the_frames_came(size: int) -> None
     whole = _batch(0, 20)
     parts = [(seq, whole[seq : seq + size]) for seq in range(0, 20, size)]
     expected = [(0, [*range(6)]), (6, [*range(6, 12)]), (12, [*range(12, 18)]), (18, [18, 19])]
-    assert _shape(joined(parts, 6)) == expected
+    assert _shape(joined(parts, frames=6)) == expected
 
 
 def test_gaps_and_breaks_end_what_waits() -> None:
     gap = Gap(1, 2, "test", None, None)
     parts: list[Numbered] = [(0, _batch(0, 2)), (2, gap), (2, _batch(2, 1)), (7, _batch(7, 1))]
-    assert _shape(joined(parts)) == [(0, [0, 1]), (2, "test"), (2, [2]), (7, [7])]
-    assert _shape(joined([(0, gap)])) == [(0, "test")]
+    assert _shape(joined(parts)) == [(0, [0, 1]), "test", (2, [2]), (7, [7])]
+    assert _shape(joined([(0, gap)])) == ["test"]
 
 
 def test_a_wide_batch_widens_those_it_is_joined_with() -> None:
@@ -57,10 +58,11 @@ def test_a_wide_batch_widens_those_it_is_joined_with() -> None:
     wide = FrameBatch(
         wide.t_ns, wide.bus, wide.can_id, wide.flags, wide.dlc, np.zeros((1, 64), np.uint8)
     )
-    ((_, whole),) = joined([(0, _batch(0, 2)), (2, wide)])
-    assert isinstance(whole, FrameBatch)
-    assert whole.data.shape == (3, 64)
-    assert all(a < b for a, b in pairwise(whole.t_ns.tolist()))
+    (whole,) = joined([(0, _batch(0, 2)), (2, wide)])
+    assert isinstance(whole, IndexedBatch)
+    assert whole.frames.data.shape == (3, 64)
+    assert all(a < b for a, b in pairwise(whole.frames.t_ns.tolist()))
+    assert whole.seqs.tolist() == [0, 1, 2]
 
 
 def test_collections_are_as_often_as_before_once_the_analysis_is_over() -> None:

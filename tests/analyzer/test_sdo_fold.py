@@ -310,7 +310,7 @@ def test_a_node_that_is_polled_for_days_does_not_fill_the_memory(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Failures are listed longer than what went well; counts stay whole."""
-    monkeypatch.setattr("syncline_analyzer.folds.sdo.fold.MAX_ROWS", 3)
+    monkeypatch.setattr("syncline_analyzer.folds.sdo.log.MAX_ROWS", 3)
     polled = sdo((">", "40 0010 00 00000000"), ("<", "43 0010 00 01000000")) * 5
     refused = sdo((">", "40 0110 00 00000000"), ("<", "80 0110 00 00000206"))
     result = run(*polled, *refused)

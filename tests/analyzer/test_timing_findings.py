@@ -15,6 +15,7 @@ from syncline_analyzer.results import (
     PdoRow,
     Quantiles,
     Responses,
+    SdoTransfers,
     SyncJitterRow,
     SyncRow,
 )
@@ -44,7 +45,8 @@ def analysis(**tables: Any) -> Analysis:
             ]
         )
     }
-    return Analysis(capture_row(), **empty | tables)
+    given = empty | tables
+    return Analysis(capture_row(), **given | {"sdo": SdoTransfers.of(given["sdo"])})
 
 
 def sync_row(**changes: Any) -> SyncRow:

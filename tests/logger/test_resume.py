@@ -248,7 +248,7 @@ def test_what_is_no_file_blocks_no_start(tmp_path: Path) -> None:
 
     def start() -> None:
         assert strangers_without_end(tmp_path) == [tmp_path / "garbage.mcap"]
-        Run(tmp_path, resumes=True, split=Split(6_000), keep=Keep(size_bytes=7_000)).step(
+        Run(tmp_path, resumes=True, split=Split(6_000), keep=Keep(size_bytes=10**6)).step(
             3
         ).finish()
 

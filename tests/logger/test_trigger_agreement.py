@@ -42,6 +42,48 @@ def test_triggers_of_a_sample_are_what_the_analysis_finds(path: Path) -> None:
     assert bool(told) == (path.stem == "bad_day")
 
 
+BYTES = (0x00, 0x01, 0x02, 0x80)
+
+
+def random_emcys(random: Random, codes: Sequence[int]) -> list[bytes | None]:
+    """EMCYs of a node that repeats itself, clears errors in part and restarts (None)."""
+    told: list[bytes | None] = []
+    for _ in range(40):
+        before = [each for each in told if each]
+        if before and random.random() < 0.3:
+            told.append(random.choice(before[-2:]))
+        elif random.random() < 0.05:
+            told.append(None)
+        else:
+            code = random.choice([0, 0, *codes])
+            maker = bytes(random.choice(BYTES) for _ in range(2)) + bytes(3)
+            told.append(code.to_bytes(2, "little") + bytes([random.choice(BYTES)]) + maker)
+    return told
+
+
+@pytest.mark.parametrize("device", [None, "jn2100", "lir-ci84"])
+def test_errors_are_raised_where_the_analysis_raises_them(device: str | None) -> None:
+    known = load_device(device) if device else None
+    codes = [0x1000, 0x3100, 0x3200, 0x8110, 0x8130, 0xFF00]
+    for seed in range(400):
+        emcys = random_emcys(Random(seed), codes)
+        entry = {5: NodeEntry(5, "", known)} if known else {}
+        watch = NodeWatch(0, 5, Knowledge(entry), BusQuiet())
+        events: list[int] = []
+        messages, boot_ups = [], []
+        for seq, data in enumerate(emcys):
+            t_ns = seq * 10**9
+            if data is None:
+                boot_ups.append(BootUp(seq, t_ns, None, repeated=False))
+                list(watch.zero(t_ns, t_ns, None))
+            else:
+                messages.append(Message(seq, t_ns, data))
+                events += [event.t_ns for event in watch.emcy(data, t_ns, t_ns)]
+        story = Story("can0", 5, known)
+        story.tell(messages, boot_ups)
+        assert events == sorted(row.raised_ns for row in story.errors()), seed
+
+
 @pytest.mark.parametrize("first", range(0, SEEDS, 10))
 def test_triggers_of_random_scenarios_are_what_the_analysis_finds(first: int) -> None:
     for seed in range(first, first + 10):

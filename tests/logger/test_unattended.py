@@ -12,12 +12,12 @@ from pathlib import Path
 
 import pytest
 
+from syncline_logger.notes import Note
 from syncline_logger.own_log import own_log
 from syncline_logger.prometheus import prometheus_text
 from syncline_logger.record_outputs import RecordOutputs
 from syncline_logger.sd_notify import ServiceManager
 from syncline_logger.small_file import replace_file
-from syncline_logger.status_changes import status_changes
 from syncline_logger.status_file import StatusFile
 from syncline_logger.status_view import plain_line, status_file_text, status_json
 from syncline_schemas.errors import UsageError
@@ -140,44 +140,6 @@ def test_names_of_buses_are_escaped() -> None:
     name = 'a"b\\c\nd'
     told = parsed(prometheus_text(status(bus(name)), True))
     assert (("bus", name),) in told["syncline_frames_total"]
-
-
-# --- words for the own log ---
-
-
-def test_the_first_look_names_the_file_and_what_is_wrong_already() -> None:
-    now = status(bus(adapter_present=False, nodes={5: "operational"}))
-    assert status_changes(None, now) == [
-        "writing a.mcap",
-        "can0: the adapter is lost",
-        "can0: the controller went from unknown to active",
-        "can0: node 5 is heard, operational",
-    ]
-
-
-def test_only_changes_are_told() -> None:
-    before = status(bus(nodes={5: "OPERATIONAL", 6: "LOST"}, frames=5))
-    assert status_changes(before, before) == []
-    assert status_changes(before, status(bus(nodes={5: "STOPPED", 6: "LOST"}, frames=9))) == []
-    after = status(
-        bus(
-            adapter_present=False,
-            state="off",
-            dropped_frames=4,
-            nodes={5: "LOST", 6: "OPERATIONAL"},
-        ),
-        path="b.mcap",
-        gaps=1,
-    )
-    assert status_changes(before, after) == [
-        "writing b.mcap",
-        "1 gap noted",
-        "can0: the adapter is lost",
-        "can0: the controller went from active to off",
-        "can0: 4 frames lost, 4 in all",
-        "can0: node 5 went from OPERATIONAL to LOST",
-        "can0: node 6 went from LOST to OPERATIONAL",
-    ]
 
 
 # --- the own log ---
@@ -322,8 +284,9 @@ def test_everyone_is_told(manager: socket.socket, tmp_path: Path) -> None:
     ):
         outputs.started(Path("a.mcap"))
         outputs.status(status(bus(frames=3)))
-        assert json.loads((tmp_path / "s.json").read_text(encoding="utf-8"))["frames"] == 3
+        outputs.note(Note(1_500_000_000, "unplugged", "can0", serious=True))
         outputs.alive()
+    assert json.loads((tmp_path / "s.json").read_text(encoding="utf-8"))["frames"] == 3
     assert view.path == Path("a.mcap")
     assert view.last == status(bus(frames=3))
     assert json.loads((tmp_path / "s.json").read_text(encoding="utf-8"))["state"] == "stopped"
@@ -334,12 +297,13 @@ def test_everyone_is_told(manager: socket.socket, tmp_path: Path) -> None:
         "STOPPING=1",
     ]
     log = (tmp_path / "x.log").read_text(encoding="utf-8")
-    assert [line.split(" ", 2)[2] for line in log.splitlines()] == [
-        f"started: syncline {version('syncline')}, recording to a.mcap",
-        "writing a.mcap",
-        "can0: the controller went from unknown to active",
-        "stopped",
+    assert [line.split(" ", 1)[1] for line in log.splitlines()] == [
+        f"INFO syncline {version('syncline')} starts",
+        "INFO recording to a.mcap",
+        "WARNING can0: unplugged",
+        f"INFO stopped: {plain_line(status(bus(frames=3)))}",
     ]
+    assert log.splitlines()[2].startswith("1970-01-01T00:00:01.500Z "), "when it happened"
 
 
 def test_the_log_says_what_ended_it(tmp_path: Path) -> None:

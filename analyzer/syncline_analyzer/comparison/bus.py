@@ -9,7 +9,7 @@ import numpy as np
 from syncline_analyzer.comparison.chance import more_often
 from syncline_analyzer.comparison.rows import ComparisonRow
 from syncline_analyzer.comparison.side import Pair, Side
-from syncline_analyzer.results import BusLoadRow
+from syncline_analyzer.results import BusLoadRow, Severity
 
 _SETTLING_NS = 1_000_000_000
 _LOAD_POINTS, _LOAD_SHARE = 3.0, 0.2
@@ -48,13 +48,13 @@ def _bit_rate(pair: Pair) -> Iterator[ComparisonRow]:
 
 
 def _load(pair: Pair) -> Iterator[ComparisonRow]:
-    golden, capture = _settled_load(pair.golden), _settled_load(pair.capture)
+    golden, capture = settled_load(pair.golden), settled_load(pair.capture)
     if golden is None or capture is None:
         return
     off = capture - golden
     if abs(off) < max(_LOAD_POINTS, _LOAD_SHARE * max(golden, capture)):
         return
-    severity = "warning" if capture >= _FULL or abs(off) >= 2 * _LOAD_POINTS else "info"
+    severity: Severity = "warning" if capture >= _FULL or abs(off) >= 2 * _LOAD_POINTS else "info"
     yield pair.row(
         "bus.load", severity, None, "bus load",
         f"The bus carries {capture:.1f} % in a usual second; golden: {golden:.1f} %.",
@@ -63,7 +63,7 @@ def _load(pair: Pair) -> Iterator[ComparisonRow]:
     )  # fmt: skip
 
 
-def _settled_load(side: Side) -> float | None:
+def settled_load(side: Side) -> float | None:
     """Load of a usual second once every node is in the state in which it stays [%]."""
     row = _load_row(side)
     if row is None or row.bitrate is None or row.mean_percent is None:

@@ -9,6 +9,8 @@ from syncline_analyzer.views.words import object_name
 
 ENOUGH = 4
 """Signs of life that are due, none of which came, before a node counts as missing."""
+_SILENT_S = 5.0
+"""For so long a device may be silent while it starts (LIR: 4 s after a reset)."""
 _IDENTITY: dict[tuple[int, int], tuple[str, Severity, str]] = {
     (0x1000, 0): ("node.identity", "error", "device type"),
     (0x1008, 0): ("node.identity", "error", "device name"),
@@ -38,15 +40,16 @@ def presence_rows(pair: Pair) -> Iterator[ComparisonRow | UnseenRow]:
 
 def due(row: NodeRow, here: Side, there: Side) -> float:
     """Signs of life of a node that the other capture should hold, had it been there."""
-    if not here.extent:
+    listened = there.extent - _SILENT_S if there.timed else there.extent
+    if not here.extent or listened <= 0:
         return 0.0
-    signs = [row.heartbeats / here.extent * there.extent if row.heartbeats >= ENOUGH else 0.0]
+    signs = [row.heartbeats / here.extent * listened if row.heartbeats >= ENOUGH else 0.0]
     if row.guard_answers:
-        signs.append(float(there.guard_requests.get(row.node, 0)))
+        signs.append(there.guard_requests.get(row.node, 0) / there.extent * listened)
     share = here.operational(row.node)
     frames = sum(p.frames for p in here.pdos.values() if p.node == row.node and rhythmic(p))
     if share and frames >= ENOUGH:
-        signs.append(frames / share * there.operational(None))
+        signs.append(frames / share * min(there.operational(None), listened))
     return max(signs)
 
 

@@ -37,7 +37,9 @@ def usual_state(side: Side, node: int) -> NmtStateRow | None:
         return None
     last = rows[-1]
     held = last.end_ns - last.start_ns
-    starting = any(row.state == "INITIALISING" or row.cause.startswith("boot-up") for row in rows[-3:-1])
+    starting = any(
+        row.state == "INITIALISING" or row.cause.startswith("boot-up") for row in rows[-3:-1]
+    )
     starting |= last.cause.startswith("boot-up") or rows[0] is last
     if last.state == OPERATIONAL or held >= (_START_NS if starting else _HELD_NS):
         return last

@@ -5,7 +5,7 @@ from typing import Any
 
 from syncline_analyzer.comparison.chance import Sample, shifted, wider
 from syncline_analyzer.comparison.node_presence import ENOUGH
-from syncline_analyzer.comparison.rows import ComparisonRow, UnseenRow
+from syncline_analyzer.comparison.rows import ComparisonRow, NotSeenIn, UnseenRow
 from syncline_analyzer.comparison.side import Pair, Side, cyclic
 from syncline_analyzer.results import PdoRow, Quantiles, SyncRow
 from syncline_analyzer.views.words import hex_code, number
@@ -62,7 +62,7 @@ def _lone_sync(
     )
     assert row is not None
     if row.count / max(here.extent, 1e-9) * _running(here, there) < 2 * ENOUGH:
-        side = "capture" if before else "golden"
+        side: NotSeenIn = "capture" if before else "golden"
         yield UnseenRow(pair.bus, None, name, side, "it is too short, or the machine did not run")
         return
     count = f"{row.count:,} in {here.heard}"
@@ -133,7 +133,9 @@ def _extreme(
     golden, capture = before.period_us, now.period_us
     if golden is None or capture is None or pair.capture.extent > 4 * pair.golden.extent:
         return
-    far = capture.max > golden.max + golden.median / 2 or capture.min < golden.min - golden.median / 2
+    far = (
+        capture.max > golden.max + golden.median / 2 or capture.min < golden.min - golden.median / 2
+    )
     if far and min(before.count, now.count) >= 100:
         yield pair.row(
             "extreme", "info", node, name,

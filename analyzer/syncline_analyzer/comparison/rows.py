@@ -8,6 +8,8 @@ from syncline_analyzer.results import SEVERITY_RANK, CaptureRow, Severity
 if TYPE_CHECKING:
     import pandas as pd
 
+NotSeenIn = Literal["golden", "capture"]
+
 
 @dataclass(frozen=True, slots=True)
 class ComparisonRow:
@@ -47,7 +49,7 @@ class UnseenRow:
     bus: str | None
     node: int | None
     subject: str
-    not_seen_in: Literal["golden", "capture"]
+    not_seen_in: NotSeenIn
     reason: str
 
 

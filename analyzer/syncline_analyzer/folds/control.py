@@ -80,7 +80,7 @@ class ControlFold:
         buses = {self._context.bus_name(bus) for bus in nmt.canopen}
         sdo = replace(
             sdo,
-            rows=[row for row in sdo.rows if row.bus in buses],
+            rows=sdo.rows.of_objects(lambda each: each.bus in buses),
             counts={key: count for key, count in sdo.counts.items() if key[0] not in nmt.foreign},
         )
         alive = {key for key, count in sdo.counts.items() if count.confirmed}

@@ -96,6 +96,11 @@ class McapReader:
             self.facts.resolution_ns = scanned.metadata.resolution_ns
             self.facts.time_base = _time_base(scanned.metadata.time_base)
         self.facts.marks = list(scanned.marks)
+        self.facts.adapter_fits = {
+            self.facts.buses[bus]: fit
+            for bus, fit in scanned.adapter_fits.items()
+            if bus < len(self.facts.buses)
+        }
         learned = scanned.metadata_records.get(LEARNED_METADATA_NAME, {})
         self.facts.learned = learned_settings(learned)
         for attachment in scanned.attachments:

@@ -36,10 +36,12 @@ from syncline_analyzer.results.finding import SEVERITY_RANK, Finding, Link, Seve
 from syncline_analyzer.results.nodes import NmtCommandRow, NmtStateRow, NodeRow
 from syncline_analyzer.results.quantiles import Jitter, Quantiles
 from syncline_analyzer.results.sdo import ObjectHistoryRow, ObjectRow, SdoRow
+from syncline_analyzer.results.sdo_transfers import SdoTransfers
 from syncline_analyzer.results.tilt import TiltRow, TiltSetting, TiltTrace
 from syncline_analyzer.results.timing import (
     ErrorControlRow,
     HoleRow,
+    PdoLengthRow,
     PdoPauseRow,
     PdoRow,
     Responses,
@@ -88,11 +90,13 @@ __all__ = [
     "ObjectHistoryRow",
     "ObjectRow",
     "OverloadRow",
+    "PdoLengthRow",
     "PdoPauseRow",
     "PdoRow",
     "Quantiles",
     "Responses",
     "SdoRow",
+    "SdoTransfers",
     "Series",
     "Severity",
     "ShaftRow",

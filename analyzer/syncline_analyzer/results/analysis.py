@@ -31,11 +31,13 @@ from syncline_analyzer.results.device import DeviceHealthRow, ObjectChangeRow
 from syncline_analyzer.results.emcy import EmcyContextRow, EmcyRow, ErrorHistoryRow, ErrorRow
 from syncline_analyzer.results.finding import Finding
 from syncline_analyzer.results.nodes import NmtCommandRow, NmtStateRow, NodeRow
-from syncline_analyzer.results.sdo import ObjectHistoryRow, ObjectRow, SdoRow
+from syncline_analyzer.results.sdo import ObjectHistoryRow, ObjectRow
+from syncline_analyzer.results.sdo_transfers import SdoTransfers
 from syncline_analyzer.results.tilt import TiltRow, TiltTrace
 from syncline_analyzer.results.timing import (
     ErrorControlRow,
     HoleRow,
+    PdoLengthRow,
     PdoPauseRow,
     PdoRow,
     Responses,
@@ -70,7 +72,7 @@ class Analysis:
     pdos: list[PdoRow]
     emcy: list[EmcyRow]
     errors: list[ErrorRow]
-    sdo: list[SdoRow]
+    sdo: SdoTransfers
     traces: list[TraceRow]
     bus_load: list[BusLoadRow]
     findings: list[Finding]
@@ -116,3 +118,5 @@ class Analysis:
     """Every change of a parameter: who, when, from what to what, in words."""
     device_health: list[DeviceHealthRow] = field(default_factory=list)
     """Wear counters, hours, temperatures and error lists that were read."""
+    pdo_lengths: list[PdoLengthRow] = field(default_factory=list)
+    """How long the frames of each PDO identifier are."""

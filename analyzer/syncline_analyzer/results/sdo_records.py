@@ -1,6 +1,7 @@
 """SDO transfers as records of fixed size, and the rows that they stand for."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -51,7 +52,8 @@ objects; the data are `length` bytes of the payloads from `at` on; the words are
 Records = NDArray[np.void]
 
 
-class SdoObject(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class SdoObject:
     """An object that transfers name, as it is known at the end: its name and its data type."""
 
     bus: str

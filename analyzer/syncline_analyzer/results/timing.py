@@ -272,6 +272,17 @@ class PdoPauseRow:
 
 
 @dataclass(frozen=True, slots=True)
+class PdoLengthRow:
+    """A length that frames of a PDO identifier have, and the first frame that has it."""
+
+    bus: str
+    cob_id: int
+    length: int
+    """Bytes."""
+    first_seq: int
+
+
+@dataclass(frozen=True, slots=True)
 class SyncDoubleRow:
     """A stretch in which two rhythms share a SYNC identifier.
 

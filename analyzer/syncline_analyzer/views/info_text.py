@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 from syncline_analyzer.info import CaptureInfo
 from syncline_analyzer.views.words import Clock, capture_time, duration, printable
+from syncline_schemas.capture.adapter_fit import AdapterFit
 
 MAX_ROWS = 5
 
@@ -25,6 +26,8 @@ def _facts(info: CaptureInfo) -> Iterator[tuple[str, str]]:
         rate = info.bitrates.get(bus)
         count = f"{frames:,} frame{'s'[: frames != 1]}"
         yield f"bus {bus}", count + (f", {rate / 1000:g} kbit/s" if rate else "")
+    for bus, fit in info.adapter_fits.items():
+        yield f"clock {bus}", _fit(fit)
     for gap in info.gaps[:MAX_ROWS]:
         yield "blind", f"for {duration(gap.end_ns - gap.start_ns)}: {gap.reason}"
     if info.gap_count > MAX_ROWS:
@@ -33,6 +36,14 @@ def _facts(info: CaptureInfo) -> Iterator[tuple[str, str]]:
         begin_ns = info.first_ns or mark.t_ns
         yield "marked", f"{capture_time(mark.t_ns - begin_ns)}: {mark.reason}"
     yield from _contents(info)
+
+
+def _fit(fit: AdapterFit) -> str:
+    drift = f"{abs(fit.rate_ppb) / 1000:.1f} ppm {'slow' if fit.rate_ppb > 0 else 'fast'}"
+    worst = f", {duration(fit.worst_residual_ns)} at worst" * (
+        fit.worst_residual_ns > fit.residual_ns
+    )
+    return f"of the adapter, {drift}, onto UTC to {duration(fit.residual_ns)}{worst}"
 
 
 def _frames(info: CaptureInfo) -> str:

@@ -53,6 +53,7 @@ TABLES = (
     "clock_steps",
     "bus_silences",
     "doubled",
+    "pdo_lengths",
 )
 """Lists of the object, in the order of the interface."""
 

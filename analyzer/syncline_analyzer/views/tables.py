@@ -60,6 +60,7 @@ from syncline_analyzer.results import (
     ObjectHistoryRow,
     ObjectRow,
     OverloadRow,
+    PdoLengthRow,
     PdoPauseRow,
     PdoRow,
     Quantiles,
@@ -125,6 +126,7 @@ ROW_TYPES: dict[str, type] = {
     "clock_steps": ClockStepRow,
     "bus_silences": BusSilenceRow,
     "doubled": DoubledRow,
+    "pdo_lengths": PdoLengthRow,
 }
 """Row class by table."""
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from syncline_logger.capture_file import Block
 from syncline_logger.capture_store import CaptureStore, StorePlan
+from syncline_logger.clocks_in_force import ClocksInForce
 from syncline_logger.content import Content
 from syncline_logger.disk_trouble import DiskTrouble
 from syncline_logger.finishing import Finisher
@@ -51,7 +52,8 @@ class EventStore:
         self._folder = folder
         self._attachments = {each.name: each for each in attachments}
         self._metadata: dict[str, Mapping[str, str]] = {}
-        self._ring = Ring(triggers.before_ns, triggers.ring_bytes)
+        self._clocks = ClocksInForce()
+        self._ring = Ring(triggers.before_ns, triggers.ring_bytes, self._clocks)
         self._store: CaptureStore | None = None
         self._ends_ns = 0
         self._events = 0
@@ -193,6 +195,7 @@ class EventStore:
                 start_ns,
                 folder=self._folder,
                 attachments=list(self._attachments.values()),
+                clocks=self._clocks,
             )
         except (OSError, UsageError) as error:
             self.notes.append(f"the file of trigger '{note.reason}' cannot be begun: {error}")

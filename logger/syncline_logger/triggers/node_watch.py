@@ -77,8 +77,7 @@ class NodeWatch:
     _spoke: bool = False
 
     def __post_init__(self) -> None:
-        known = self.knowledge.nodes.get(self.node)
-        self._errors = ErrorList(known.device if known else None)
+        self._errors = ErrorList(None)
 
     def limit_ns(self) -> int | None:
         """Silence after which the node is lost; None while nobody can tell.
@@ -228,11 +227,15 @@ class NodeWatch:
         if len(data) < EMCY_BYTES:
             return
         code = int.from_bytes(data[:2], "little")
+        known = self.knowledge.nodes.get(self.node)
+        self._errors.device = device = known.device if known else None
         if code >> 8:
+            again = self._errors.ended_unseen(code, data)
+            if again is not None:
+                self._errors.active.remove(again)
             error, fresh = self._errors.raised(code, data, t_ns)
             if error is not None and fresh:
-                known = self.knowledge.nodes.get(self.node)
-                meaning = emcy_meaning(known.device if known else None, code)
+                meaning = emcy_meaning(device, code)
                 text = f"node {self.node}: EMCY {code:04X}h {meaning}"
                 yield Event("emcy", t_ns, log_ns, text, self.bus, self.node, code)
         else:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from syncline_logger.capture_file import Block
+from syncline_logger.clocks_in_force import ClocksInForce, Knots, knots_of
 from syncline_logger.content import Content
 from syncline_logger.decoding import UNREGISTERED, ChannelSpec
 from syncline_schemas.batch import FrameBatch
@@ -54,6 +55,7 @@ class _Entry:
     frames: _Packed
     specs: list[ChannelSpec]
     decoded: tuple[list[ChannelSpec], _Packed] | None
+    knots: Knots
     thinned: bool = False
     """Whether the decoded channels went for want of room."""
 
@@ -68,12 +70,16 @@ class Ring:
     Where the memory is too small, decoded channels go first, those of the oldest contents before
     others, then the oldest contents.
 
+    Args:
+        clocks: is fed with the clock samples of what the ring forgets.
+
     Attributes:
         bytes: held now.
         short: whether contents went for want of room that are not older than `before_ns`.
     """
 
-    def __init__(self, before_ns: int, max_bytes: int) -> None:
+    def __init__(self, before_ns: int, max_bytes: int, clocks: ClocksInForce | None = None) -> None:
+        self._clocks = clocks or ClocksInForce()
         self._before_ns = before_ns
         self._max_bytes = max_bytes
         self._entries: deque[_Entry] = deque()
@@ -116,7 +122,7 @@ class Ring:
     def pop(self) -> Content:
         """The oldest content; it is no longer in the ring."""
         entry = self._entries[0]
-        self._drop()
+        self._take_first()
         return _content(entry)
 
     def _bound(self) -> None:
@@ -132,6 +138,11 @@ class Ring:
             self.short = True
 
     def _drop(self) -> None:
+        """Forget the oldest content, but for the clocks that go on."""
+        self._clocks.note(self._entries[0].knots)
+        self._take_first()
+
+    def _take_first(self) -> None:
         self.bytes -= self._entries.popleft().bytes
         self._whole = max(0, self._whole - 1)
 
@@ -160,6 +171,7 @@ def _packed(content: Content) -> _Entry:
         _Packed.of(arrays),
         [spec for spec, _ in own],
         ([spec for spec, _ in derived], packed) if derived else None,
+        knots_of(content),
     )
 
 

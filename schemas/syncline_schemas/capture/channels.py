@@ -50,11 +50,13 @@ class ChannelTable:
     or encoding says nothing known: those may be damaged.
 
     Attributes:
+        version: another one after each change of `kind` or `bus`.
         kind: (65536,) uint8, `Kind` by channel id.
         bus: (65536,) int16, bus number by channel id; 0 where a channel has none.
     """
 
     def __init__(self, buses: list[BusInfo], *, ours: bool = False) -> None:
+        self.version = 0
         self.kind = np.zeros(1 << 16, np.uint8)
         self.bus = np.zeros(1 << 16, np.int16)
         self._buses = buses
@@ -67,6 +69,7 @@ class ChannelTable:
         if isinstance(record, mcap_records.Schema):
             self._schemas.setdefault(record.id, record)
         elif record.id not in self._channels:
+            self.version += 1
             self._channels[record.id] = record
             kind = self.kind[record.id] = self._kind(record)
             if kind in (Kind.FRAME, Kind.STATUS):

@@ -1,13 +1,18 @@
 """Chunks: records of several channels merged by time, compressed, and indexed."""
 
+import threading
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from syncline_schemas.capture.layout import Compression
+
+if TYPE_CHECKING:
+    import zstandard
 
 ZSTD_LEVEL = 1
 """Makes smaller chunks than level 3 of these records, and faster."""
@@ -153,9 +158,23 @@ def _plain_of_zstd(data: bytes, size: int) -> bytes | str:
         claimed = zstandard.frame_content_size(data)
         if claimed not in (-1, size):
             return f"zstd says {claimed} bytes, the chunk {size}"
-        return bytes(zstandard.ZstdDecompressor().decompress(data, max_output_size=size))
+        plain: bytes = _zstd_decompressor().decompress(data, max_output_size=size)
+        return plain
     except (zstandard.ZstdError, MemoryError) as error:
         return f"zstd: {error}"
+
+
+_of_thread = threading.local()
+
+
+def _zstd_decompressor() -> "zstandard.ZstdDecompressor":
+    """One for each thread: to make one costs as much as to unpack the chunk of a second."""
+    import zstandard
+
+    found: zstandard.ZstdDecompressor | None = getattr(_of_thread, "zstd", None)
+    if found is None:
+        found = _of_thread.zstd = zstandard.ZstdDecompressor()
+    return found
 
 
 def _plain_of_lz4(data: bytes) -> bytes | str:

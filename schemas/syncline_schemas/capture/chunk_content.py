@@ -1,6 +1,7 @@
 """What a chunk holds: where its messages are, and its frames as columns."""
 
 import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import mcap.records as mcap_records
@@ -15,6 +16,8 @@ from syncline_schemas.capture.frame_record import (
     MAX_DATA,
     PADDING,
     RECORD_HEAD,
+    GatheredFrames,
+    RecordHeads,
     gather_frames,
 )
 from syncline_schemas.capture.layout import PROTOBUF, frames_topic
@@ -64,60 +67,88 @@ class ChunkContent:
 
 def open_chunk(raw: RawChunk) -> ChunkContent | str:
     """The content of a chunk, or in words why none of it can be believed."""
-    plain = decompress(raw.data, raw.compression, raw.uncompressed_size)
+    plain = _plain(raw)
     if isinstance(plain, str):
         return plain
-    if raw.crc not in (0, zlib.crc32(plain)):
+    joined = None if raw.index is None else _by_index([plain], [raw.index])
+    return _content_by_walk(plain) if joined is None else joined.content
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JoinedChunks:
+    """Chunks that stand one behind the other in a file, as one.
+
+    Attributes:
+        content: their messages.
+        heads: of the same records.
+        first_row: (chunks,) int64, the first message of each chunk.
+    """
+
+    content: ChunkContent
+    heads: RecordHeads
+    first_row: NDArray[np.int64]
+
+
+def open_joined(raws: Sequence[RawChunk]) -> JoinedChunks | None:
+    """The content of several chunks at once: the work on columns costs by the call.
+
+    None unless each chunk is whole and its message index names all that is in it.
+    """
+    plains, indexes = [], []
+    for raw in raws:
+        plain = None if raw.index is None else _plain(raw)
+        if raw.index is None or not isinstance(plain, bytes):
+            return None
+        plains.append(plain)
+        indexes.append(raw.index)
+    return _by_index(plains, indexes)
+
+
+def _plain(raw: RawChunk) -> bytes | str:
+    plain = decompress(raw.data, raw.compression, raw.uncompressed_size)
+    if isinstance(plain, bytes) and raw.crc not in (0, zlib.crc32(plain)):
         return "its checksum is wrong"
-    buffer = np.zeros(len(plain) + PADDING, np.uint8)
-    buffer[: len(plain)] = np.frombuffer(plain, np.uint8)
-    offset = None if raw.index is None else _offsets_by_index(buffer, len(plain), raw.index)
-    if offset is None:
-        return _content_by_walk(buffer, plain)
-    return _content(buffer, len(plain), offset)
+    return plain
 
 
-def _content(
-    buffer: NDArray[np.uint8],
-    size: int,
-    offset: NDArray[np.int64],
-    definitions: list[Definition] | None = None,
-    damage: str | None = None,
-) -> ChunkContent:
-    u4 = np.ndarray((size + PADDING - 3,), "<u4", buffer, 0, (1,))
-    u8 = np.ndarray((size + PADDING - 7,), "<u8", buffer, 0, (1,))
-    return ChunkContent(
-        buffer,
-        size,
-        offset,
-        offset + 9 + u8[offset + 1].view(np.int64),
-        (u4[offset + 8] >> np.uint32(8)).astype(np.uint16),
-        u8[offset + 15].view(np.int64),
-        definitions or [],
-        damage,
-    )
-
-
-def _offsets_by_index(
-    buffer: NDArray[np.uint8], size: int, index: MessageIndex
-) -> NDArray[np.int64] | None:
-    """Offsets in ascending order; None unless the records they name fill the chunk exactly."""
-    offset = np.concatenate([entries[:, 1] for entries in index.values()]).view(np.int64)
-    if len(index) > 1 or np.any(offset[1:] < offset[:-1]):
-        offset = np.sort(offset)
+def _by_index(plains: Sequence[bytes], indexes: Sequence[MessageIndex]) -> JoinedChunks | None:
+    """None unless the records that the indexes name fill the chunks exactly."""
+    buffer = np.frombuffer(b"".join((*plains, bytes(PADDING))), np.uint8)
+    lengths = np.array([len(plain) for plain in plains], np.int64)
+    begins = np.cumsum(lengths) - lengths
+    size = int(lengths.sum())
+    offset = _ascending(indexes, begins)
     if len(offset) == 0 or offset[0] != 0 or offset[-1] + RECORD_HEAD > size:
         return None
-    u8 = np.ndarray((size + PADDING - 7,), "<u8", buffer, 0, (1,))
-    length = np.diff(offset, append=size) - 9
+    heads = RecordHeads.at(buffer, offset)
+    end = np.append(offset[1:], size)
+    length = end - offset - 9
     whole = (
         (length >= RECORD_HEAD - 9)
-        & (u8[offset + 1].view(np.int64) == length)
-        & (buffer[offset] == Opcode.MESSAGE)
+        & (heads.u8(1).view(np.int64) == length)
+        & (heads.u1(0) == Opcode.MESSAGE)
     )
-    return offset if whole.all() else None
+    first_row = np.searchsorted(offset, begins)
+    if not whole.all() or first_row[-1] >= len(offset) or np.any(offset[first_row] != begins):
+        return None
+    channel, log_time_ns = heads.u2(9), heads.u8(15).view(np.int64)
+    content = ChunkContent(buffer, size, offset, end, channel, log_time_ns)
+    return JoinedChunks(content, heads, first_row)
 
 
-def _content_by_walk(buffer: NDArray[np.uint8], plain: bytes) -> ChunkContent:
+def _ascending(indexes: Sequence[MessageIndex], begins: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Offsets of all messages; each chunk counts from where it begins."""
+    offset = np.concatenate(
+        [
+            entries[:, 1] + begin
+            for index, begin in zip(indexes, begins.view(np.uint64), strict=True)
+            for entries in index.values()
+        ]
+    ).view(np.int64)
+    return np.sort(offset) if np.any(offset[1:] < offset[:-1]) else offset
+
+
+def _content_by_walk(plain: bytes) -> ChunkContent:
     """Record by record: chunks with other records in them, or without a good message index."""
     offsets: list[int] = []
     definitions: list[Definition] = []
@@ -135,7 +166,18 @@ def _content_by_walk(buffer: NDArray[np.uint8], plain: bytes) -> ChunkContent:
             definitions += [definition] if definition else []
         position = end
     offset = np.array(offsets, np.int64)
-    return _content(buffer, len(plain), offset, definitions, damage)
+    buffer = np.frombuffer(plain + bytes(PADDING), np.uint8)
+    heads = RecordHeads.at(buffer, offset)
+    return ChunkContent(
+        buffer,
+        len(plain),
+        offset,
+        offset + 9 + heads.u8(1).view(np.int64),
+        heads.u2(9),
+        heads.u8(15).view(np.int64),
+        definitions,
+        damage,
+    )
 
 
 def read_frames(
@@ -146,7 +188,7 @@ def read_frames(
     Records as `pack_frames` writes them are gathered by column; any other encoding of
     `syncline.Frame` is parsed one by one.
     """
-    gathered = gather_frames(content.buffer, content.size, content.offset[rows], bus_of_channel)
+    gathered = _gathered(content, rows, bus_of_channel)
     if gathered.regular.all():
         return gathered.frames, np.zeros(0, np.intp)
     regular = np.flatnonzero(gathered.regular)
@@ -163,6 +205,15 @@ def read_frames(
     frames = FrameBatch.concat([gathered.frames[regular], FrameBatch.from_rows(parsed)])
     order = np.argsort(np.concatenate([regular, np.array(parsed_at, np.intp)]), kind="stable")
     return frames[order], np.array(unreadable, np.intp)
+
+
+def _gathered(
+    content: ChunkContent, rows: NDArray[np.intp], bus_of_channel: NDArray[np.int16]
+) -> GatheredFrames:
+    offset = content.offset[rows]
+    heads = RecordHeads.at(content.buffer, offset)
+    bus = bus_of_channel[content.channel[rows]].astype(np.uint8)
+    return gather_frames(content.buffer, offset, heads, bus)
 
 
 def parse_frame(payload: bytes) -> tuple[int, int, int, bytes] | None:
@@ -195,9 +246,7 @@ def frame_channels_by_content(
     definitions: list[Definition] = []
     for channel in np.unique(content.channel[undescribed]).tolist():
         rows = undescribed[content.channel[undescribed] == channel]
-        buses = np.zeros(1 << 16, np.int16)
-        gathered = gather_frames(content.buffer, content.size, content.offset[rows], buses)
-        if gathered.regular.all():
+        if _gathered(content, rows, np.zeros(1 << 16, np.int16)).regular.all():
             topic = frames_topic(f"channel{channel}")
             definitions.append(
                 mcap_records.Channel(channel, topic, PROTOBUF, {}, LOST_FRAME_SCHEMA.id)

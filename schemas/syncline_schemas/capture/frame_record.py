@@ -11,6 +11,7 @@ A record with a `syncline.Frame` of n data bytes has 45 + n bytes, all numbers l
 """
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,11 +48,15 @@ _FRAME_FIELDS = [
 _MESSAGE = 0x05
 _TAG_ID, _TAG_FLAGS, _TAG_DLC, _TAG_DATA = 0x0D, 0x15, 0x18, 0x22
 _ID_TAGS = np.uint64(_TAG_ID | _TAG_FLAGS << 40)
-_ID_TAGS_MASK = np.uint64(0xFF | 0xFF << 40)
-_DLC_TAGS = np.uint64(_TAG_DLC << 32 | _TAG_DATA << 48)
-_DLC_TAGS_MASK = np.uint64(0xFF << 32 | 0xFF << 48)
-_DATA_MASK = np.array([(1 << 8 * n) - 1 for n in range(9)], np.uint64)
-"""Mask of the first n bytes of an 8-byte load."""
+_ID_BITS = np.uint64(0xFF | 0xE0 << 32 | 0xFF << 40)
+"""Of the eight bytes from 31 on: both tags, and the three bits above an identifier."""
+_DLC_TAGS = np.uint64(_TAG_DLC << 16 | _TAG_DATA << 32)
+_DLC_BITS = np.uint64(0xFFFF | 0xFF << 16 | 0xFF << 32)
+"""Of the eight bytes from 39 on: the upper half of the flags, and both tags."""
+_LENGTH_OF_REST = np.uint64(FRAME_HEAD - 9)
+_ONE, _THREE = np.uint64(1), np.uint64(3)
+_TAKEN = 56
+"""Bytes taken of a record: a frame's head and its first eight data bytes, in whole words."""
 
 
 def data_length(batch: FrameBatch) -> NDArray[np.int64]:
@@ -125,6 +130,53 @@ def pack_messages(
     return out, length + RECORD_HEAD
 
 
+@cache
+def _column(number: str, at: int) -> np.dtype[np.void]:
+    return np.dtype({"names": ["at"], "formats": [number], "offsets": [at], "itemsize": _TAKEN})
+
+
+class RecordHeads:
+    """The first 56 bytes of message records, taken at once, as columns of numbers.
+
+    One copy of each record's head is as cheap as one of a single number out of it.
+    """
+
+    def __init__(self, heads: NDArray[np.void]) -> None:
+        self._heads = heads
+
+    @classmethod
+    def at(cls, chunk: NDArray[np.uint8], offset: NDArray[np.int64]) -> "RecordHeads":
+        """The records at these offsets of a decompressed chunk.
+
+        chunk: (size + PADDING,) uint8. offset: (n,) int64, at most the size.
+        """
+        view = np.ndarray((len(chunk) - _TAKEN + 1,), f"V{_TAKEN}", chunk, 0, (1,))
+        return cls(view[offset])
+
+    def __len__(self) -> int:
+        return len(self._heads)
+
+    def rows(self, rows: NDArray[np.intp]) -> "RecordHeads":
+        """Some of the records."""
+        return RecordHeads(self._heads[rows])
+
+    def u1(self, at: int) -> NDArray[np.uint8]:
+        """(n,) the byte at a place of each record."""
+        return self._heads.view(_column("<u1", at))["at"].copy()
+
+    def u2(self, at: int) -> NDArray[np.uint16]:
+        """(n,) the two bytes from a place of each record on."""
+        return self._heads.view(_column("<u2", at))["at"].copy()
+
+    def u4(self, at: int) -> NDArray[np.uint32]:
+        """(n,) the four bytes from a place of each record on."""
+        return self._heads.view(_column("<u4", at))["at"].copy()
+
+    def u8(self, at: int) -> NDArray[np.uint64]:
+        """(n,) the eight bytes from a place of each record on."""
+        return self._heads.view(_column("<u8", at))["at"].copy()
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class GatheredFrames:
     """Frames read at offsets; only the rows in `regular` are to be believed."""
@@ -135,55 +187,42 @@ class GatheredFrames:
 
 def gather_frames(
     chunk: NDArray[np.uint8],
-    size: int,
     offset: NDArray[np.int64],
-    bus_of_channel: NDArray[np.int16],
+    heads: RecordHeads,
+    bus: NDArray[np.uint8],
 ) -> GatheredFrames:
     """Columns of the frames whose records begin at these offsets of a decompressed chunk.
 
     chunk: (size + PADDING,) uint8. offset: (n,) of records that end within `size` and whose length
-    field is their distance to the next. bus_of_channel: (65536,) bus number by channel id.
+    field is their distance to the next. heads: of the same records. bus: (n,) bus number.
     A row is regular when every tag and length in it is what `pack_frames` writes.
     """
-    u4 = np.ndarray((size + PADDING - 3,), "<u4", chunk, 0, (1,))
-    u8 = np.ndarray((size + PADDING - 7,), "<u8", chunk, 0, (1,))
-    identifier = u8[offset + 31]
-    length_part = u8[offset + 37]
-    length = (length_part >> np.uint64(56)).astype(np.int64)
-    dlc = (length_part >> np.uint64(40)).astype(np.uint8)
-    flags = length_part.astype(np.uint32)
-    can_id = (identifier >> np.uint64(8)).astype(np.uint32)
-    remote = (flags & FrameFlag.REMOTE) != 0
-    regular = (
-        ((identifier & _ID_TAGS_MASK) == _ID_TAGS)
-        & ((length_part & _DLC_TAGS_MASK) == _DLC_TAGS)
-        & (u8[offset + 1] == (length + (FRAME_HEAD - 9)).view(np.uint64))
-        & (length <= MAX_DATA)
-        & (dlc <= MAX_DATA)
-        & np.where(remote, length == 0, length == dlc)
-        & (can_id <= 0x1FFFFFFF)
-        & (flags <= 0xFFFF)
-    )
-    length[~regular] = 0
-    channel = (u4[offset + 8] >> np.uint32(8)).astype(np.uint16)
-    frames = FrameBatch(
-        u8[offset + 23].view(np.int64),
-        bus_of_channel[channel].astype(np.uint8),
-        can_id,
-        flags.astype(np.uint16),
-        dlc,
-        _gather_data(chunk, u8, offset, length),
-    )
-    return GatheredFrames(frames, regular)
+    wrong = heads.u8(31) ^ _ID_TAGS
+    wrong &= _ID_BITS
+    wrong |= (heads.u8(39) ^ _DLC_TAGS) & _DLC_BITS
+    flags, dlc, length = heads.u2(37), heads.u1(42), heads.u1(44)
+    regular = (wrong == 0) & (heads.u8(1) == length + _LENGTH_OF_REST) & (length <= MAX_DATA)
+    regular &= dlc <= MAX_DATA
+    other = length != dlc
+    if other.any() or bool((flags & FrameFlag.REMOTE).any()):
+        remote = (flags & FrameFlag.REMOTE) != 0
+        regular &= np.where(remote, length == 0, ~other)
+    if not regular.all():
+        length[~regular] = 0
+    t_ns = heads.u8(23).view(np.int64)
+    data = _gather_data(chunk, heads, offset, length)
+    return GatheredFrames(FrameBatch(t_ns, bus, heads.u4(32), flags, dlc, data), regular)
 
 
 def _gather_data(
     chunk: NDArray[np.uint8],
-    u8: NDArray[np.uint64],
+    heads: RecordHeads,
     offset: NDArray[np.int64],
-    length: NDArray[np.int64],
+    length: NDArray[np.uint8],
 ) -> NDArray[np.uint8]:
-    first = u8[offset + FRAME_HEAD] & _DATA_MASK[np.minimum(length, 8)]
+    # A shift by 64 gives 0, so eight bytes and more are all kept.
+    mask = (_ONE << (np.minimum(length, 8).astype(np.uint64) << _THREE)) - _ONE
+    first = heads.u8(FRAME_HEAD) & mask
     data = first.astype("<u8", copy=False).view(np.uint8).reshape(-1, 8)
     long_rows = np.flatnonzero(length > 8)
     if len(long_rows) == 0:

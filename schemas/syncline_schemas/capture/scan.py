@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -12,6 +13,7 @@ from google.protobuf.message import DecodeError, Message
 from numpy.typing import NDArray
 
 from syncline_schemas.batch import FrameBatch, Gap
+from syncline_schemas.capture.adapter_fit import AdapterFit
 from syncline_schemas.capture.channels import ChannelTable, Kind
 from syncline_schemas.capture.chunk_content import (
     ChunkContent,
@@ -19,6 +21,7 @@ from syncline_schemas.capture.chunk_content import (
     open_chunk,
     read_frames,
 )
+from syncline_schemas.capture.chunk_group import OpenedGroup, PlainGroup, grouped, open_group
 from syncline_schemas.capture.clock_history import ClockHistory, ClockRepair
 from syncline_schemas.capture.gap_message import gap_of
 from syncline_schemas.capture.lag import LagBounds
@@ -32,20 +35,23 @@ from syncline_schemas.capture.layout import (
 )
 from syncline_schemas.capture.loss import LossTracker
 from syncline_schemas.capture.mark import MAX_MARKS, Mark, mark_of
+from syncline_schemas.capture.read_ahead import read_ahead
 from syncline_schemas.capture.record_file import (
     ChunkPlace,
     Definition,
     Document,
     Lost,
     RawChunk,
+    Record,
     RecordFile,
     Summary,
 )
 from syncline_schemas.errors import CaptureError
 from syncline_schemas.proto import syncline_pb2
 
-FRAMES_PER_BATCH = 1 << 18
-"""Frames of small chunks are joined until a batch has at least as many."""
+FRAMES_PER_BATCH = 1 << 16
+"""Frames of small chunks are joined until a batch has at least as many; less often only once, as
+soon as the first are there."""
 
 
 _M = TypeVar("_M", bound=Message)
@@ -90,6 +96,7 @@ class ScanFacts:
         lost_chunks: chunks that are in the file and cannot be read.
         lost_frames: frames known to be lost with them; others may be uncounted.
         marks: the first thousand; `mark_count` are all.
+        adapter_fits: by bus number, of adapters that have a clock of their own.
     """
 
     profile: str = ""
@@ -105,6 +112,7 @@ class ScanFacts:
     lost_frames: int = 0
     marks: list[Mark] = field(default_factory=list)
     mark_count: int = 0
+    adapter_fits: dict[int, AdapterFit] = field(default_factory=dict)
 
 
 class CaptureScan:
@@ -149,8 +157,9 @@ class CaptureScan:
         """
         pending = _Pending()
         with _opened(self.path, self.facts.damage) as file:
-            for raw in self._chunks(file):
-                for item in self._items_of(raw):
+            groups = grouped(self._chunks(file))
+            for opened in read_ahead(groups, partial(open_group, channels=self._channels)):
+                for item in self._items_of_group(opened):
                     yield from pending.add(item)
         yield from pending.flush()
         yield from self._range.wanted(self._losses.finish())
@@ -164,7 +173,9 @@ class CaptureScan:
         """Give a history all clock samples; nothing else is read, and no damage told."""
         with _opened(self.path, []) as file:
             for raw in self._chunks(file, everything=True):
-                if not isinstance(raw, Lost) and self._may_hold_clocks(raw):
+                if isinstance(raw, Definition | Document):
+                    self._register(raw)
+                elif isinstance(raw, RawChunk) and self._may_hold_clocks(raw):
                     content = open_chunk(raw)
                     if isinstance(content, ChunkContent):
                         self._add_clocks(content, history)
@@ -183,11 +194,11 @@ class CaptureScan:
         if not file.plausible:
             raise CaptureError(f"{self.path} is no MCAP file")
         self.facts.closed = file.closed
+        self.facts.profile = file.profile()
+        self._channels = ChannelTable(self.facts.buses, ours=self.facts.profile == PROFILE)
         if file.size == 0:
             self.facts.damage.append(_EMPTY)
             return
-        self.facts.profile = file.profile()
-        self._channels = ChannelTable(self.facts.buses, ours=self.facts.profile == PROFILE)
         summary = file.summary()
         if summary is not None:
             self._register(*summary.schemas, *summary.channels)
@@ -202,13 +213,10 @@ class CaptureScan:
             self._register(record)
         self._first_chunk = file.size
 
-    def _chunks(self, file: RecordFile, *, everything: bool = False) -> Iterator[RawChunk | Lost]:
+    def _chunks(self, file: RecordFile, *, everything: bool = False) -> Iterator[Record]:
+        """Chunks in file order and, where no summary told them before, what else is in the file."""
         if self._summary is None:
-            for record in file.records(self._first_chunk):
-                if isinstance(record, RawChunk | Lost):
-                    yield record
-                else:
-                    self._register(record)
+            yield from file.records(self._first_chunk)
             return
         lag = LagBounds.from_record(self.facts.metadata_records.get(END_METADATA_NAME, {}))
         for place in self._summary.chunks:
@@ -231,6 +239,24 @@ class CaptureScan:
         self.facts.metadata_records[record.name] = record.metadata
         if record.name == METADATA_NAME:
             self.facts.metadata = CaptureMetadata.from_record(record.metadata)
+
+    def _items_of_group(self, opened: OpenedGroup | Lost | Definition | Document) -> Iterator[Item]:
+        if isinstance(opened, Lost):
+            yield from self._items_of(opened)
+        elif not isinstance(opened, OpenedGroup):
+            self._register(opened)
+        elif opened.plain is None or opened.version != self._channels.version:
+            for raw in opened.raws:
+                yield from self._items_of(raw)
+        else:
+            yield from self._items_of_plain(opened.plain)
+
+    def _items_of_plain(self, plain: PlainGroup) -> Iterator[Item]:
+        yield from self._range.wanted(self._losses.read(plain.first_ns, plain.last_ns))
+        log_time_ns = plain.content.log_time_ns
+        yield self._range.of(self._repaired(plain.frames, log_time_ns[plain.frame_rows]))
+        self._take_marks(plain.content, plain.kind)
+        yield from self._samples(plain.content, plain.kind)
 
     def _items_of(self, raw: RawChunk | Lost) -> Iterator[Item]:
         if isinstance(raw, Lost):
@@ -282,10 +308,12 @@ class CaptureScan:
             self.facts.lost_frames += len(unreadable)
             self.facts.damage.append(f"{len(unreadable)} messages are no frames")
             rows = rows[~np.isin(rows, unreadable)]
-        if self.repair is not None:
-            t_ns = self.repair.t_ns(frames.t_ns, content.log_time_ns[rows])
-            frames = replace(frames, t_ns=t_ns)
-        return self._range.of(frames)
+        return self._range.of(self._repaired(frames, content.log_time_ns[rows]))
+
+    def _repaired(self, frames: FrameBatch, log_time_ns: NDArray[np.int64]) -> FrameBatch:
+        if self.repair is None:
+            return frames
+        return replace(frames, t_ns=self.repair.t_ns(frames.t_ns, log_time_ns))
 
     def _gap(self, content: ChunkContent, row: int) -> Gap | None:
         message = self._parsed(syncline_pb2.Gap, content, row)
@@ -315,6 +343,7 @@ class CaptureScan:
             if kind[row] == Kind.CLOCK:
                 clock = self._parsed(syncline_pb2.ClockSample, content, row)
                 if clock is not None:
+                    self._take_fit(clock)
                     yield ClockReading(t_ns, clock)
             else:
                 status = self._parsed(syncline_pb2.BusStatus, content, row)
@@ -322,6 +351,11 @@ class CaptureScan:
                     yield BusStatusSample(
                         t_ns, int(self._channels.bus[content.channel[row]]), status
                     )
+
+    def _take_fit(self, clock: syncline_pb2.ClockSample) -> None:
+        if clock.HasField("bus") and clock.HasField("residual_ns"):
+            fits = self.facts.adapter_fits
+            fits[clock.bus] = AdapterFit.of(clock, fits.get(clock.bus))
 
     def _parsed(self, kind: type[_M], content: ChunkContent, row: int) -> _M | None:
         try:
@@ -376,13 +410,16 @@ class _Pending:
     def __init__(self) -> None:
         self._batches: list[FrameBatch] = []
         self._count = 0
+        # Who looks only where a file begins shall not wait for more.
+        self._enough = 1
         self._samples: list[Item] = []
 
     def add(self, item: Item) -> Iterator[Item]:
         if isinstance(item, FrameBatch):
             self._batches += [item] if len(item) else []
             self._count += len(item)
-            if self._count >= FRAMES_PER_BATCH:
+            if self._count >= self._enough:
+                self._enough = FRAMES_PER_BATCH
                 yield from self.flush()
         elif isinstance(item, Gap):
             yield from self.flush()

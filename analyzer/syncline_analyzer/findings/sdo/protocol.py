@@ -13,13 +13,15 @@ from syncline_analyzer.findings.sdo.groups import (
     stretches,
     times,
 )
-from syncline_analyzer.results import Finding, SdoRow
+from syncline_analyzer.results import Finding
+from syncline_analyzer.results.sdo_records import ENDERS, KINDS, NONE, RESULTS
 from syncline_schemas.wording import counted
 
 TOGGLE_ERROR = 0x05030000
 CRC_ERROR = 0x05040004
 TOLD_BY_PROTOCOL = (TOGGLE_ERROR, CRC_ERROR)
 """Abort codes that the rules here tell."""
+OK, EXPEDITED = RESULTS.index("ok"), KINDS.index("expedited")
 BROKEN_OFF = 3
 """Transfers of a node that a new request breaks off before it is said."""
 OFTEN = 3
@@ -27,7 +29,9 @@ OFTEN = 3
 
 
 def _bad_crc(facts: Facts) -> Iterator[Finding]:
-    rows = [row for row in facts.analysis.sdo if row.crc_ok is False or row.abort_code == CRC_ERROR]
+    transfers = facts.analysis.sdo
+    wrong = transfers.records["crc"] == 0
+    rows = transfers.part(wrong | (transfers.records["abort_code"] == CRC_ERROR))
     for group in by_object(rows):
         first = group[0]
         accepted = all(row.result == "ok" for row in group)
@@ -48,14 +52,11 @@ def _bad_crc(facts: Facts) -> Iterator[Finding]:
 
 
 def _toggle(facts: Facts) -> Iterator[Finding]:
-    irregular = facts.control.sdo.irregular
-
-    def proven(row: SdoRow) -> bool:
-        seen = irregular.get(row.seq)
-        counted_size = row.result == "ok" and row.announced == len(row.data)
-        return seen is not None and seen.toggle_errors > 0 and counted_size
-
-    rows = [row for row in facts.analysis.sdo if row.abort_code == TOGGLE_ERROR or proven(row)]
+    transfers = facts.analysis.sdo
+    records = transfers.records
+    counted_size = (records["result"] == OK) & (records["announced"] == records["length"])
+    proven = (records["toggle_errors"] > 0) & counted_size
+    rows = transfers.part(proven | (records["abort_code"] == TOGGLE_ERROR))
     for group in by_node(rows):
         first = group[0]
         yield Finding(
@@ -74,14 +75,11 @@ def _toggle(facts: Facts) -> Iterator[Finding]:
 
 
 def _size_mismatch(facts: Facts) -> Iterator[Finding]:
-    rows = [
-        row
-        for row in facts.analysis.sdo
-        if row.result == "ok"
-        and row.kind != "expedited"
-        and row.announced not in (None, len(row.data))
-        and row.value is not None
-    ]
+    transfers = facts.analysis.sdo
+    records = transfers.records
+    differs = (records["announced"] != NONE) & (records["announced"] != records["length"])
+    told = (records["result"] == OK) & (records["kind"] != EXPEDITED) & differs
+    rows = [row for row in transfers.part(told) if row.value is not None]
     for group in by_object(rows):
         first = group[0]
         yield Finding(
@@ -101,15 +99,12 @@ def _size_mismatch(facts: Facts) -> Iterator[Finding]:
 
 
 def _repeated(facts: Facts) -> Iterator[Finding]:
-    irregular = facts.control.sdo.irregular
-    rows = [
-        row
-        for row in facts.analysis.sdo
-        if row.seq in irregular and irregular[row.seq].repeated and row.crc_ok is not False
-    ]
+    transfers = facts.analysis.sdo
+    rows = transfers.part((transfers.records["repeated"] > 0) & (transfers.records["crc"] != 0))
+    often = dict(zip(rows.records["seq"].tolist(), rows.records["repeated"].tolist(), strict=True))
     for group in by_node(rows):
         first = group[0]
-        repeated = sum(irregular[row.seq].repeated for row in group)
+        repeated = sum(often[row.seq] for row in group)
         if repeated < OFTEN:
             continue
         yield Finding(
@@ -129,14 +124,9 @@ def _repeated(facts: Facts) -> Iterator[Finding]:
 
 
 def _interrupted(facts: Facts) -> Iterator[Finding]:
-    irregular = facts.control.sdo.irregular
-    rows = [
-        row
-        for row in facts.analysis.sdo
-        if row.result == "interrupted"
-        and row.seq in irregular
-        and irregular[row.seq].ended_by == "request"
-    ]
+    transfers = facts.analysis.sdo
+    broken = transfers.records["result"] == RESULTS.index("interrupted")
+    rows = transfers.part(broken & (transfers.records["ended_by"] == ENDERS.index("request")))
     for found in by_node(rows):
         for group in stretches(found, 600_000_000_000):
             if len(group) < BROKEN_OFF:

@@ -70,9 +70,11 @@ class ClockFold:
         """Take in the next frames."""
         if not self._context.timed or not len(batch):
             return
-        for bus in np.unique(batch.frames.bus).tolist():
-            rows = np.flatnonzero(batch.frames.bus == bus)
-            self._follow(bus, batch.frames.t_ns[rows], batch.seqs[rows])
+        for bus in batch.buses:
+            part = batch
+            if len(batch.buses) > 1:
+                part = batch.part(np.flatnonzero(batch.frames.bus == bus))
+            self._follow(bus, part)
 
     def gap(self, gap: Gap) -> None:
         """Nothing follows from the time between the frames around a gap."""
@@ -91,35 +93,32 @@ class ClockFold:
         steps = sorted(self._steps, key=lambda step: step.seq)
         return ClockTable(steps, silences, dict(self._last))
 
-    def _follow(self, bus: int, t_ns: NDArray[np.int64], seq: NDArray[np.intp]) -> None:
+    def _follow(self, bus: int, batch: IndexedBatch) -> None:
+        t_ns = batch.frames.t_ns
         last = self._last.get(bus)
-        before = np.concatenate(([t_ns[0] if last is None else last], t_ns[:-1]))
-        passed = t_ns - before
+        passed = np.empty_like(t_ns)
+        passed[0] = 0 if last is None else t_ns[0] - last
+        np.subtract(t_ns[1:], t_ns[:-1], out=passed[1:])
         self._last[bus] = int(t_ns[-1])
-        back = np.flatnonzero(passed < 0)
-        for row in back[: MAX_STEPS - len(self._steps)].tolist():
-            self._steps.append(
-                ClockStep(
-                    self._context.bus_name(bus), int(seq[row]), int(t_ns[row]), -int(passed[row])
-                )
-            )
-        self._keep_longest(bus, before, t_ns, seq, passed)
+        if int(passed.min()) < 0:
+            for row in np.flatnonzero(passed < 0)[: MAX_STEPS - len(self._steps)].tolist():
+                seq, back_ns = batch.seq(row), -int(passed[row])
+                name = self._context.bus_name(bus)
+                self._steps.append(ClockStep(name, seq, int(t_ns[row]), back_ns))
+        self._keep_longest(bus, batch, passed)
 
-    def _keep_longest(
-        self,
-        bus: int,
-        before: NDArray[np.int64],
-        t_ns: NDArray[np.int64],
-        seq: NDArray[np.intp],
-        passed: NDArray[np.int64],
-    ) -> None:
+    def _keep_longest(self, bus: int, batch: IndexedBatch, passed: NDArray[np.int64]) -> None:
         kept = self._silences.setdefault(bus, [])
-        shortest = min((s.end_ns - s.start_ns for s in kept), default=0)
-        longer = passed > (shortest if len(kept) == MAX_SILENCES else 0)
-        rows = np.flatnonzero(longer)
+        full = len(kept) == MAX_SILENCES
+        shortest = min(s.end_ns - s.start_ns for s in kept) if full else 0
+        rows = np.flatnonzero(passed > shortest)
         if len(rows) > MAX_SILENCES:
             rows = rows[np.argpartition(passed[rows], -MAX_SILENCES)[-MAX_SILENCES:]]
-        kept.extend(BusSilence(int(before[r]), int(t_ns[r]), int(seq[r])) for r in rows.tolist())
+        if not len(rows):
+            return
+        t_ns = batch.frames.t_ns[rows]
+        begun = (t_ns - passed[rows]).tolist()
+        kept.extend(map(BusSilence, begun, t_ns.tolist(), batch.seqs[rows].tolist()))
         if len(kept) > MAX_SILENCES:
             kept.sort(key=lambda s: s.start_ns - s.end_ns)
             del kept[MAX_SILENCES:]

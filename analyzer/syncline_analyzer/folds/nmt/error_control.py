@@ -17,6 +17,7 @@ from syncline_analyzer.folds.nmt.cadence import (
     Twins,
     longer_than_before,
 )
+from syncline_analyzer.folds.nmt.calm import ENOUGH, QUEUED_NS, STATES, Calm
 from syncline_analyzer.folds.nmt.columns import Columns, Life
 from syncline_analyzer.folds.nmt.events import (
     Beat,
@@ -39,8 +40,6 @@ from syncline_analyzer.folds.nmt.kinds import (
 from syncline_analyzer.folds.nmt.pace import HeartbeatPeriods
 from syncline_analyzer.folds.nmt.pairs import Pairs
 
-QUEUED_NS = 3_000_000
-"""Messages closer together stood in line behind other frames: no node sends them so often [ns]."""
 WINDOW = 15
 """Periods whose median a silence is held against."""
 MAX_EVENTS = 100_000
@@ -82,6 +81,8 @@ class ErrorControl:
     last_beat_ns: int | None = None
     heard_last_ns: int | None = None
     """Time of the node's last frame of any kind."""
+    calm: Calm | None = None
+    """Heartbeats that wait; None where anything but further ones of their kind may come."""
     _held: Columns | None = None
     """A row whose meaning depends on what follows, ..."""
     _held_life: tuple[Int64s, Int64s] = (_NONE, _NONE)
@@ -114,6 +115,7 @@ class ErrorControl:
             life: (seq, t_ns) of every data frame of the node, the ones above included.
             marks: `seq` of NMT commands to the node, ascending; of resets as `reset_mark(seq)`.
         """
+        self._take_calm()
         rows = rows if self._held is None else rows.after(self._held)
         if self._held is not None:
             before = self._held_life
@@ -130,9 +132,25 @@ class ErrorControl:
         self._take(rows.rows(slice(0, cut)), life)
         if self._held is not None and len(self._held_life[0]) > MAX_HELD:
             self._take_held()
+        self.calm = self._as_calm()
+
+    def go_on(self, seq: Int64s, t_ns: Int64s, life: tuple[Int64s, Int64s]) -> None:
+        """Take in further heartbeats of a node that is `calm`.
+
+        Args:
+            seq, t_ns: of the heartbeats.
+            life: (seq, t_ns) of the last of them and of every frame of the node after it.
+        """
+        assert self.calm is not None
+        self.calm.add(seq, t_ns, life)
+        self.heard_last_ns = int(life[1][-1])
+        if self.calm.number >= ENOUGH:
+            self._take_calm()
+            self.calm = self._as_calm()
 
     def mark(self, marks: list[int]) -> None:
         """Take in commands of a batch that holds no frame of the node."""
+        self._take_calm()
         self._note_marks(marks)
         self._classifier.pass_resets(self._stop_seq)
         del self._marks[:-MAX_MARKS]
@@ -150,6 +168,7 @@ class ErrorControl:
 
     def finish(self, end_ns: int, next_seq: int) -> None:
         """Decide what was held back, and look at the silence up to the end or a gap."""
+        self._take_calm()
         self._take_held()
         self.guarding.gap()
         self.paces.cut()
@@ -217,6 +236,22 @@ class ErrorControl:
         """Note the commands of a batch."""
         self._marks.extend([_seq_of(mark), KEPT_AFTER_MARK] for mark in marks)
         self._classifier.resets.extend(_seq_of(mark) for mark in marks if mark < 0)
+
+    def _as_calm(self) -> Calm | None:
+        """What further heartbeats go on from; None where more than them decides what they are."""
+        last = self._last
+        if not self.timed or last is None or last[2] != HEARTBEAT or self._state not in STATES:
+            return None
+        waiting = self._held is not None or self._marks or self._classifier.resets
+        if waiting or not self.guarding.idle or len(self._recent) < MIN_PERIODS:
+            return None
+        floor_ns = int(self._recent[-MIN_PERIODS:].min())
+        return Calm(self._state, floor_ns, last[1], (_NONE, _NONE))
+
+    def _take_calm(self) -> None:
+        calm, self.calm = self.calm, None
+        if calm is not None and calm.number:
+            self._take(calm.rows(), calm.life)
 
     def _take_held(self) -> None:
         if self._held is not None:

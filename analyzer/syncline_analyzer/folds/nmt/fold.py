@@ -3,15 +3,15 @@
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
+from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.folds.bus.clock import ClockTable
-from syncline_analyzer.folds.emcy.ids import SYNC_BYTES
 from syncline_analyzer.folds.nmt.cadence import Doubles, Int64s, Mask
+from syncline_analyzer.folds.nmt.calm import FIRST_ID, Beats, measured
 from syncline_analyzer.folds.nmt.columns import Columns
 from syncline_analyzer.folds.nmt.commands import Commands
 from syncline_analyzer.folds.nmt.emptied import never_booted, powered_on, restarted
@@ -31,13 +31,13 @@ from syncline_analyzer.folds.nmt.others import (
     others_beat,
     witnesses_of,
 )
+from syncline_analyzer.folds.nmt.senders import Senders, Sent
 from syncline_analyzer.folds.nmt.table import BootUp, NmtTable, NodeKey, NodeNmt
 from syncline_analyzer.folds.nmt.timeline import Timeline
 from syncline_analyzer.folds.nmt.timeout import PRODUCER_TIME
 from syncline_analyzer.folds.nmt.witness import Witnesses
 from syncline_analyzer.folds.sdo.fold import Reset
 from syncline_analyzer.folds.timing.pdo_spans import PdoSpans, Quietness
-from syncline_analyzer.pdo_binding import Pdo, PdoBindings
 from syncline_analyzer.results import NmtCommandRow, NmtStateRow
 from syncline_schemas.batch import FrameFlag, Gap
 from syncline_schemas.canopen.nmt import STATE_OF_BYTE, NmtState, command_name
@@ -77,7 +77,9 @@ class NmtFold:
         self._pdo_last: dict[tuple[int, int], int] = {}
         """By bus number and identifier: time of the last of them."""
         self._next_seq = 0
-        self._bindings = PdoBindings(context.shadow)
+        self._senders = Senders(context.shadow)
+        self._last_ns: dict[int, int] = {}
+        """By bus number: time of the last frame."""
         self._errors: Mapping[NodeKey, Sequence[int]] = {}
         self._measures: dict[NodeKey, Measures] = {}
 
@@ -89,15 +91,14 @@ class NmtFold:
             self._first = batch.seq0, int(batch.frames.t_ns[0])
         self._next_seq = max(self._next_seq, batch.last_seq + 1)
         resets = self._commands.take(batch)
-        owner = self._owners(batch)
-        by_node = _by_node(batch, owner)
-        for key, rows in by_node.items():
-            resets += self._take_node(batch, key, rows)
-        buses = set(np.unique(batch.frames.bus).tolist())
-        for key in self._control.keys() - by_node.keys():
-            if key[0] in buses and (marks := self._marks(batch, key)):
+        sent = self._senders.of(batch)
+        calm = self._pass_calm(batch, sent)
+        for key in sent.keys() - calm:
+            resets += self._take_node(batch, key, sent[key])
+        for key in self._control.keys() - sent.keys():
+            if key[0] in batch.buses and (marks := self._marks(batch, key)):
                 self._control[key].mark(marks)
-        self._take_pdos(batch, owner)
+        self._take_pdos(batch, sent)
         return sorted(resets)
 
     def gap(self, gap: Gap) -> None:
@@ -159,12 +160,10 @@ class NmtFold:
 
     def _spans(self, buses: AbstractSet[int]) -> dict[NodeKey, list[PdoSpan]]:
         """Stretches of PDOs by node, as the bindings stand now that everything was seen."""
-        for bus in buses:
-            self._bindings.refresh(bus)
         spans: dict[NodeKey, list[PdoSpan]] = {}
         for (bus, _), pdos in self._pdos.items():
             for span in pdos.spans() if bus in buses else ():
-                pdo = self._tpdo(bus, span.can_id, span.first_seq)
+                pdo = self._senders.tpdo(bus, span.can_id, span.first_seq)
                 if pdo is not None:
                     span.guess = pdo.guess
                     spans.setdefault((bus, pdo.node), []).append(span)
@@ -180,32 +179,50 @@ class NmtFold:
             found[bus] += control.counts.odd
         return {bus for bus, number in found.items() if number >= FOREIGN}
 
-    def _owners(self, batch: IndexedBatch) -> NDArray[np.uint16]:
-        """(n,) number of the frame's sender as bus << 7 | node; 0 in the low bits: not known."""
-        frames = batch.frames
-        owner = np.zeros(len(batch), np.uint16)
-        sent = batch.rows_of(Service.EMCY, Service.SDO_ANSWER, Service.ERROR_CONTROL)
-        sent = sent[(batch.service[sent] != Service.EMCY) | (frames.dlc[sent] > SYNC_BYTES)]
-        owner[sent] = (frames.bus[sent].astype(np.uint16) << 7) | batch.node[sent]
-        for bus in {bus for bus, _ in batch.ids()}:
-            self._bindings.refresh(bus)
-        for bus, can_id in batch.ids():
-            pdo = self._tpdo(bus, can_id, batch.seq0)
-            if pdo is not None:
-                owner[batch.rows(bus, can_id)] = bus << 7 | pdo.node
-        return owner
+    def _pass_calm(self, batch: IndexedBatch, sent: Mapping[NodeKey, Sent]) -> set[NodeKey]:
+        """Take in the nodes whose heartbeats only go on; tells which they are."""
+        t_ns = batch.frames.t_ns
+        last_ns = max((self._last_ns.get(bus, 0) for bus in batch.buses), default=0)
+        self._last_ns |= dict.fromkeys(batch.buses, int(t_ns[-1]))
+        if not self._context.timed or not batch.ascending or t_ns[0] < last_ns:
+            return set()
+        return {
+            (bus, beats.node)
+            for bus in batch.buses
+            for beats in measured(batch, bus, partial(self._calm_ns, bus))
+            if self._goes_on(batch, (bus, beats.node), sent.get((bus, beats.node), Sent()), beats)
+        }
 
-    def _tpdo(self, bus: int, can_id: int, seq: int) -> Pdo | None:
-        """The TPDO on an identifier: as bound at `seq`, as bound later, or by a guess."""
-        pdo = self._bindings.owner(bus, can_id, seq)
-        if pdo is None or pdo.guess:
-            pdo = self._bindings.owner(bus, can_id) or pdo
-        return pdo if pdo is not None and pdo.kind == "tpdo" else None
+    def _calm_ns(self, bus: int, node: int) -> int | None:
+        """The last heartbeat of a node that is calm."""
+        control = self._control.get((bus, node))
+        return control.calm.last_ns if control is not None and control.calm is not None else None
 
-    def _take_node(self, batch: IndexedBatch, key: NodeKey, rows: NDArray[np.intp]) -> list[Reset]:
+    def _goes_on(self, batch: IndexedBatch, key: NodeKey, sent: Sent, beats: Beats) -> bool:
+        """Take in a node's frames, unless there is more to them than heartbeats that go on."""
+        control, quietness = self._control.get(key), self._quietness.get(key)
+        if control is None or control.calm is None or quietness is None:
+            return False
+        limit_ns = control.calm.limit_ns(beats, quietness.shortest_ns)
+        alone = sent.control == [FIRST_ID + key[1]] and not len(sent.asked)
+        if limit_ns is None or not alone or self._marks(batch, key):
+            return False
+        after = sent.after(int(batch.rows_by_id[beats.place.stop - 1]))
+        life_ns = batch.frames.t_ns[after]
+        longest_ns = int((life_ns[1:] - life_ns[:-1]).max(initial=0))
+        if longest_ns > limit_ns:
+            return False
+        seq, t_ns = batch.seqs_by_id[beats.place], batch.t_ns_by_id[beats.place]
+        control.go_on(seq, t_ns, (batch.seqs[after], life_ns))
+        quietness.go_on(t_ns, longest_ns, int(life_ns[-1]))
+        self._blank[key] = False
+        return True
+
+    def _take_node(self, batch: IndexedBatch, key: NodeKey, sent: Sent) -> list[Reset]:
         """One node's frames of a batch, with the remote frames to it."""
-        frames = batch.frames
-        control_rows = rows[batch.service[rows] == Service.ERROR_CONTROL]
+        frames, rows = batch.frames, sent.rows
+        beat = batch.service[rows] == Service.ERROR_CONTROL
+        control_rows = rows[beat]
         control = self._control.get(key)
         if control is None:
             control = self._control[key] = ErrorControl(timed=self._context.timed)
@@ -214,10 +231,11 @@ class NmtFold:
         seq = batch.seqs[control_rows]
         columns = Columns(seq, frames.t_ns[control_rows], remote, frames.dlc[control_rows], data)
         # A request that a logger stored as a data frame without data is no sign of life.
-        bare = (batch.service[rows] == Service.ERROR_CONTROL) & (frames.dlc[rows] == 0)
-        alive = rows[((frames.flags[rows] & FrameFlag.REMOTE) == 0) & ~bare]
+        bare = beat & (frames.dlc[rows] == 0)
+        told = ((frames.flags[rows] & FrameFlag.REMOTE) == 0) & ~bare
+        alive = rows[told]
         life = (batch.seqs[alive], frames.t_ns[alive])
-        self._note_cuts(key, columns, life, batch.service[alive] == Service.ERROR_CONTROL)
+        self._note_cuts(key, columns, life, beat[told])
         seen = len(control.beats)
         control.feed(columns, life, self._marks(batch, key))
         fresh = control.beats[seen:]
@@ -273,25 +291,23 @@ class NmtFold:
                 marks.append(reset_mark(command.seq) if reset else command.seq)
         return marks[::-1]
 
-    def _take_pdos(self, batch: IndexedBatch, owner: NDArray[np.uint16]) -> None:
+    def _take_pdos(self, batch: IndexedBatch, sent: Mapping[NodeKey, Sent]) -> None:
         asked = batch.rows_of(Service.PDO, remote=True)
         asked_id = batch.frames.can_id[asked]
+        for key, frames in sent.items():
+            if frames.pdos and key not in self._pdos:
+                self._pdos[key] = PdoSpans()
         for key, pdos in self._pdos.items():
             pdos.cut(self._cuts(key))
-        for bus, can_id in batch.ids():
-            rows = batch.rows(bus, can_id)
-            number = int(owner[rows[0]])
-            if not number & 0x7F or batch.service[rows[0]] in _NOT_PDO:
-                continue
-            key = (number >> 7, number & 0x7F)
-            if key not in self._pdos:
-                self._pdos[key] = PdoSpans()
-                self._pdos[key].cut(self._cuts(key))
-            remote = batch.seqs[asked[(asked_id == can_id) & (batch.frames.bus[asked] == bus)]]
-            self._pdos[key].take(can_id, batch.seqs[rows], batch.frames.t_ns[rows], remote)
+        for key, frames in sent.items():
             control = self._control.get(key)
-            if control is not None and control.counts.boot_ups > 1:
-                self._follow_pdo(key, can_id, batch.seqs[rows], batch.frames.t_ns[rows])
+            twice = control is not None and control.counts.boot_ups > 1
+            for can_id in frames.pdos:
+                seq, t_ns = batch.seqs_of(key[0], can_id), batch.t_ns_of(key[0], can_id)
+                own = asked[(asked_id == can_id) & (batch.frames.bus[asked] == key[0])]
+                self._pdos[key].take(can_id, seq, t_ns, batch.seqs[own])
+                if twice:
+                    self._follow_pdo(key, can_id, seq, t_ns)
 
     def _follow_pdo(self, key: NodeKey, can_id: int, seq: Int64s, t_ns: Int64s) -> None:
         """Look for two cadences of one PDO: a second device may have told the second boot-up."""
@@ -486,19 +502,3 @@ class NmtFold:
         ]
         told = [time for time in times if time is not None]
         return max(told) if told and len(told) == len(times) else None
-
-
-def _by_node(batch: IndexedBatch, owner: NDArray[np.uint16]) -> dict[NodeKey, NDArray[np.intp]]:
-    """Rows by sender, in arrival order; remote frames of error control count to their node."""
-    asked = batch.rows_of(Service.ERROR_CONTROL, remote=True)
-    owner = owner.copy()
-    owner[asked] = (batch.frames.bus[asked].astype(np.uint16) << 7) | batch.node[asked]
-    rows = np.flatnonzero(owner & 0x7F)
-    order = np.argsort(owner[rows], kind="stable")
-    ordered = owner[rows][order]
-    cuts = np.flatnonzero(np.diff(ordered)) + 1
-    return {
-        (int(owner[part[0]]) >> 7, int(owner[part[0]]) & 0x7F): part
-        for part in np.split(rows[order], cuts)
-        if len(part)
-    }

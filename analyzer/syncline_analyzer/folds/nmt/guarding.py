@@ -93,6 +93,11 @@ class Guarding:
     _run: Unanswered | None = None
     _asked: tuple[Int64s, Int64s] = (_NONE, _NONE)
 
+    @property
+    def idle(self) -> bool:
+        """Whether none of the last messages was a request."""
+        return not len(self._before.seq)
+
     def follow(self, talk: Talk) -> Mask:
         """Take in further messages; tells which of them are guard answers."""
         if not len(talk.seq):

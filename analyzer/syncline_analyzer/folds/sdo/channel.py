@@ -131,18 +131,22 @@ class SdoChannel:
         """Whether a request that is answered at once stands for itself: `take` may have it."""
         return self._now is None and not self._waiting and command != self._run_command + 1
 
-    def take(self, transfer: Transfer, answer: bytes) -> None:
-        """Take in an expedited transfer whose answer came right after its request.
+    def take(self, count: int, last: Transfer, answer: bytes) -> None:
+        """Take in expedited transfers that follow one another, each answered right away.
 
-        Does what `request` and `answer` with its two frames would do.
+        Does what `request` and `answer` with their frames would do, but for `done`, which is not
+        called: the caller knows them. `last` is the last of them, with its answer.
         """
-        self.answers += 1
-        self._begun += 1
+        self.answers += count
+        self._begun += count
         self._unsure = None
-        self._run_seq = transfer.seq
+        self._run_seq = last.seq
         self._count_no_run()
-        self._last_answer = answer
-        self._complete(transfer)
+        self._last, self._last_answer = last, answer
+
+    def settled(self, transfer: Transfer) -> bool:
+        """Whether nothing that comes can change a transfer that is done: see `exchange_answers`."""
+        return self._last is not transfer
 
     def interrupt(self, seq: int, t_ns: int) -> None:
         """End what runs because the node was reset, unless it was asked for after that."""

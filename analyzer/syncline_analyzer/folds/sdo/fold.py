@@ -10,37 +10,19 @@ from numpy.typing import NDArray
 from syncline_analyzer.context import Context
 from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.folds.sdo.channel import SdoChannel
-from syncline_analyzer.folds.sdo.pairs import SdoFrames
-from syncline_analyzer.folds.sdo.rows import SdoRows, shadow_value
+from syncline_analyzer.folds.sdo.log import Ended, SdoLog
+from syncline_analyzer.folds.sdo.pairs import SERVERS, Plain
+from syncline_analyzer.folds.sdo.stretch import Side, Stretch
+from syncline_analyzer.folds.sdo.teacher import Lesson, Teacher
 from syncline_analyzer.folds.sdo.transfer import Oddity, Strays, Transfer
-from syncline_analyzer.results import SdoRow
-from syncline_analyzer.shadow import Known
+from syncline_analyzer.results import SdoTransfers
 from syncline_schemas.batch import Gap
-from syncline_schemas.canopen.sdo import LOAD_SIGNATURE, SAVE_SIGNATURE
 from syncline_schemas.canopen.services import Service
 from syncline_schemas.devices import quirks
 
 OBJECT_MISSING = 0x06020000
-MAX_ROWS = 500_000
-"""Transfers that become rows; of a node that is polled for days the rest is counted only."""
 _EXTENDED_OR_OFF = 0xA0000000
-_SERVERS = range(0x1200, 0x1280)
-"""SDO server parameters: 1200h is the default server, the others are additional ones."""
 _Rows = NDArray[np.intp]
-
-
-class _Side(NamedTuple):
-    """Whose frames an identifier carries: the client's or the server's of a channel."""
-
-    channel: SdoChannel
-    request: bool
-    can_id: int
-
-    def feed(self, seq: int, t_ns: int, data: bytes) -> None:
-        if self.request:
-            self.channel.client_id = self.can_id
-        take = self.channel.request if self.request else self.channel.answer
-        take(seq, t_ns, data)
 
 
 class Reset(NamedTuple):
@@ -76,16 +58,14 @@ class SdoNodeCounts:
 class SdoTable:
     """Transfers in order of `seq`, counts by (bus number, node), and what is no transfer.
 
-    `unlisted` counts those beyond `MAX_ROWS`. `oddities` are answers that should not be, in the order of their frames. `irregular` holds the
-    transfers, by `seq`, of which a rule must know more than the row: broken off, with toggle
-    errors, with segments sent again, or not recorded whole.
+    `unlisted` counts those that are too many to be listed. `oddities` are answers that should not
+    be, in the order of their frames.
     """
 
-    rows: list[SdoRow] = field(default_factory=list)
+    rows: SdoTransfers = field(default_factory=SdoTransfers.of)
     counts: dict[tuple[int, int], SdoNodeCounts] = field(default_factory=dict)
     strays: dict[tuple[int, int], Strays] = field(default_factory=dict)
     oddities: dict[tuple[int, int], list[Oddity]] = field(default_factory=dict)
-    irregular: dict[int, Transfer] = field(default_factory=dict)
     unlisted: int = 0
 
 
@@ -100,14 +80,21 @@ class SdoFold:
     def __init__(self, context: Context) -> None:
         self._context = context
         self._channels: dict[tuple[int, int, int], SdoChannel] = {}
-        self._usual: dict[int, _Side] = {}
-        self._moved: dict[int, _Side] = {}
+        self._usual: dict[int, Side] = {}
+        self._moved: dict[int, Side] = {}
         self._told: set[tuple[int, int, int]] = set()
         """(bus, node, index) of servers of which the bus told something."""
         self._buses: set[int] = set()
         self._locate_again = True
-        self._ended: list[tuple[int, int, Transfer]] = []
-        self._unlisted = 0
+        self._stretch: Stretch | None = None
+        """Frames that are just being taken in."""
+        self._ended: list[Ended] = []
+        self._lessons: list[Lesson] = []
+        """Of what ended since the log and the shadow were told last."""
+        self._turned = False
+        """Whether one of them may tell where a server is."""
+        self._teacher = Teacher(context.shadow)
+        self._log = SdoLog()
         self._counts: dict[tuple[int, int], list[int]] = {}
 
     def update(self, batch: IndexedBatch, resets: Iterable[Reset] = ()) -> None:
@@ -131,18 +118,14 @@ class SdoFold:
         for (bus, _, _), channel in self._channels.items():
             if gap.bus in (None, bus):
                 channel.cut(begin_ns)
+        self._settle()
 
     def finish(self, end_ns: int) -> SdoTable:
         """All transfers; those still running end with the capture."""
         for channel in self._channels.values():
             channel.finish(end_ns, self._context.timed)
-        self._ended.sort(key=lambda entry: entry[2].seq)
-        rows = SdoRows(self._context)
-        table = SdoTable(
-            [rows.row(*entry) for entry in self._ended],
-            irregular={each.seq: each for _, _, each in self._ended if _irregular(each)},
-            unlisted=self._unlisted,
-        )
+        self._settle()
+        table = SdoTable(self._log.table(self._context), unlisted=self._log.unlisted)
         self._count(table)
         return table
 
@@ -160,68 +143,33 @@ class SdoFold:
             begin = self._feed_rows(batch, rows[first:last]) + 1 or stop
 
     def _feed_rows(self, batch: IndexedBatch, rows: _Rows) -> int:
-        """Row at which a server was moved, -1 where none was; SDO frames allow for a loop.
+        """Row at which a server was moved, -1 where none was.
 
-        A plain transfer is taken in at its answer, all others frame by frame.
+        Plain transfers are taken in in runs, all others frame by frame.
         """
         if not len(rows):
             return -1
-        sides, frames = self._frames(batch, rows)
-        asks, answers = frames.pairs()
-        ended = dict(zip(answers.tolist(), frames.transfers(asks, answers), strict=True))
-        alone = np.ones(len(rows), np.bool_)
-        alone[asks] = False
-        data, length = frames.data.tobytes(), frames.length.tolist()
-        ask_of = np.zeros(len(rows), np.intp)
-        ask_of[answers] = asks
-
-        def feed(at: int) -> None:
-            payload = data[at * 8 : at * 8 + length[at]]
-            sides[at].feed(batch.seq(rows[at]), int(frames.t_ns[at]), payload)
-
-        for at in np.flatnonzero(alone).tolist():
-            transfer = ended.get(at)
-            if transfer is None:
-                feed(at)
-            else:
-                ask = int(ask_of[at])
-                if sides[at].channel.expects(data[ask * 8]):
-                    sides[at].channel.client_id = sides[ask].can_id
-                    sides[at].channel.take(transfer, data[at * 8 : at * 8 + 8])
-                else:
-                    feed(ask)
-                    feed(at)
+        self._stretch = stretch = Stretch(batch, rows, self._side)
+        for at in stretch.singles():
+            stretch.feed(at)
+            if self._turned:
+                self._settle(stretch.catch_up(at))
             if self._locate_again:
-                for ask in asks[(asks < at) & (answers > at)].tolist():
-                    feed(ask)
+                stretch.open_asks(at)
+                self._settle()
+                self._stretch = None
                 return int(rows[at])
+        self._settle(stretch.catch_up())
+        self._stretch = None
         return -1
 
-    def _frames(self, batch: IndexedBatch, rows: _Rows) -> tuple[list[_Side], SdoFrames]:
-        """SDO frames as columns, and the side of each."""
-        frames = batch.frames
-        keys = frames.bus[rows].astype(np.uint32) << 11 | frames.can_id[rows]
-        distinct, of = np.unique(keys, return_inverse=True)
-        sides = [self._side(key) for key in distinct.tolist()]
-        numbers: dict[int, int] = {}
-        channel = [numbers.setdefault(id(side.channel), len(numbers)) for side in sides]
-        columns = SdoFrames(
-            batch.seqs[rows],
-            frames.t_ns[rows],
-            np.minimum(frames.dlc[rows], 8).astype(np.uint8),
-            np.ascontiguousarray(frames.data[rows, :8]),
-            np.array(channel, np.uint16)[of],
-            np.array([side.request for side in sides])[of],
-        )
-        return [sides[number] for number in of.tolist()], columns
-
-    def _side(self, key: int) -> _Side:
+    def _side(self, key: int) -> Side:
         """Side of an identifier: where a moved server is, else by the identifier itself."""
         if key in self._moved:
             return self._moved[key]
         if key not in self._usual:
             channel = self._channel(key >> 11, key & 0x7F, 0x1200)
-            self._usual[key] = _Side(channel, key & 0x780 == 0x600, key & 0x7FF)
+            self._usual[key] = Side(channel, key & 0x780 == 0x600, key & 0x7FF)
         return self._usual[key]
 
     def _channel(self, bus: int, node: int, server: int) -> SdoChannel:
@@ -230,7 +178,7 @@ class SdoFold:
             self._channels[key] = SdoChannel(bus, node, self._done)
         return self._channels[key]
 
-    def _servers(self) -> Iterator[tuple[int, _Side]]:
+    def _servers(self) -> Iterator[tuple[int, Side]]:
         """Side by bus and identifier of servers that are not where CiA 301 puts them."""
         shadow = self._context.shadow
         usual = {(bus, node, 0x1200) for bus in self._buses for node in shadow.nodes_of(bus)}
@@ -241,7 +189,7 @@ class SdoFold:
                     continue
                 if not self._taken(bus, node, can_id):
                     channel = self._channel(bus, node, index)
-                    yield bus << 11 | can_id, _Side(channel, sub == 1, can_id)
+                    yield bus << 11 | can_id, Side(channel, sub == 1, can_id)
 
     def _moved_to(self, bus: int, node: int, index: int, sub: int) -> int | None:
         """Identifier of a server as the bus or its description tells; an EDS is often wrong."""
@@ -277,48 +225,48 @@ class SdoFold:
         self._locate_again = True
 
     def _done(self, channel: SdoChannel, transfer: Transfer) -> None:
-        bus, node = channel.bus, channel.node
+        """Take in a transfer that is not plain; what it tells, before a later answer changes it."""
+        place = self._stretch.place if self._stretch is not None else 0
         transfer.client_id = channel.client_id
-        self._note(bus, node, transfer)
-        if transfer.result == "ok":
-            if transfer.whole:
-                self._learn(bus, node, transfer)
-        elif transfer.abort_code == OBJECT_MISSING and transfer.abort_by == "server":
-            self._context.shadow.refuse(bus, node, transfer.index, transfer.sub)
-
-    def _note(self, bus: int, node: int, transfer: Transfer) -> None:
-        """Count a transfer, and keep it for its row; failed ones are kept twice as long."""
-        numbers = self._counts.setdefault((bus, node), [0, 0, 0, 0, 0])
+        self._ended.append(Ended(place, channel, transfer))
+        numbers = self._numbers(channel)
         numbers[0] += 1
         numbers[1] += transfer.result == "abort"
         numbers[2] += transfer.result == "no answer"
         numbers[4] += transfer.answered_ns is not None
-        failed = transfer.result != "ok"
-        if len(self._ended) < MAX_ROWS * (1 + failed):
-            self._ended.append((bus, node, transfer))
-        else:
-            self._unlisted += 1
+        refused = transfer.abort_code == OBJECT_MISSING and transfer.abort_by == "server"
+        if refused or (transfer.result == "ok" and transfer.whole):
+            self._lessons.append(_lesson(place, channel, transfer))
+            self._turned |= transfer.result == "ok" and transfer.index in SERVERS
 
-    def _learn(self, bus: int, node: int, transfer: Transfer) -> None:
-        shadow = self._context.shadow
-        value = shadow_value(shadow.device(bus, node), transfer)
-        write = transfer.direction == "download"
-        if write and transfer.index == 0x1010 and value == SAVE_SIGNATURE:
-            shadow.save(bus, node, transfer.end_seq, transfer.sub)
-        elif write and transfer.index == 0x1011 and value == LOAD_SIGNATURE:
-            shadow.restore(bus, node, transfer.end_seq, transfer.sub)
-        else:
-            source = "sdo-write" if write else "sdo-read"
-            known = Known(value, source, transfer.end_seq, transfer.end_ns)  # type: ignore[arg-type]
-            shadow.learn(bus, node, transfer.index, transfer.sub, known)
-            if transfer.index in _SERVERS and transfer.sub in (1, 2):
-                self._follow(bus, node, transfer, value)
+    def _numbers(self, channel: SdoChannel) -> list[int]:
+        return self._counts.setdefault((channel.bus, channel.node), [0, 0, 0, 0, 0])
 
-    def _follow(self, bus: int, node: int, transfer: Transfer, value: int | bytes) -> None:
+    def _settle(self, plain: Plain | None = None) -> None:
+        """Tell the log and the shadow what ended, in the order in which it did."""
+        ended = sorted(self._ended, key=lambda each: each.place)
+        lessons = sorted(self._lessons, key=lambda each: each.place)
+        self._ended, self._lessons, self._turned = [], [], False
+        if self._stretch is None or plain is None:
+            self._log.add(ended)
+            told = [(each, self._teacher.take(each)) for each in lessons]
+        else:
+            channels = self._stretch.channels
+            for channel, count in zip(channels, np.bincount(plain.channel).tolist(), strict=False):
+                self._numbers(channel)[0] += count
+                self._numbers(channel)[4] += count
+            self._log.add(ended, plain, channels)
+            told = self._teacher.teach(lessons, plain, channels)
+        for lesson, value in told:
+            self._follow(lesson, value)
+
+    def _follow(self, lesson: Lesson, value: int | bytes | None) -> None:
         """Look for servers anew, unless one only says that it is where it always was."""
-        server = (bus, node, transfer.index)
-        base = 0x600 if transfer.sub == 1 else 0x580
-        usual = (transfer.index, value) == (0x1200, base + node)
+        index, sub = lesson.key
+        if index not in SERVERS or sub not in (1, 2) or value is None:
+            return
+        server = (lesson.bus, lesson.node, index)
+        usual = (index, value) == (0x1200, (0x600 if sub == 1 else 0x580) + lesson.node)
         if usual and server not in self._told and not self._moved:
             return
         self._told.add(server)
@@ -336,7 +284,14 @@ class SdoFold:
             table.oddities[key].sort(key=lambda odd: odd.seq)
 
 
-def _irregular(transfer: Transfer) -> bool:
-    return bool(
-        transfer.ended_by or transfer.toggle_errors or transfer.repeated or not transfer.whole
+def _lesson(place: int, channel: SdoChannel, transfer: Transfer) -> Lesson:
+    return Lesson(
+        place,
+        channel.bus,
+        channel.node,
+        (transfer.index, transfer.sub),
+        transfer.direction == "download",
+        bytes(transfer.data) if transfer.result == "ok" else None,
+        transfer.end_seq,
+        transfer.end_ns,
     )

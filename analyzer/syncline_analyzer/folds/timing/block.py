@@ -54,6 +54,7 @@ class Block:
     def __init__(self, batch: IndexedBatch) -> None:
         self.batch = batch
         self._wire_ns: dict[tuple[int, float, float | None], NDArray[np.float64]] = {}
+        self._apart_ns: dict[int, NDArray[np.int64]] = {}
 
     @property
     def frames(self) -> FrameBatch:
@@ -75,15 +76,21 @@ class Block:
         Exact; 0 for errors, and for what the recorder wrote down twice. The part of it in
         `data_phase_bits` passed at the data bit rate, and faster than at the nominal one.
         """
-        bits = wire_bits(self.frames) + self.data_phase_bits
-        bits[(self.frames.flags & COPY) != 0] = 0
-        return bits
+        bits = wire_bits(self.frames)
+        if self.batch.flags_seen & FrameFlag.FD:
+            bits += self.data_phase_bits
+        return self._but_copies(bits)
 
     @cached_property
     def data_phase_bits(self) -> NDArray[np.int64]:
         """(n,) bits at the data bit rate: 0 for all but FD frames with bit rate switch."""
-        bits = data_phase_bits(self.frames)
-        bits[(self.frames.flags & COPY) != 0] = 0
+        if not self.batch.flags_seen & FrameFlag.BRS:
+            return np.zeros(len(self.batch), np.int64)
+        return self._but_copies(data_phase_bits(self.frames))
+
+    def _but_copies(self, bits: NDArray[np.int64]) -> NDArray[np.int64]:
+        if self.batch.flags_seen & COPY:
+            bits[(self.frames.flags & COPY) != 0] = 0
         return bits
 
     def wire_ns(
@@ -96,28 +103,40 @@ class Block:
         key = bus, bit_ns, data_bit_ns
         if key not in self._wire_ns:
             places = self.by_bus[bus]
-            fast = self.data_phase_bits[places]
-            found = (self.wire_bits[places] - fast).astype(np.float64) * bit_ns
-            if fast.any():
+            found = self.wire_bits[places] * bit_ns
+            if self.batch.flags_seen & FrameFlag.BRS:
+                fast = self.data_phase_bits[places]
                 each_ns = np.nan if data_bit_ns is None else data_bit_ns
-                found = np.where(fast > 0, found + fast * each_ns, found)
-            found[self.error[places]] = np.nan
+                slow_ns = (self.wire_bits[places] - fast) * bit_ns
+                found = np.where(fast > 0, slow_ns + fast * each_ns, found)
+            if self.batch.flags_seen & FrameFlag.ERROR:
+                found[self.error[places]] = np.nan
             self._wire_ns[key] = found
         return self._wire_ns[key]
 
     @cached_property
     def by_bus(self) -> dict[int, NDArray[np.intp] | slice]:
         """Rows of each bus but copies; a slice when there is only one."""
-        bus = self.frames.bus
+        bus, buses = self.frames.bus, self.batch.buses
+        if not self.batch.flags_seen & COPY:
+            if len(buses) == 1:
+                return {buses[0]: slice(None)}
+            return {one: np.flatnonzero(bus == one) for one in buses}
         real = (self.frames.flags & COPY) == 0
-        if not real.all():
-            return {int(one): np.flatnonzero((bus == one) & real) for one in np.unique(bus[real])}
-        if not len(bus) or bool((bus == bus[0]).all()):
-            return {int(bus[0]): slice(None)} if len(bus) else {}
-        return {int(one): np.flatnonzero(bus == one) for one in np.unique(bus)}
+        rows = {one: np.flatnonzero((bus == one) & real) for one in buses}
+        return {one: found for one, found in rows.items() if len(found)}
+
+    def apart_ns(self, bus: int) -> NDArray[np.int64]:
+        """(k - 1,) time from each frame of a bus to the next, negative where the clock was set."""
+        if bus not in self._apart_ns:
+            t_ns = self.frames.t_ns[self.by_bus[bus]]
+            self._apart_ns[bus] = t_ns[1:] - t_ns[:-1]
+        return self._apart_ns[bus]
 
     @cached_property
     def error(self) -> NDArray[np.bool_]:
         """(n,) True for error frames."""
+        if not self.batch.flags_seen & FrameFlag.ERROR:
+            return np.zeros(len(self.batch), np.bool_)
         error: NDArray[np.bool_] = (self.frames.flags & FrameFlag.ERROR) != 0
         return error

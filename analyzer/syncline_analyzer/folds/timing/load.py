@@ -22,6 +22,7 @@ from syncline_analyzer.results import (
     Series,
 )
 from syncline_analyzer.service_ids import moved_emcy_id
+from syncline_schemas.batch import FrameFlag
 
 WINDOW_NS = 1_000_000_000
 SHORT_WINDOW_NS = 100_000_000
@@ -101,9 +102,8 @@ class LoadFold:
         """Take in the frames of one bus."""
         rows = block.by_bus[bus]
         state = self._states.setdefault(bus, _State())
-        fast = block.data_phase_bits[rows]
         bits = block.wire_bits[rows].astype(np.float64)
-        if fast.any():
+        if block.batch.flags_seen & FrameFlag.BRS and (fast := block.data_phase_bits[rows]).any():
             ratio = self._nominal_per_data_bit(bus)
             state.unknown_rate |= ratio is None
             bits -= fast * (1 - (ratio or 1.0))
@@ -114,7 +114,7 @@ class LoadFold:
         if not self._context.timed:
             return
         t_ns, error = frames.t_ns, block.error[rows]
-        back = np.flatnonzero(np.diff(t_ns) < -_STEP_BACK_NS) + 1
+        back = np.flatnonzero(block.apart_ns(bus) < -_STEP_BACK_NS) + 1
         for first, stop in pairwise([0, *back.tolist(), len(t_ns)]):
             part = slice(first, stop)
             self._stretch(bus, state, t_ns[part], bits[part], error[part])
@@ -184,7 +184,7 @@ class LoadFold:
             state.last_ns = int(t_ns[0])
             state.bits -= float(bits[0])
         assert state.last_ns is not None
-        forward = np.maximum.accumulate(np.maximum(t_ns, state.last_ns))
+        forward = _forward(t_ns, state.last_ns)
         state.listened_ns += int(forward[-1]) - state.last_ns
         state.last_ns = int(forward[-1])
         for windows in (state.seconds, state.tenths):
@@ -192,8 +192,8 @@ class LoadFold:
             whole = windows.add(forward, bits, bit_ns)
             if windows is state.seconds and bit_ns:
                 _add_full(state.full, self._context.bus_name(bus), whole, bit_ns)
-        sent = np.flatnonzero(~error)
-        if bit_ns and len(sent):
+        if bit_ns and not error.all():
+            sent = ~error if error.any() else slice(None)
             state.busy.add(forward[sent], bits[sent] * bit_ns, bit_ns, self._context.resolution_ns)
 
     def _bit_ns(self, bus: int) -> float:
@@ -244,6 +244,14 @@ class LoadFold:
         )
         bitrate = self._percentages(bus, state)
         return _with_percent(row, state, bitrate, self._context.resolution_ns) if bitrate else row
+
+
+def _forward(t_ns: Ints, least_ns: int) -> Ints:
+    """The stamps, each no less than those before it and than the first may be."""
+    if t_ns[0] >= least_ns and bool((t_ns[1:] >= t_ns[:-1]).all()):
+        return t_ns
+    forward: Ints = np.maximum.accumulate(np.maximum(t_ns, least_ns))
+    return forward
 
 
 def _with_percent(row: BusLoadRow, state: _State, bitrate: int, resolution_ns: int) -> BusLoadRow:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,11 +43,14 @@ class Shares:
     def add(self, frames: FrameBatch, bits: NDArray[np.float64]) -> None:
         """Take in frames; error frames have no identifier."""
         kind = frames.flags & _KINDS
+        if not np.bitwise_or.reduce(kind, initial=0):
+            self._add_short(frames.can_id, bits)
+            return
         remote = (kind & FrameFlag.REMOTE) != 0
         rows = np.flatnonzero((kind & (FrameFlag.EXTENDED | FrameFlag.ERROR)) == 0)
-        key = (frames.can_id[rows] & 0x7FF) | np.where(remote[rows], _REMOTE, 0)
-        self._frames += np.bincount(key, minlength=2 * _REMOTE)
-        self._bits += np.bincount(key, bits[rows], minlength=2 * _REMOTE)
+        self._add_short(
+            (frames.can_id[rows] & 0x7FF) | np.where(remote[rows], _REMOTE, 0), bits[rows]
+        )
         rows = np.flatnonzero((kind & FrameFlag.ERROR) == 0)
         rows = rows[(kind[rows] & FrameFlag.EXTENDED) != 0]
         if not len(rows):
@@ -100,6 +104,10 @@ class Shares:
             rows.append(BusShareRow(bus, None, True, False, None, rest, self._rest.frames, *shares))
         rows.sort(key=lambda row: (-row.share_percent, row.cob_id or 0, row.remote))
         return rows, _by_node(bus, rows)
+
+    def _add_short(self, key: NDArray[np.integer[Any]], bits: NDArray[np.float64]) -> None:
+        self._frames += np.bincount(key, minlength=2 * _REMOTE)
+        self._bits += np.bincount(key, bits, minlength=2 * _REMOTE)
 
     def _add_extended(self, key: int, frames: int, bits: float) -> None:
         full = key not in self._extended and len(self._extended) >= MAX_IDS

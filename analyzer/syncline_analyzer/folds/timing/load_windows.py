@@ -60,19 +60,15 @@ class Windows:
         `bit_ns` is 0 where the bit rate is not known: a frame then takes no time.
         """
         assert self._origin_ns is not None
-        since = t_ns - self._origin_ns
-        number = since // self.width_ns
-        # The frame that is stamped first in a window has been on the wire before it began.
-        early = bits * bit_ns - (since - number * self.width_ns)
-        split = np.flatnonzero(early > 0)
-        before = np.minimum(early[split] / bit_ns, bits[split]) if bit_ns else early[split]
+        begins, number = self._begins(t_ns)
+        split, its_number, early = self._early(t_ns, bits * bit_ns, begins, number)
+        before = np.minimum(early / bit_ns, bits[split]) if bit_ns else early
         # What lies before the stretch is not listened to.
-        earlier = before * (number[split] > 0)
-        begins = np.flatnonzero(np.diff(number, prepend=-1))
+        earlier = before * (its_number > 0)
         numbers = np.concatenate(
-            ([self._number], number[begins], number[split], np.maximum(number[split] - 1, 0))
+            ([self._number], number, its_number, np.maximum(its_number - 1, 0))
         )
-        counts = np.diff(np.append(begins, len(number)))
+        counts = np.diff(np.append(begins, len(t_ns)))
         frames = np.concatenate(([self._frames], counts, np.zeros(2 * len(split))))
         all_bits = np.concatenate(([self._bits], np.add.reduceat(bits, begins), -before, earlier))
         each, place = np.unique(numbers, return_inverse=True)
@@ -83,6 +79,37 @@ class Windows:
         whole = Whole(self._origin_ns + each[:-1] * self.width_ns, frame_sums[:-1], bit_sums[:-1])
         self._keep(whole, self.most * self.width_ns / bit_ns if bit_ns else np.inf)
         return whole
+
+    def _begins(self, t_ns: Ints) -> tuple[Ints, Ints]:
+        """(rows, number) of the first frame in each window that has any."""
+        assert self._origin_ns is not None
+        first, last = ((int(t_ns[at]) - self._origin_ns) // self.width_ns for at in (0, -1))
+        if last - first > len(t_ns) // 4:
+            each = (t_ns - self._origin_ns) // self.width_ns
+            begins = np.flatnonzero(np.diff(each, prepend=-1))
+            return begins, each[begins]
+        number = np.arange(first, last + 1)
+        edges = np.searchsorted(t_ns, self._origin_ns + number[1:] * self.width_ns)
+        begins = np.concatenate(([0], edges))
+        held = np.concatenate((edges, [len(t_ns)])) > begins
+        return begins[held], number[held]
+
+    def _early(
+        self, t_ns: Ints, wire_ns: Floats, begins: Ints, number: Ints
+    ) -> tuple[Ints, Ints, Floats]:
+        """Frames that were on the wire before their window began: (rows, its number, how long [ns])."""
+        assert self._origin_ns is not None
+        start_ns = self._origin_ns + number * self.width_ns
+        longest_ns = int(np.ceil(wire_ns.max()))
+        # No frame behind the first that is further from the start than the longest takes.
+        stop = np.searchsorted(t_ns, start_ns + longest_ns, "right")
+        count = np.minimum(stop, np.append(begins[1:], len(t_ns))) - begins
+        count = np.maximum(count, 0)
+        window = np.repeat(np.arange(len(begins)), count)
+        rows = np.arange(len(window)) - np.repeat(np.cumsum(count) - count - begins, count)
+        early = wire_ns[rows] - (t_ns[rows] - start_ns[window])
+        kept = np.flatnonzero(early > 0)
+        return rows[kept], number[window[kept]], early[kept]
 
     def close(self) -> None:
         """End a stretch; its last window is not whole and only drawn when it is the only one."""

@@ -1,6 +1,7 @@
 """PDOs of a node in stretches between the events that may change its state."""
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -39,10 +40,11 @@ class PdoSpans:
         remote = np.concatenate((self._asked.get(can_id, remote[:0]), remote))
         if len(remote):
             self._asked[can_id] = remote[-1:]
-        part = np.searchsorted([cut[0] for cut in self._cuts], seq)
-        edges = np.flatnonzero(np.diff(part)) + 1
-        for rows in np.split(np.arange(len(seq)), edges):
-            number = int(part[rows[0]])
+        edges = np.searchsorted(seq, [cut[0] for cut in self._cuts], "right").tolist()
+        for number, (begin, stop) in enumerate(pairwise((0, *edges, len(seq)))):
+            if begin == stop:
+                continue
+            rows = slice(begin, stop)
             since = self._cuts[number - 1] if number else None
             begun = self._open.get(can_id)
             if begun is None or since != begun.since:
@@ -51,7 +53,7 @@ class PdoSpans:
                 begun = PdoSpan(can_id, since)
                 self._open[can_id] = begun
             begun.extend(seq[rows], t_ns[rows])
-            last = int(np.searchsorted(remote, seq[rows[-1]]))
+            last = int(np.searchsorted(remote, seq[stop - 1])) if len(remote) else 0
             after = since[0] if since else -1
             begun.asked = begun.asked or bool(last and remote[last - 1] > after)
 
@@ -83,6 +85,8 @@ class Quietness:
     _last_ns: int | None = None
     _longest_ns: int = 0
     """Of the stretches since the last of these messages."""
+    shortest_ns: int = 0
+    """Of the periods that the next stretches are held against, 0 where they are too few."""
 
     def follow(self, seq: Int64s, t_ns: Int64s, beat: Mask) -> list[tuple[int, int]]:
         """(seq - 1, t_ns) of the frames of a node that end such a stretch; all (n,)."""
@@ -102,13 +106,33 @@ class Quietness:
             found += [(int(seq[row]) - 1, int(t_ns[row])) for row in np.intersect1d(fresh, rows)]
         begun = self._longest_ns if not beat.any() else 0
         self._longest_ns = max(begun, int(passed[edges[-2] + 1 :].max(initial=0)))
-        self._beats = np.concatenate((self._beats, t_ns[beat]))[-MIN_PERIODS - 1 :]
+        self._keep(t_ns[beat])
         self._last_ns = int(t_ns[-1])
         return found
+
+    def go_on(self, beats_ns: Int64s, longest_ns: int, last_ns: int) -> None:
+        """Take in messages between which nothing was silent for longer than a period.
+
+        Args:
+            beats_ns: (n,) their times.
+            longest_ns: of the stretches since the last of them.
+            last_ns: time of the last frame of the node.
+        """
+        self._keep(beats_ns)
+        self._longest_ns, self._last_ns = longest_ns, last_ns
 
     def cut(self) -> None:
         """Begin anew, as after a gap."""
         self._beats, self._last_ns, self._longest_ns = self._beats[:0], None, 0
+        self.shortest_ns = 0
+
+    def _keep(self, beats_ns: Int64s) -> None:
+        """Keep the times of the last messages."""
+        if len(beats_ns):
+            beats = np.concatenate((self._beats, beats_ns[-MIN_PERIODS - 1 :]))
+            self._beats = beats[-MIN_PERIODS - 1 :]
+            enough = len(self._beats) > MIN_PERIODS
+            self.shortest_ns = int(np.diff(self._beats).min()) if enough else 0
 
     def _limits(self, t_ns: Int64s, beat: Mask) -> NDArray[np.float64]:
         """What a silence exceeds after each message: the shortest of the periods before it."""

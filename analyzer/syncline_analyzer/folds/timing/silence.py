@@ -114,31 +114,51 @@ class SilenceFold:
         """Take in the frames of one bus of a block."""
         self._told.clear()
         state = self._buses.setdefault(bus, _Bus())
+        if state.last_ns is None:
+            apart = block.apart_ns(bus)
+        else:
+            first_ns = block.frames.t_ns[block.by_bus[bus]][:1]
+            apart = np.concatenate((first_ns - state.last_ns, block.apart_ns(bus)))
+        least_ns = int(apart.min(initial=0))
+        state.apart.add(apart if least_ns >= 0 else apart[apart >= 0])
+        ids = [can_id for on, can_id in block.batch.ids() if on == bus]
+        others = [i for i in ids if i not in HEARTBEATS and i not in state.others]
+        state.others.extend(others[: _OTHERS - len(state.others)])
+        followed = {_NMT, *state.others}
+        lines = {i: _Line(block, bus, i) for i in ids if i in HEARTBEATS or i in followed}
+        last_ns, last_seq = _last_frame(block, bus)
+        _follow(state.waiting, lines, last_ns)
+        state.waiting.clear()
+        usual_ns = state.apart.quantile(0.98) if state.apart.count else 0.0
+        long = np.flatnonzero(apart > _BRIEF * usual_ns)[:MAX_SILENCES]
+        if least_ns < -STAMP_NS or len(long):
+            self._add_silences(block, bus, state, apart, usual_ns, long, lines)
+            _follow(state.waiting, lines, last_ns)
+        for can_id, line in lines.items():
+            _add_period(state, can_id, line)
+        state.last_ns, state.last_seq = last_ns, last_seq
+
+    @staticmethod
+    def _add_silences(
+        block: Block,
+        bus: int,
+        state: _Bus,
+        apart: Ints,
+        usual_ns: float,
+        long: NDArray[np.intp],
+        lines: dict[int, "_Line"],
+    ) -> None:
+        """Keep steps back of the stamps, and the `long` ones of the (n,) times between frames."""
         rows = np.arange(len(block.frames))[block.by_bus[bus]]
-        t_ns = block.frames.t_ns[rows]
-        seq = block.batch.seqs[rows]
+        t_ns, seq = block.frames.t_ns[rows], block.batch.seqs[rows]
         if state.last_ns is not None:
             t_ns = np.concatenate(([state.last_ns], t_ns))
             seq = np.concatenate(([state.last_seq], seq))
-        apart = np.diff(t_ns)
-        state.apart.add(apart[apart >= 0])
         back = np.flatnonzero(apart < -STAMP_NS)[: MAX_SILENCES - len(state.backs)].tolist()
         state.backs.extend(
             Silence(int(t_ns[k + 1]), int(t_ns[k]), int(seq[k]), int(seq[k + 1]), {}) for k in back
         )
-        others = [i for b, i in block.batch.ids() if b == bus and i not in HEARTBEATS]
-        state.others.extend(
-            [i for i in others if i not in state.others][: _OTHERS - len(state.others)]
-        )
-        lines = {
-            can_id: _line(block, bus, can_id)
-            for id_bus, can_id in block.batch.ids()
-            if id_bus == bus and (can_id in HEARTBEATS or can_id in {_NMT, *state.others})
-        }
-        _follow(state.waiting, lines, int(t_ns[-1]))
-        state.waiting.clear()
-        usual_ns = state.apart.quantile(0.98) if state.apart.count else 0.0
-        for row in np.flatnonzero(apart > _BRIEF * usual_ns)[:MAX_SILENCES].tolist():
+        for row in long.tolist():
             kept = state.silences if apart[row] > _MANY * usual_ns else state.brief
             if usual_ns > 0 and len(kept) < MAX_SILENCES:
                 end = int(seq[row + 1])
@@ -148,10 +168,6 @@ class SilenceFold:
                     Silence(int(t_ns[row]), int(t_ns[row + 1]), int(seq[row]), end, before, stalled)
                 )
                 state.waiting.append(kept[-1])
-        _follow(state.waiting, lines, int(t_ns[-1]))
-        for can_id, line in lines.items():
-            _add_period(state, can_id, line)
-        state.last_ns, state.last_seq = int(t_ns[-1]), int(seq[-1])
 
     def gap(self, bus: int | None) -> None:
         """A gap is no silence."""
@@ -238,20 +254,32 @@ def within_silence(
     return inside
 
 
-class _Line(NamedTuple):
-    """The frames of an identifier in a block: (n,) `seq`, stamps and first bytes."""
+class _Line:
+    """The frames of an identifier in a block: (n,) `seq` and stamps, and their first bytes.
 
-    seq: Ints
-    t_ns: Ints
-    state: NDArray[np.uint8]
+    Without remote frames that a logger wrote down as empty data frames of error control.
+    """
+
+    def __init__(self, block: Block, bus: int, can_id: int) -> None:
+        batch = block.batch
+        rows = batch.rows(bus, can_id)
+        self.t_ns, self.seq = batch.t_ns_of(bus, can_id), batch.seqs_of(bus, can_id)
+        if can_id in HEARTBEATS:
+            sent = block.frames.dlc[rows] > 0
+            if not sent.all():
+                rows, self.t_ns, self.seq = rows[sent], self.t_ns[sent], self.seq[sent]
+        self._rows, self._data = rows, block.frames.data
+
+    def state(self, at: int) -> int:
+        """First byte of a frame without its highest bit."""
+        return int(self._data[self._rows[at], 0]) & 0x7F
 
 
-def _line(block: Block, bus: int, can_id: int) -> _Line:
-    """Without remote frames that a logger wrote down as empty data frames of error control."""
-    frames, rows = block.frames, block.batch.rows(bus, can_id)
-    if can_id in HEARTBEATS:
-        rows = rows[frames.dlc[rows] > 0]
-    return _Line(block.batch.seqs[rows], frames.t_ns[rows], frames.data[rows, 0] & 0x7F)
+def _last_frame(block: Block, bus: int) -> tuple[int, int]:
+    """(stamp, `seq`) of the last frame of a bus."""
+    places = block.by_bus[bus]
+    row = -1 if isinstance(places, slice) else int(places[-1])
+    return int(block.frames.t_ns[row]), block.batch.seq(row)
 
 
 def _heard_until(heard: dict[int, Last], lines: dict[int, _Line], seq: int) -> dict[int, Last]:
@@ -272,7 +300,7 @@ def _last(before: Last | None, line: _Line, count: int) -> Last | None:
     previous = before.t_ns if before is not None else t_ns
     if count > 1:
         previous = int(line.t_ns[count - 2])
-    return Last(t_ns, t_ns - previous, int(line.state[count - 1]))
+    return Last(t_ns, t_ns - previous, line.state(count - 1))
 
 
 def _follow(silences: list[Silence], lines: dict[int, _Line], until_ns: int) -> None:
@@ -287,7 +315,7 @@ def _follow(silences: list[Silence], lines: dict[int, _Line], until_ns: int) -> 
             if at < len(line.seq):
                 silence.across[can_id] = int(line.t_ns[at]) - last.t_ns
                 if can_id in HEARTBEATS:
-                    silence.anew |= _starts_anew(silence, last, int(line.state[at]))
+                    silence.anew |= _starts_anew(silence, last, line.state(at))
 
 
 def _starts_anew(silence: Silence, last: Last, state: int) -> bool:
@@ -303,10 +331,11 @@ def _starts_anew(silence: Silence, last: Last, state: int) -> bool:
 
 def _add_period(state: _Bus, can_id: int, line: _Line) -> None:
     times, before = line.t_ns, state.heard.get(can_id)
-    if before is not None:
-        times = np.concatenate(([before.t_ns], times))
-    periods = np.diff(times)
-    state.period.setdefault(can_id, Distribution()).add(periods[periods > 0])
+    periods = times[1:] - times[:-1]
+    if before is not None and len(times):
+        periods = np.concatenate((times[:1] - before.t_ns, periods))
+    spread = state.period.setdefault(can_id, Distribution())
+    spread.add(periods if int(periods.min(initial=1)) > 0 else periods[periods > 0])
     last = _last(before, line, len(line.seq))
     if last is not None:
         state.heard[can_id] = last

@@ -1,0 +1,34 @@
+"""How well the stamps of an adapter's own clock were mapped onto UTC."""
+
+from dataclasses import dataclass
+from typing import Self
+
+from syncline_schemas.proto import syncline_pb2
+
+
+@dataclass(frozen=True, slots=True)
+class AdapterFit:
+    """The clock samples of one adapter in a capture.
+
+    Attributes:
+        samples: how many there are.
+        residual_ns: largest error of t that the last of them allows, the shortest delay between
+            adapter and recorder left out.
+        worst_residual_ns: the same of the worst: usually the first, before much was seen.
+        rate_ppb: how much faster than the adapter's clock t runs, by the last.
+    """
+
+    samples: int
+    residual_ns: int
+    worst_residual_ns: int
+    rate_ppb: int
+
+    @classmethod
+    def of(cls, sample: syncline_pb2.ClockSample, before: "AdapterFit | None") -> Self:
+        """The fit with one sample more; `before` is None at the first."""
+        return cls(
+            before.samples + 1 if before else 1,
+            sample.residual_ns,
+            max(before.worst_residual_ns if before else 0, sample.residual_ns),
+            sample.rate_ppb,
+        )

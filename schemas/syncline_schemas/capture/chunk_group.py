@@ -1,0 +1,106 @@
+"""Chunks that follow each other, read as one: recorders write a small one every second."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from syncline_schemas.batch import FrameBatch
+from syncline_schemas.capture.channels import ChannelTable, Kind
+from syncline_schemas.capture.chunk_content import ChunkContent, open_joined
+from syncline_schemas.capture.frame_record import gather_frames
+from syncline_schemas.capture.record_file import Definition, Document, Lost, RawChunk, Record
+
+GROUP_BYTES = 1 << 20
+"""Unpacked chunks are joined until they have as many bytes: about 20,000 frames."""
+
+Other = Lost | Definition | Document
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlainGroup:
+    """Chunks in which nothing needs a second look: all whole, every frame as we write it, no gaps.
+
+    Attributes:
+        content: the messages of all chunks.
+        kind: (n,) uint8, `Kind` of each message.
+        frames: of all chunks, in file order.
+        frame_rows: (frames,) which messages they are.
+        first_ns: log time of the first message.
+        last_ns: the latest log time at the end of a chunk.
+    """
+
+    content: ChunkContent
+    kind: NDArray[np.uint8]
+    frames: FrameBatch
+    frame_rows: NDArray[np.intp]
+    first_ns: int
+    last_ns: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OpenedGroup:
+    """Chunks and, where they could be read as one by the channels known then, their content.
+
+    `version` is that of the channel table: with another one `plain` may be wrong.
+    """
+
+    raws: Sequence[RawChunk]
+    version: int
+    plain: PlainGroup | None
+
+
+def grouped(records: Iterable[Record]) -> Iterator[list[RawChunk] | Other]:
+    """Chunks that follow each other in groups, the first by itself; all else as it comes."""
+    group: list[RawChunk] = []
+    size, enough = 0, 0
+    for record in records:
+        if not isinstance(record, RawChunk):
+            if group:
+                yield group
+                group, size = [], 0
+            yield record
+            continue
+        group.append(record)
+        size += record.uncompressed_size
+        if size >= enough:
+            yield group
+            group, size, enough = [], 0, GROUP_BYTES
+    if group:
+        yield group
+
+
+def open_group(group: list[RawChunk] | Other, channels: ChannelTable) -> OpenedGroup | Other:
+    """Unpack a group and read its frames; it may be called in any thread."""
+    if not isinstance(group, list):
+        return group
+    # The table may grow meanwhile: whoever takes the group compares the versions.
+    version = channels.version
+    return OpenedGroup(group, version, _plain(group, channels))
+
+
+def _plain(group: list[RawChunk], channels: ChannelTable) -> PlainGroup | None:
+    joined = open_joined(group)
+    if joined is None:
+        return None
+    content = joined.content
+    kind = channels.kind[content.channel]
+    if np.any(kind == Kind.UNKNOWN) or np.any(kind == Kind.GAP):
+        return None
+    rows = np.flatnonzero(kind == Kind.FRAME)
+    everything = len(rows) == len(kind)
+    heads = joined.heads if everything else joined.heads.rows(rows)
+    bus = channels.bus[content.channel[rows]].astype(np.uint8)
+    gathered = gather_frames(content.buffer, content.offset[rows], heads, bus)
+    if not gathered.regular.all():
+        return None
+    ends = np.append(joined.first_row[1:], len(kind)) - 1
+    return PlainGroup(
+        content,
+        kind,
+        gathered.frames,
+        rows,
+        int(content.log_time_ns[0]),
+        int(content.log_time_ns[ends].max()),
+    )

@@ -1,0 +1,107 @@
+"""What happens to a running recording, as its own log tells it."""
+
+from pathlib import Path
+
+import numpy as np
+
+from syncline_logger.bus_condition import BusCondition
+from syncline_logger.live_status import LiveStatus
+from syncline_logger.notes import Note
+from syncline_logger.recording import Recording, RecordOptions
+from syncline_logger.segments import Split
+from syncline_schemas.batch import FrameBatch, Gap
+from syncline_schemas.capture.layout import BusInfo
+
+S = 1_000_000_000
+T0 = 1_760_000_000 * S
+
+
+def live_bus() -> LiveStatus:
+    return LiveStatus([BusInfo("can0", 0)], 0)
+
+
+def heartbeats(live: LiveStatus, *beats: tuple[float, int]) -> list[str]:
+    """What is told of node 5 after its heartbeats: second and state byte."""
+    for t_s, byte in beats:
+        t_ns = round(t_s * S)
+        batch = FrameBatch.from_rows([(t_ns, 0, 0x705, 0, 1, bytes([byte]))])
+        live.update(batch, batch.t_ns)
+    return [change.text for change in live.take_changes()]
+
+
+def test_each_change_of_a_node_is_told_once() -> None:
+    live = live_bus()
+    assert heartbeats(live, (0, 0), (1, 0x7F), (2, 5), (3, 5), (4, 4), (5, 5)) == [
+        "node 5 boots, is heard, PRE-OPERATIONAL",
+        "node 5 goes from PRE-OPERATIONAL to OPERATIONAL",
+        "node 5 goes from OPERATIONAL to STOPPED",
+        "node 5 goes from STOPPED to OPERATIONAL",
+    ]
+
+
+def test_a_node_that_is_lost_and_back_between_two_looks_is_told() -> None:
+    live = live_bus()
+    heartbeats(live, (0, 5), (1, 5), (2, 5))
+    assert heartbeats(live, (5, 5)) == []
+    assert heartbeats(live, (9.5, 5)) == ["node 5 was silent for 4.5 s"]
+    assert heartbeats(live, (10, 0)) == [
+        "node 5 boots, goes from OPERATIONAL to PRE-OPERATIONAL",
+    ]
+
+
+def test_a_silence_is_told_when_it_is_seen_and_when_it_ends() -> None:
+    live = live_bus()
+    heartbeats(live, (0, 5), (1, 5), (2, 5))
+    live.listened(0, 0, 8 * S)
+    live.snapshot(8 * S, "x", 0, [BusCondition("virtual")])
+    live.snapshot(9 * S, "x", 0, [BusCondition("virtual")])
+    assert [(each.log_ns, each.text) for each in live.take_changes()] == [
+        (8 * S, "node 5 goes from OPERATIONAL to LOST")
+    ]
+    assert heartbeats(live, (12, 5)) == [
+        "node 5 was silent for 10.0 s, goes from LOST to OPERATIONAL"
+    ]
+
+
+def test_who_could_not_be_heard_was_not_silent() -> None:
+    live = live_bus()
+    heartbeats(live, (0, 5), (1, 5), (2, 5))
+    live.listened(0, 58 * S, 59 * S)
+    assert heartbeats(live, (60, 5)) == [], "the recorder was deaf"
+    late = FrameBatch.from_rows([(61 * S, 0, 0x705, 0, 1, b"\x05")])
+    live.update(late, np.array([99 * S]))
+    assert live.take_changes() == [], "the frame was handed over late"
+
+
+def test_everything_that_happens_to_a_recording_is_noted(tmp_path: Path) -> None:
+    notes: list[Note] = []
+    options = RecordOptions(recording_id="ab", split=Split(time_ns=10 * S), decode=False)
+    recording = Recording(
+        tmp_path, [BusInfo("a", 0)], options, start_ns=T0, host="h", on_note=notes.append
+    )
+    batch = FrameBatch.from_rows([(T0 + S, 0, 0x705, 0, 1, b"\x05")])
+    recording.take_frames(batch, batch.t_ns)
+    recording.write(batch, batch.t_ns)
+    recording.add_gap(Gap(T0 + 2 * S, T0 + 4 * S, "unplugged", 3, 0), T0 + 5 * S)
+    recording.add_status(0, T0 + 5 * S, "listening again")
+    recording.ask("it fell", T0 + 6 * S)
+    later = FrameBatch.from_rows([(T0 + 11 * S, 0, 0x705, 0, 1, b"\x05")])
+    recording.take_frames(later, later.t_ns)
+    recording.write(later, later.t_ns)
+    recording.finish(T0 + 12 * S, "stopped")
+    first, second = "20251009T085320Z_ab_0000", "20251009T085331Z_ab_0001"
+    assert [((note.log_ns - T0) // S, note.serious, str(note)) for note in notes] == [
+        (0, False, f"writing {tmp_path / first}.part.mcap"),
+        (1, False, "a: node 5 is heard, OPERATIONAL"),
+        (
+            5,
+            True,
+            "a: not heard from 2025-10-09T08:53:22.000Z to 08:53:24.000Z (2.000 s): unplugged;"
+            " 3 frames lost",
+        ),
+        (5, False, "a: listening again"),
+        (6, False, "mark: it fell"),
+        (11, False, f"writing {tmp_path / second}.part.mcap"),
+        (11, False, f"closed {tmp_path / first}.mcap: 1 frame, 0.0 MB"),
+        (12, False, f"closed {tmp_path / second}.mcap: 1 frame, 0.0 MB"),
+    ]

@@ -20,8 +20,8 @@ def record_syncline(source: Path, out: Path, *, decode: bool = True) -> Callable
 
     from benchmarks.virtual_bus import preloaded_bus
     from syncline_logger.bus_options import BusOptions
+    from syncline_logger.record_options import RecordOptions
     from syncline_logger.recorder import record
-    from syncline_logger.recording import RecordOptions
     from syncline_logger.sources.python_can import PythonCanSource
 
     bus, frames = preloaded_bus(source)

@@ -59,8 +59,8 @@ class Killed:
 
 def child(folder: Path, recording_id: str, rate: float) -> None:
     """Record until killed; what was given goes to a sidecar that a kill cannot undo."""
+    from syncline_logger.record_options import RecordOptions
     from syncline_logger.recorder import record
-    from syncline_logger.recording import RecordOptions
     from syncline_logger.segments import Split
 
     with (folder / f"{recording_id}.given").open("wb", buffering=0) as sidecar:

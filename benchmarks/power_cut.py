@@ -123,8 +123,8 @@ class Trouble:
 
 def record_for(recording_id: str, rate: float, act: Callable[[Trouble], None] | None) -> None:
     """Record until killed, or until `act` returns."""
+    from syncline_logger.record_options import RecordOptions
     from syncline_logger.recorder import record
-    from syncline_logger.recording import RecordOptions
     from syncline_logger.retention import Keep
     from syncline_logger.segments import Split
 

@@ -45,8 +45,8 @@ def measured(work: Callable[[], int]) -> dict[str, Any]:
 
 def syncline(folder: Path, seconds: int) -> dict[str, Any]:
     """Our recorder, in real time; every frame given must be in the result and in the file."""
+    from syncline_logger.record_options import RecordOptions
     from syncline_logger.recorder import record
-    from syncline_logger.recording import RecordOptions
     from syncline_schemas.description import BusDescription
 
     description = BusDescription.loads(DESCRIPTION)

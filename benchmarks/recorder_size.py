@@ -12,8 +12,8 @@ from pathlib import Path
 
 from benchmarks.full_bus import BITRATE, DESCRIPTION, SECOND_NS, full_second, load_percent, shifted
 from benchmarks.traffic import START_NS, traffic
+from syncline_logger.record_options import RecordOptions
 from syncline_logger.recorder import record_batches
-from syncline_logger.recording import RecordOptions
 from syncline_schemas.batch import FrameBatch
 from syncline_schemas.capture.layout import BusInfo
 from syncline_schemas.description import BusDescription

@@ -1,8 +1,8 @@
 """Writes the pages made from the code: `uv run python -m docs.generate`.
 
 `commands.md` comes from the commands' own --help, `findings.md` from the rules, `formats.md` from the
-registries of readers and writers, `devices/*.md` from the devices' files and from the tables that
-their readers know.
+registries of readers and writers, `device-check.md` from the kinds of faults, `devices/*.md` from the
+devices' files and from the tables that their readers know.
 """
 
 import sys
@@ -22,6 +22,7 @@ from syncline_logger.cli import cli
 from syncline_logger.device_sheet import HANDLED, Section, objects, sections
 from syncline_schemas.description import BUS_KEYS, NODE_KEYS
 from syncline_schemas.devices import Device, device_names, load_device
+from syncline_schemas.devices.check.kinds import KINDS, SEVERITIES
 from syncline_schemas.devices.profile import known_keys
 from syncline_schemas.devices.standard import standard_profiles
 
@@ -107,7 +108,7 @@ every device that was named or recognised while it was recorded, so that it tell
 
 ```sh
 SYNCLINE_DEVICES=samples/own_devices syncline devices generic-406
-syncline devices --check samples/own_devices/generic-406.toml
+syncline devices --check samples/own_devices/generic-406.toml    # what is wrong and what to write: ../device-check.md
 ```
 
 Objects are written as `"6004"` or `"1018:2"`. The tables and keys of the TOML file, of which any may be missing:
@@ -309,6 +310,36 @@ _EVERY_FORMAT = """
 Every format holds: stamps to the nanosecond (text formats write microseconds where all stamps are whole ones), identifiers, extended
 identifiers, remote frames with their length, direction, CAN FD with its flags, and that there was an error frame.
 """
+PYTHON_CAN = """
+## In python-can
+
+Where Syncline is installed, the base install too, python-can's own tools and functions know `.mcap`:
+
+```sh
+can_logger -i socketcan -c can0 -f x.mcap   # also can_logconvert x.blf x.mcap
+can_player -i virtual -c 0 x.mcap           # what `syncline record` wrote, too
+```
+
+`can.Logger("x.mcap")` writes each channel as a bus of its own, error and remote frames, CAN FD and direction as they come, and the stamps to
+the last digit of python-can's seconds; a chunk is synced to disk every second, so a killed logger loses at most that. `can.LogReader("x.mcap")`
+reads whole, cut and damaged captures and logs what is lost as warnings. Not possible: appending (`-a` is refused: give another file, two files
+analyze as one session) and python-can's splitting by size (`-s`). What python-can does not pass on is not in the file: bit rate, the kind of
+adapter, lost frames, kernel stamps; `syncline record` keeps those. A ROS 2 bag goes through `syncline convert` first.
+"""
+CHECK_HEADER = """# What the check of an EDS says
+
+Made from the kinds of faults by `python -m docs.generate`; tests keep it true. EDS and DCF (CiA 306), XDD and XDC (CiA 311) are read by one
+reader that repairs what it can; the check says what it repaired, what else contradicts the standard, where, and what to write instead.
+
+```sh
+syncline devices --check drive.eds                               # exit code 0 when it can be used, 2 when nothing in it can
+syncline devices --check *.eds *.xdd --fail-on error             # for scripts: 1 when there is an error
+syncline devices --check drive.dcf --format json                 # {schema, files: [{path, usable, counts, faults: [...]}]}
+```
+
+An **error** leads a tool that believes the file wrong; a **warning** contradicts the standard, and some tool stumbles over it; a **note** is
+unusual or worth a look. In JSON each fault has `kind`, `severity`, `where`, `line` (null where it is not known), `text`, `write` and `reading`.
+"""
 
 
 def formats_page() -> str:
@@ -335,7 +366,19 @@ def formats_page() -> str:
         ),
     )
     lines = [FORMATS_HEADER, *_markdown(reads), WRITE_HEADER, *_markdown(writes)]
-    return "\n".join(lines).rstrip() + "\n" + _EVERY_FORMAT
+    return "\n".join(lines).rstrip() + "\n" + _EVERY_FORMAT + PYTHON_CAN
+
+
+def device_check_page() -> str:
+    """Every kind of fault of a device description, the worst first."""
+    rows = [
+        (severity, name, kind.write, kind.reading or "takes it as it stands")
+        for severity in SEVERITIES
+        for name, kind in KINDS.items()
+        if kind.severity == severity
+    ]
+    table = Section("", ("severity", "kind", "what to write", "what Syncline does"), tuple(rows))
+    return "\n".join([CHECK_HEADER, *_markdown(table)]).rstrip() + "\n"
 
 
 def _listed(words: "tuple[str, ...]") -> str:
@@ -350,6 +393,7 @@ def pages() -> Mapping[str, str]:
         "findings.md": findings_page(),
         "bus-description.md": description_page(),
         "formats.md": formats_page(),
+        "device-check.md": device_check_page(),
         "devices/README.md": devices_page(),
         **own,
     }

@@ -12,6 +12,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 
 import can
+import can.cli
 import can.logconvert
 import can.logger
 import can.player
@@ -112,7 +113,6 @@ def test_logger_and_log_reader_take_mcap(tmp_path: Path) -> None:
 def test_other_readers_of_mcap_find_each_channel_as_a_bus(tmp_path: Path) -> None:
     path = tmp_path / "x.mcap"
     write(path)
-    contents = read_capture(path)
     found = {topic: len(each) for topic, each in read_capture(path).messages.items()}
     assert found == {"/can/can0/frames": 2, "/can/1/frames": 2, "/can/can/frames": 2}
     assert doctor_complaints(path) == []
@@ -125,7 +125,7 @@ def test_can_logger_records_a_bus(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     with VirtualBus("logged") as sender:
         monkeypatch.setattr(sys, "argv", ["can_logger", "-f", str(path), "-i", "virtual",
                                           "-c", "logged"])  # fmt: skip
-        original = can.logger.create_bus_from_namespace
+        original = can.cli.create_bus_from_namespace
 
         def connected(*words: object, **more: object) -> can.BusABC:
             bus = original(*words, **more)  # type: ignore[arg-type]
@@ -336,7 +336,7 @@ def test_a_healthy_capture_stays_healthy_through_python_can(tmp_path: Path) -> N
     with McapReader(healthy) as reader:
         write(path, tuple(reader))
     before, after = open_session(str(healthy)), open_session(str(path))
-    assert after.analysis.findings == []
+    assert {each.severity for each in after.analysis.findings} <= {"info"}
     assert len(after.nmt_states()) == len(before.nmt_states())
     assert after.analysis.capture.frames == before.analysis.capture.frames
     assert after.analysis.capture.buses == before.analysis.capture.buses

@@ -212,7 +212,7 @@ def _analyzed(selection: Selection) -> "Analysis":
     session = open_session(
         selection["captures"],
         description=selection["description"],
-        devices=dict(_device(text) for text in selection["devices"]),
+        devices=dict(device_option(text) for text in selection["devices"]),
         bitrate=selection["bitrate"],
         data_bitrate=selection["data_bitrate"],
         start=selection["start"],
@@ -230,8 +230,8 @@ def _tell_frames(frames: int) -> None:
     click.echo(f"\r{frames:,} frames", err=True, nl=False)
 
 
-def _device(text: str) -> tuple[int, str]:
-    """Node and device of "10=jn2100"; the node also as 0x0A."""
+def device_option(text: str) -> tuple[int, str]:
+    """Node and device of "10=jn2100"; the node also as 0x0A. Raises: UsageError."""
     node, _, name = text.partition("=")
     try:
         number = int(node, 0)

@@ -5,7 +5,7 @@ from itertools import groupby, pairwise
 
 from syncline_analyzer.change_words import object_facts
 from syncline_analyzer.context import Context
-from syncline_analyzer.results import DeviceHealthRow, ErrorHistoryRow, SdoRow
+from syncline_analyzer.results import DeviceHealthRow, ErrorHistoryRow, SdoRow, SdoTransfers
 from syncline_schemas.canopen.sdo import SAVE_SIGNATURE
 from syncline_schemas.devices import Device, ObjectFacts, quirks
 from syncline_schemas.devices.standard import standard_profiles
@@ -20,7 +20,7 @@ Key = tuple[int, int]
 
 
 def device_health_rows(
-    context: Context, transfers: Sequence[SdoRow], errors: Sequence[ErrorHistoryRow]
+    context: Context, transfers: SdoTransfers, errors: Sequence[ErrorHistoryRow]
 ) -> list[DeviceHealthRow]:
     """One row per node and quantity that was read, by bus, node and object.
 
@@ -31,19 +31,24 @@ def device_health_rows(
     """
     numbers = {context.bus_name(bus): bus for bus in range(len(context.buses))}
     rows = list(_error_rows(context, numbers, errors))
-    by_node: dict[tuple[str, int], list[SdoRow]] = {}
-    for row in transfers:
-        if row.result == "ok" and row.index is not None and row.bus in numbers:
-            by_node.setdefault((row.bus, row.node), []).append(row)
-    for (bus, node), found in by_node.items():
-        device, profile = _kind(context, numbers[bus], node)
-        wanted = {key: what for what, key in _health(device, profile).items()}
-        for key, what in wanted.items():
-            reads = [row for row in found if _is_read(row, key)]
-            facts = object_facts(device, profile, key)
-            if reads and facts is not None:
-                rows.append(_row(device, what, facts, reads, _saves(found, reads)))
+    for bus, node in transfers.nodes():
+        if bus in numbers:
+            rows.extend(
+                _quantities(transfers.ok.of_node(bus, node), *_kind(context, numbers[bus], node))
+            )
     return sorted(rows, key=lambda row: (row.bus, row.node, row.index, row.sub))
+
+
+def _quantities(
+    transfers: SdoTransfers, device: Device | None, profile: int | None
+) -> Iterator[DeviceHealthRow]:
+    """One row per quantity that was read of a node."""
+    for what, key in _health(device, profile).items():
+        asked = transfers.reads.of_object(*key)
+        reads = [row for row in asked if isinstance(row.value, int | float | str)]
+        facts = object_facts(device, profile, key)
+        if reads and facts is not None:
+            yield _row(device, what, facts, reads, _saves(transfers, reads))
 
 
 def _kind(context: Context, bus: int, node: int) -> tuple[Device | None, int | None]:
@@ -59,19 +64,12 @@ def _health(device: Device | None, profile: int | None) -> Mapping[str, Key]:
     return standard.health if standard is not None else {}
 
 
-def _is_read(row: SdoRow, key: Key) -> bool:
-    place = row.index, row.sub or 0
-    return row.direction == "upload" and place == key and isinstance(row.value, int | float | str)
-
-
-def _saves(rows: Sequence[SdoRow], reads: Sequence[SdoRow]) -> int:
+def _saves(transfers: SdoTransfers, reads: Sequence[SdoRow]) -> int:
     """Saves (1010h) between the first and the last read."""
     return sum(
-        row.index == STORE
-        and row.direction == "download"
-        and int.from_bytes(row.data[:4], "little") == SAVE_SIGNATURE
+        int.from_bytes(row.data[:4], "little") == SAVE_SIGNATURE
         and reads[0].seq < row.seq < reads[-1].seq
-        for row in rows
+        for row in transfers.writes.of_objects(lambda of: of.index == STORE)
     )
 
 

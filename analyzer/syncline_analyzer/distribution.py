@@ -28,8 +28,8 @@ class Distribution:
 
     def __init__(self) -> None:
         self.count = 0
-        self._low = float("inf")
-        self._high = float("-inf")
+        self.minimum = float("inf")
+        self.maximum = float("-inf")
         self._counted = 0
         self._mean = 0.0
         self._squares = 0.0
@@ -38,36 +38,42 @@ class Distribution:
         """All values while there are few of them, then those that are not in the bins yet."""
         self._held = 0
         self._bins: _Bins | None = None
+        self._known: dict[float, float] = {}
+        """Quantiles that were asked for since the last values."""
 
-    def add(self, values: NDArray[np.int64] | Floats) -> None:
-        """Take in values; negative ones must have been left out."""
+    def add(
+        self, values: NDArray[np.int64] | Floats, limits: tuple[float, float] | None = None
+    ) -> None:
+        """Take in values; negative ones must have been left out.
+
+        `limits` are the least and the largest of them, where they are known.
+        """
         if not len(values):
             return
+        if limits is None:
+            limits = float(np.minimum.reduce(values)), float(np.maximum.reduce(values))
+        self.minimum, self.maximum = min(self.minimum, limits[0]), max(self.maximum, limits[1])
         self.count += len(values)
+        self._known.clear()
         self._waiting.append(values.astype(np.float64))
         self._held += len(values)
         if self._held > EXACT_LIMIT:
             self._settle()
 
-    @property
-    def minimum(self) -> float:
-        """The least value; infinite without values."""
-        return min([self._low, *(float(each.min()) for each in self._waiting)])
-
-    @property
-    def maximum(self) -> float:
-        """The largest value; minus infinite without values."""
-        return max([self._high, *(float(each.max()) for each in self._waiting)])
-
     def quantile(self, share: float) -> float:
         """Value below which a share (0..1) of all values lies; NaN without values."""
         if not self.count:
             return float("nan")
+        if share not in self._known:
+            self._known[share] = self._quantile(share)
+        return self._known[share]
+
+    def _quantile(self, share: float) -> float:
         bins = self._settled()
         if bins is None:
             return quantile_of(self._exact(), share)
         value = bins.value(share * (self.count - 1))
-        return min(max(value, self._low), self._high)
+        return min(max(value, self.minimum), self.maximum)
 
     @property
     def mean(self) -> float:
@@ -131,7 +137,7 @@ class Distribution:
             width = quantile_of(value, 0.99) - quantile_of(value, 0.01)
             return float(value.std()), width, float(value.max())
         value, weight = bins.weighted()
-        value = np.clip(value, self._low, self._high)
+        value = np.clip(value, self.minimum, self.maximum)
         value, weight = value[value < below_ns], weight[value < below_ns]
         if not len(value):
             return 0.0, 0.0, self.minimum
@@ -166,7 +172,7 @@ class Distribution:
         if bins is None:
             return np.histogram(self._exact(), edges)[0].astype(np.int64), edges
         value, weight = bins.weighted()
-        inside = np.clip(value, self._low, self._high)
+        inside = np.clip(value, self.minimum, self.maximum)
         return np.histogram(inside, edges, weights=weight)[0].astype(np.int64), edges
 
     def _exact(self) -> Floats:
@@ -185,11 +191,9 @@ class Distribution:
         """Put what waits into the bins, many values at a time."""
         new = self._exact()
         self._waiting, self._held = [], 0
-        low, high = float(np.minimum.reduce(new)), float(np.maximum.reduce(new))
-        self._low, self._high = min(self._low, low), max(self._high, high)
         if self._bins is None:
             self._bins = _Bins(new)
-        self._bins.add(new, low, high)
+        self._bins.add(new, self.minimum, self.maximum)
         self._add_moments(new)
 
     def _add_moments(self, new: Floats) -> None:
@@ -255,7 +259,7 @@ class _Bins:
         """Middles of the bins, and how many values lie up to each, while nothing is added."""
 
     def add(self, values: Floats, low: float, high: float) -> None:
-        """Take in values, the least and the largest of which are `low` and `high`."""
+        """Take in values, none of which is below `low` or above `high`."""
         self._cumulated = None
         place = values - self._low
         place /= self._width

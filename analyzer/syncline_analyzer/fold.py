@@ -188,6 +188,21 @@ class IndexedBatch:
         data = np.ascontiguousarray(self.frames.data[:, :8])
         return data.view(np.uint64)[:, 0].take(self._classic.rows)
 
+    @cached_property
+    def lengths(self) -> dict[tuple[int, int], tuple[int, int]]:
+        """Shortest and longest length [bytes] of each identifier's 11-bit data frames."""
+        dlc = self.frames.dlc.take(self._classic.rows)
+        edges = self._classic.edges[:-1]
+        if not len(edges):
+            return {}
+        low, high = np.minimum.reduceat(dlc, edges), np.maximum.reduceat(dlc, edges)
+        found = zip(self._classic.keys.tolist(), low.tolist(), high.tolist(), strict=True)
+        return {
+            (key >> BUS_SHIFT, key & 0x7FF): (shortest, longest)
+            for key, shortest, longest in found
+            if not key & REMOTE_KEY
+        }
+
     def place(self, bus: int, can_id: int) -> slice:
         """Where in the columns by identifier the data frames of one are."""
         return self._places.get((bus, can_id), _NOWHERE)
@@ -211,8 +226,12 @@ class IndexedBatch:
     def rows_of(self, *services: Service, remote: bool = False) -> NDArray[np.intp]:
         """Rows whose predefined service is one of these; data frames, or remote ones."""
         grouping = self._classic
+        if remote and not self.flags_seen & FrameFlag.REMOTE:
+            return grouping.rows[:0]
         keys = grouping.keys
-        wanted = np.isin(SERVICE_OF_ID[keys & np.uint32(0x7FF)], services)
+        chosen = np.zeros(len(Service), np.bool_)
+        chosen[list(services)] = True
+        wanted = chosen[SERVICE_OF_ID[keys & np.uint32(0x7FF)]]
         wanted &= ((keys & np.uint32(REMOTE_KEY)) != 0) == remote
         found = [
             grouping.rows[grouping.edges[group] : grouping.edges[group + 1]]

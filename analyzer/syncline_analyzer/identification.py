@@ -2,8 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import cache
-from typing import Literal, NamedTuple
+from typing import Literal
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.results import PdoRow
@@ -11,16 +10,14 @@ from syncline_schemas.canopen.objects import standard_meaning
 from syncline_schemas.devices import (
     ABSENT,
     Device,
-    device_names,
     evidence,
-    load_device,
     lookalikes,
     standard_device,
     suspects,
     telling_objects,
 )
-from syncline_schemas.devices.catalog import user_folders
-from syncline_schemas.errors import DescriptionError
+from syncline_schemas.devices.catalog import hallmarks
+from syncline_schemas.devices.factory import FactoryPdo
 
 Source = Literal["--device", "bus description", "objects"]
 Key = tuple[int, int]
@@ -41,14 +38,6 @@ class Identification:
     source: Source | None = None
     reason: str = ""
     guesses: list[str] = field(default_factory=list)
-
-
-class FactoryPdo(NamedTuple):
-    """A TPDO as a device leaves the factory."""
-
-    length: int
-    type: int | None
-    timer_ms: int | None
 
 
 def identification(
@@ -161,8 +150,8 @@ def _looks_like(
         return [], ""
     observed = {can_id: next(iter(found)) for can_id, found in lengths.items()}
     points = {}
-    for name, factory in _patterns(user_folders()).items():
-        expected = {can_id + node: pdo for can_id, pdo in factory.items()}
+    for name, each in hallmarks():
+        expected = {can_id + node: pdo for can_id, pdo in each.tpdos.items()}
         fits = all(can_id in expected for can_id in observed) and all(
             expected[can_id].length == length for can_id, length in observed.items()
         )
@@ -195,43 +184,3 @@ def _rhythm(seen: PdoRow) -> str:
     if seen.every is not None:
         return f" at {standard_meaning(0x1800, 2, seen.every)}"
     return f" every {seen.period_us.median / 1000:.0f} ms" if seen.period_us else ""
-
-
-@cache
-def _patterns(_: object) -> dict[str, dict[int, FactoryPdo]]:
-    """TPDOs of every device of the catalogue by the identifier that node 0 would have."""
-    found = {}
-    for name in device_names():
-        try:
-            pdos = dict(_factory_pdos(load_device(name)))
-        except DescriptionError:
-            continue
-        if pdos:
-            found[name] = pdos
-    return found
-
-
-def _factory_pdos(device: Device) -> Iterator[tuple[int, FactoryPdo]]:
-    for index in sorted({i for i, sub in device.facts if 0x1800 <= i < 0x1A00 and sub == 1}):
-        can_id = device.default(index, 1, 0)
-        length = mapped_length(device, index + 0x200)
-        if isinstance(can_id, int) and not can_id >> 31 and length:
-            kind, timer = device.default(index, 2, 0), device.default(index, 5, 0)
-            yield (
-                can_id & 0x7FF,
-                FactoryPdo(
-                    length,
-                    kind if isinstance(kind, int) else None,
-                    timer if isinstance(timer, int) else None,
-                ),
-            )
-
-
-def mapped_length(device: Device, mapping: int) -> int | None:
-    """Bytes that a device maps into a PDO by itself, None where its files do not say it."""
-    count = device.default(mapping, 0, 0)
-    if not isinstance(count, int) or not 0 < count <= 64:
-        return None
-    entries = [device.default(mapping, sub, 0) for sub in range(1, count + 1)]
-    bits = [entry & 0xFF for entry in entries if isinstance(entry, int)]
-    return (sum(bits) + 7) // 8 if len(bits) == count else None

@@ -1,7 +1,7 @@
 """The change log of a capture: which parameter of which device was changed, by whom, and to what."""
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -16,7 +16,7 @@ from syncline_analyzer.context import Context
 from syncline_analyzer.folds.bus.lss import LssTable
 from syncline_analyzer.object_history import Change, Known, ObjectHistory
 from syncline_analyzer.objects import named, shown_value
-from syncline_analyzer.results import ObjectChangeRow, SdoRow
+from syncline_analyzer.results import ObjectChangeRow, SdoRow, SdoTransfers
 from syncline_schemas.canopen.objects import standard_object
 from syncline_schemas.canopen.sdo import LOAD_SIGNATURE, SAVE_SIGNATURE
 from syncline_schemas.devices import Device, quirks
@@ -78,7 +78,7 @@ class _Value:
 
 
 def object_change_rows(
-    context: Context, transfers: Sequence[SdoRow], lss: LssTable
+    context: Context, transfers: SdoTransfers, lss: LssTable
 ) -> list[ObjectChangeRow]:
     """Every change of a parameter that the capture shows or gives away, in order of `seq`."""
     rows = list(_by_lss(lss))
@@ -91,16 +91,14 @@ def object_change_rows(
     return sorted(rows, key=lambda row: (row.seq, row.cause not in _ACTS))[:MAX_ROWS]
 
 
-def _nodes(context: Context, transfers: Sequence[SdoRow]) -> list[_Node]:
+def _nodes(context: Context, transfers: SdoTransfers) -> list[_Node]:
     numbers = {context.bus_name(bus): bus for bus in range(len(context.buses))}
     found: dict[tuple[int, int], _Node] = {}
     for bus, node in sorted(context.shadow.nodes()):
         kind = context.shadow.number(bus, node, 0x1000)
         profile = None if kind is None else kind & 0xFFFF
         found[bus, node] = _Node(bus, node, context.shadow.device(bus, node), profile)
-    for row in transfers:
-        if row.direction != "download" or row.result != "ok" or row.bus not in numbers:
-            continue
+    for row in transfers.accepted.of_objects(lambda of: of.bus in numbers):
         key = numbers[row.bus], row.node
         if key not in found:
             found[key] = _Node(*key, context.shadow.device(*key), None)

@@ -17,6 +17,8 @@ COMMUNICATION: dict[Kind, int] = {"tpdo": 0x1800, "rpdo": 0x1400}
 """First communication parameter record; PDO n has the (n - 1)th after it."""
 MAPPING: dict[Kind, int] = {"tpdo": 0x1A00, "rpdo": 0x1600}
 PDO_COUNT = 512
+_END = 1 << 63
+"""A `seq` behind all others."""
 MAX_MAPPED = 64
 """Objects that one PDO can carry (CiA 301 7.5.2.36)."""
 _TIME_ID, _EMCY_ID = (0x1012, 0), (0x1014, 0)
@@ -63,6 +65,15 @@ class Transmission:
     type: Known | None
     inhibit_100us: Known | None
     event_timer_ms: Known | None
+
+
+def settled(shadow: Shadow, bus: int, seq: int) -> int | None:
+    """Version of the shadow where what a bus is set to at `seq` is what it is in the end, else None.
+
+    While it stays, no setting of the communication profile need be looked up again.
+    """
+    later = any(shadow.configured(bus, node, seq, _END) for node in shadow.nodes_of(bus))
+    return None if later else shadow.version
 
 
 class PdoBindings:

@@ -8,6 +8,8 @@ from syncline_analyzer.results import PdoLengthRow
 from syncline_schemas.batch import Gap
 from syncline_schemas.canopen.services import SERVICE_OF_ID, Service
 
+_SERVICES: list[int] = SERVICE_OF_ID.tolist()
+
 
 class PdoLengths:
     """Notes every length that the frames of a PDO identifier have, in `context.pdo_lengths`."""
@@ -17,16 +19,19 @@ class PdoLengths:
 
     def update(self, batch: IndexedBatch) -> None:
         """Take in the next frames."""
-        for bus, can_id in batch.ids():
-            if SERVICE_OF_ID[can_id] != Service.PDO:
-                continue
-            rows = batch.rows(bus, can_id)
-            dlc = batch.frames.dlc[rows]
-            found = self._found.setdefault((bus, can_id), {})
-            low, high = int(dlc.min()), int(dlc.max())
-            for length in (low,) if low == high else np.flatnonzero(np.bincount(dlc)).tolist():
-                if length not in found:
-                    found[length] = batch.seq(rows[int(np.argmax(dlc == length))])
+        for key, (low, high) in batch.lengths.items():
+            if _SERVICES[key[1]] == Service.PDO:
+                found = self._found.setdefault(key, {})
+                if low not in found or low != high:
+                    self._note(batch, key, found)
+
+    @staticmethod
+    def _note(batch: IndexedBatch, key: tuple[int, int], found: dict[int, int]) -> None:
+        rows = batch.rows(*key)
+        dlc = batch.frames.dlc[rows]
+        for length in np.flatnonzero(np.bincount(dlc)).tolist():
+            if length not in found:
+                found[length] = batch.seq(rows[int(np.argmax(dlc == length))])
 
     def gap(self, gap: Gap) -> None:
         """A gap changes nothing of it."""

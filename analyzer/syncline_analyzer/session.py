@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
@@ -15,6 +16,8 @@ from syncline_analyzer.engine import Progress, analyze
 from syncline_analyzer.merge import Merge
 from syncline_analyzer.moments import Moment, parse_moment
 from syncline_analyzer.readers import open_capture
+from syncline_analyzer.readers.mcap import McapReader
+from syncline_analyzer.redaction import Redaction, Veil
 from syncline_analyzer.results import Analysis
 from syncline_analyzer.segments import in_segment_order
 from syncline_schemas.batch import FrameBatch, Gap
@@ -101,8 +104,9 @@ class Session:
             readers = self._readers()
             merge = Merge(readers)
             self._check_range(readers)
+            veil = Veil(Redaction.of_metadata(reader.facts.metadata for reader in readers))
             self._analysis = analyze(
-                self._stream(merge),
+                veil.over(self._stream(merge, readers)),
                 [reader.facts for reader in readers],
                 merge.buses,
                 description=self._description_of(readers),
@@ -112,6 +116,7 @@ class Session:
                 origin_ns=merge.first_ns,
                 progress=progress,
             )
+            self._analysis = veil.lifted(self._analysis)
             if merge.first_ns is not None and not self._analysis.capture.frames:
                 raise UsageError("no frame lies between --from and --to of these captures")
         return self._analysis
@@ -125,9 +130,11 @@ class Session:
         self, start: str | int | None = None, end: str | int | None = None
     ) -> Iterator[FrameBatch]:
         """Batches of the session, or of the half-open range given within it."""
-        merge = Merge(self._readers())
-        stream = self._stream(merge)
-        for _, item in _cut(stream, _moment(start), _moment(end), merge.first_ns or 0):
+        readers = self._readers()
+        merge = Merge(readers)
+        own, within = (self._start, self._end), (_moment(start), _moment(end))
+        stretch = _stretch(merge, own).common(_stretch(merge, within))
+        for _, item in _cut(_numbered(merge, readers, stretch), stretch):
             if isinstance(item, FrameBatch):
                 yield item
 
@@ -329,13 +336,28 @@ class Session:
                 )
         return BusDescription()
 
-    def _stream(self, merge: Merge) -> Iterator[Numbered]:
-        numbered = _numbered(merge.stream())
-        return _cut(numbered, self._start, self._end, merge.first_ns or 0)
+    def _stream(self, merge: Merge, readers: Sequence[CaptureReader]) -> Iterator[Numbered]:
+        stretch = _stretch(merge, (self._start, self._end))
+        return _cut(_numbered(merge, readers, stretch), stretch)
 
 
 Numbered = tuple[int, FrameBatch | Gap]
 _EARLIEST_NS, _LATEST_NS = int(np.iinfo(np.int64).min), int(np.iinfo(np.int64).max)
+
+
+@dataclass(frozen=True, slots=True)
+class _Stretch:
+    """The half-open stretch of time [low_ns, high_ns) that is wanted."""
+
+    low_ns: int = _EARLIEST_NS
+    high_ns: int = _LATEST_NS
+
+    def common(self, other: _Stretch) -> _Stretch:
+        """What lies in both."""
+        return _Stretch(max(self.low_ns, other.low_ns), min(self.high_ns, other.high_ns))
+
+
+_EVERYTHING = _Stretch()
 
 
 def _moment(value: str | int | None) -> Moment | None:
@@ -344,28 +366,55 @@ def _moment(value: str | int | None) -> Moment | None:
     return parse_moment(value) if isinstance(value, str) else Moment(value, relative=False)
 
 
-def _numbered(stream: Iterator[FrameBatch | Gap]) -> Iterator[Numbered]:
+def _stretch(merge: Merge, bounds: tuple[Moment | None, Moment | None]) -> _Stretch:
+    origin_ns = merge.first_ns or 0
+    start, end = bounds
+    return _Stretch(
+        start.resolved(origin_ns) if start else _EARLIEST_NS,
+        end.resolved(origin_ns) if end else _LATEST_NS,
+    )
+
+
+def _numbered(
+    merge: Merge, readers: Sequence[CaptureReader], stretch: _Stretch
+) -> Iterator[Numbered]:
+    """The merged stream with the place of each first frame; outside the stretch it may be wrong.
+
+    Of our own captures only the chunks are read that the stretch needs.
+    """
+    skipped = _Skipped()
+    for reader in readers if stretch != _EVERYTHING else ():
+        if isinstance(reader, McapReader):
+            reader.limit(stretch.low_ns, stretch.high_ns, skipped.add)
     seq = 0
-    for item in stream:
-        yield seq, item
+    for item in merge.stream():
+        yield seq + skipped.frames, item
         seq += len(item) if isinstance(item, FrameBatch) else 0
 
 
-def _cut(
-    stream: Iterator[Numbered], start: Moment | None, end: Moment | None, origin_ns: int
-) -> Iterator[Numbered]:
-    """The rows of a half-open time range; `seq` stays the place in the whole capture."""
-    if start is None and end is None:
+class _Skipped:
+    """Counts the frames before a stretch that were not read."""
+
+    def __init__(self) -> None:
+        self.frames = 0
+
+    def add(self, frames: int) -> None:
+        """Count some more."""
+        self.frames += frames
+
+
+def _cut(stream: Iterator[Numbered], stretch: _Stretch) -> Iterator[Numbered]:
+    """The rows within a stretch; `seq` stays the place in the whole capture."""
+    if stretch == _EVERYTHING:
         yield from stream
         return
-    low_ns = start.resolved(origin_ns) if start else _EARLIEST_NS
-    high_ns = end.resolved(origin_ns) if end else _LATEST_NS
     for seq, item in stream:
         if isinstance(item, Gap):
-            if item.start_ns < high_ns and item.end_ns > low_ns:
+            if item.start_ns < stretch.high_ns and item.end_ns > stretch.low_ns:
                 yield seq, item
         else:
-            yield from _runs(seq, item, (item.t_ns >= low_ns) & (item.t_ns < high_ns))
+            inside = (item.t_ns >= stretch.low_ns) & (item.t_ns < stretch.high_ns)
+            yield from _runs(seq, item, inside)
 
 
 def _runs(seq: int, batch: FrameBatch, inside: np.ndarray) -> Iterator[Numbered]:

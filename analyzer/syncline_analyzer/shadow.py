@@ -1,10 +1,11 @@
 """Object-dictionary shadow: what is known of each node's objects at each moment, and from where."""
 
 from bisect import bisect_right, insort
-from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Literal
+
+import numpy as np
 
 from syncline_analyzer.object_history import (
     MAX_CHANGES,
@@ -16,6 +17,7 @@ from syncline_analyzer.object_history import (
     Span,
     Value,
 )
+from syncline_analyzer.reads import Reads
 from syncline_schemas.description import BusDescription
 from syncline_schemas.devices import (
     ABSENT,
@@ -66,7 +68,7 @@ class Shadow:
         self._identified: dict[tuple[int, int], Device | None] = {}
         self._known: dict[tuple[int, int], dict[Key, ObjectHistory]] = {}
         self._refused: dict[tuple[int, int], set[Key]] = {}
-        self._rereads: dict[tuple[int, int, Key], deque[Known]] = {}
+        self._rereads: dict[tuple[int, int, Key], Reads] = {}
         self._reset_seq: dict[tuple[int, int], int] = {}
         self._read_again: dict[tuple[int, int, Key], list[int]] = {}
         """`seq` of the first read after each reset that told the value of before."""
@@ -88,7 +90,7 @@ class Shadow:
         if known.source == "sdo-read" and self.repeats(bus, node, key, known.value):
             self._note_read_again(bus, node, key, known.seq or 0)
             if self.is_position(bus, node, key):
-                self.confirm(bus, node, key, known)
+                self.confirm(bus, node, key, Reads.of(known))
             return
         facts = quirks(self.device(bus, node))
         stored = facts.aliases.get(key, key)
@@ -117,10 +119,12 @@ class Shadow:
         """Whether every read of an object counts, also of a value that is known: it is measured."""
         return standard_of(*key) is not None or key in position_objects(self.device(bus, node))
 
-    def confirm(self, bus: int, node: int, key: Key, known: Known) -> None:
-        """Store that a position was read once more; see `take_rereads`."""
-        again = self._rereads.setdefault((bus, node, key), deque(maxlen=MAX_CHANGES))
-        again.append(known)
+    def confirm(self, bus: int, node: int, key: Key, reads: Reads) -> None:
+        """Store reads of a position that brought what was known; see `take_rereads`."""
+        again = self._rereads.get((bus, node, key))
+        if again is not None:
+            reads = Reads.joined(again, reads)
+        self._rereads[bus, node, key] = reads.part(slice(-MAX_CHANGES, None))
 
     def recall(self, bus: int, node: int, key: Key, known: Known, *, kept: bool) -> None:
         """Store what was seen before the first frame; `kept`: a reset does not take it back."""
@@ -129,17 +133,22 @@ class Shadow:
         if key[0] in self._telling:
             self._identified.pop((bus, node), None)
 
-    def take_rereads(self, bus: int, node: int, index: int, sub: int, seq: int) -> list[Known]:
+    def take_rereads(self, bus: int, node: int, index: int, sub: int, seq: int) -> Reads:
         """Reads of a position up to `seq` that only confirmed its value, since the last call."""
-        again = self._rereads.get((bus, node, (index, sub)))
-        found = []
-        while again and (again[0].seq or 0) <= seq:
-            found.append(again.popleft())
-        return found
+        again = self._rereads.pop((bus, node, (index, sub)), None)
+        if again is None:
+            return Reads.of()
+        taken = int(np.searchsorted(again.seq, seq, "right"))
+        if taken < len(again):
+            self._rereads[bus, node, (index, sub)] = again.part(slice(taken, None))
+        return again.part(slice(taken))
 
     def refuse(self, bus: int, node: int, index: int, sub: int) -> None:
         """Note that the node said that it has no such object (abort 0602 0000)."""
-        self._refused.setdefault((bus, node), set()).add((index, sub))
+        refused = self._refused.setdefault((bus, node), set())
+        if (index, sub) in refused:
+            return
+        refused.add((index, sub))
         self.version += 1
         if index in self._telling:
             self._identified.pop((bus, node), None)

@@ -17,21 +17,21 @@ class Aside:
     """Does things one after another in a thread; what they raise is logged once for each name."""
 
     def __init__(self, most: int = MOST_WAITING) -> None:
-        self._waiting: Queue[tuple[str, Callable[[], None]] | None] = Queue(most)
+        self._waiting: Queue[tuple[str, Callable[[], object]] | None] = Queue(most)
         self._left_out = 0
         self._guard = Guard(LOG.warning)
         self._thread = threading.Thread(target=self._run, name="syncline outputs", daemon=True)
         self._thread.start()
 
-    def do(self, name: str, act: Callable[[], None]) -> None:
-        """Have something done soon; never waits, never raises."""
+    def do(self, name: str, act: Callable[[], object], *, wait_s: float = 0.0) -> None:
+        """Have something done soon; never raises, waits for room only where that is wanted."""
         try:
-            self._waiting.put_nowait((name, act))
+            self._waiting.put((name, act), wait_s > 0, wait_s)
         except Full:
             self._left_out += 1
 
     def close(self, timeout_s: float) -> bool:
-        """Do the rest, for at most so long; whether all was done."""
+        """Do the rest, for at most so long; whether all was done. What stands still is left alone."""
         try:
             self._waiting.put(None, timeout=timeout_s)
         except Full:

@@ -10,6 +10,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterator
+from io import BufferedIOBase
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, cast
 
@@ -39,7 +40,10 @@ class McapWriter(BinaryIOMessageWriter):
     """
 
     def __init__(
-        self, file: "StringPathLike | BinaryIO", append: bool = False, **kwargs: Any
+        self,
+        file: "StringPathLike | BinaryIO | BufferedIOBase",
+        append: bool = False,
+        **kwargs: Any,
     ) -> None:
         if append:
             raise UsageError(
@@ -78,7 +82,7 @@ class McapReader(BinaryIOMessageReader):
         CaptureError: the file cannot be opened, is no MCAP file or holds no frames of Syncline's.
     """
 
-    def __init__(self, file: "StringPathLike | BinaryIO", **kwargs: Any) -> None:
+    def __init__(self, file: "StringPathLike | BinaryIO | BufferedIOBase", **kwargs: Any) -> None:
         from syncline_schemas.capture.scan import CaptureScan
 
         self._folder: tempfile.TemporaryDirectory[str] | None = None

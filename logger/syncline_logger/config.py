@@ -4,8 +4,9 @@ Its keys are the long options of `record` with `_` for `-`; buses are `[[bus]]` 
 """
 
 import difflib
+import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -37,6 +38,14 @@ BUS_KEYS = {
 NOT_IN_A_FILE = frozenset({"config", "check_config", "buses", "help"})
 """Parameters of the command that are no settings, or are written as [[bus]]."""
 
+WITHOUT_CHANNEL = frozenset(
+    {"virtual", "pcan", "canalystii", "neovi", "nixnet", "udp_multicast", "usb2can"}
+)
+"""Interfaces of python-can that have a channel of their own choice."""
+
+_NAME = re.compile(r"[A-Za-z0-9_.-]+")
+"""What can be a part of a topic."""
+
 _WORDS = {
     "text": "a text in quotes",
     "text or number": "a text in quotes or a whole number",
@@ -59,6 +68,7 @@ class LoadedConfig:
         values: by the name of the command's parameter, as the command line would give them;
             only what can be used.
         buses: the [[bus]] tables.
+        places: how each of them is called where something is wrong with it.
         problems: everything that is wrong, each with file, key and what to write.
     """
 
@@ -66,6 +76,13 @@ class LoadedConfig:
     values: Mapping[str, Any]
     buses: tuple[BusTable, ...]
     problems: tuple[str, ...]
+    places: tuple[str, ...] = ()
+
+    def place(self, key: str, number: int | None = None) -> str:
+        """Where a key stands that holds for a bus: in its table, else above all of them."""
+        if number is not None and (key in self.buses[number] or key == "name"):
+            return f"{self.path}: {self.places[number]}: {key}: "
+        return f"{self.path}: {key}: "
 
 
 def load_config(path: Path, parameters: Sequence[click.Parameter]) -> LoadedConfig:
@@ -79,7 +96,9 @@ def load_config(path: Path, parameters: Sequence[click.Parameter]) -> LoadedConf
         return LoadedConfig(path, {}, (), (f"{path} is no TOML: {error}",))
     reader = _Reader(path, parameters)
     reader.read(content)
-    return LoadedConfig(path, reader.values, tuple(reader.buses), tuple(reader.problems))
+    return LoadedConfig(
+        path, reader.values, tuple(reader.buses), tuple(reader.problems), tuple(reader.places)
+    )
 
 
 def configured_buses(
@@ -125,6 +144,7 @@ class _Reader:
         }
         self.values: dict[str, Any] = {}
         self.buses: list[BusTable] = []
+        self.places: list[str] = []
         self.problems: list[str] = []
 
     def read(self, content: Mapping[str, Any]) -> None:
@@ -141,18 +161,24 @@ class _Reader:
 
     def _read_option(self, key: str, option: click.Option, value: object) -> None:
         kind = _kind(key, option)
-        if not self._fits(key, kind, value):
+        fits = self._fits(key, kind, value)
+        if not fits and option.multiple and isinstance(value, str):
+            # What is wrong with the text itself is told too.
+            value = [value]
+        elif not fits:
             return
         words = self._as_typed(option, value)
-        try:
-            option.type_cast_value(click.Context(click.Command("record")), words)
-        except click.BadParameter as error:
-            self._problem(key, error.message)
-            return
-        assert option.name is not None
-        self.values[option.name] = words
+        good = True
+        for each in [[word] for word in words] if option.multiple else [words]:
+            try:
+                option.type_cast_value(click.Context(click.Command("record")), each)
+            except click.BadParameter as error:
+                self._problem(key, error.message)
+                good = False
+        if good and option.name is not None:
+            self.values[option.name] = words
 
-    def _as_typed(self, option: click.Option, value: Any) -> object:
+    def _as_typed(self, option: click.Option, value: Any) -> Any:
         """The value as the command line would give it; files are looked for beside this one."""
         base = self._path.parent
         if isinstance(value, dict):
@@ -171,6 +197,7 @@ class _Reader:
             name = table.get("name")
             place = f"bus {number}" + (f" ({name})" if isinstance(name, str) else "")
             self.buses.append(self._read_bus(place, table))
+            self.places.append(place)
 
     def _read_bus(self, place: str, table: Mapping[str, Any]) -> BusTable:
         good = {}
@@ -186,21 +213,28 @@ class _Reader:
                 good[key] = value
         if "interface" not in good and "interface" not in table and "interface" not in self.values:
             self._problem(place, 'has no interface; write interface = "socketcan"')
+        interface = table.get("interface", self.values.get("interface"))
+        if "channel" not in table and interface not in WITHOUT_CHANNEL:
+            self._problem(place, 'has no channel; write channel = "can0"')
+        if isinstance(name := good.get("name"), str) and not _NAME.fullmatch(name):
+            self._problem(
+                f"{place}: name", f"'{name}' is no name; write letters, digits and _ . - only"
+            )
         return good
 
     def _fits(self, place: str, kind: str, value: Any) -> bool:
         if not _is(kind, value):
             example = place.rpartition(" ")[2]
+            listed = isinstance(value, str) and kind in ("texts", "filters")
+            right = f"[{_shown(value)}]" if listed else _example(kind)
             self._problem(
-                place, f"{_shown(value)} is not {_WORDS[kind]}; write {example} = {_example(kind)}"
+                place, f"{_shown(value)} is not {_WORDS[kind]}; write {example} = {right}"
             )
             return False
-        try:
-            _check(kind, value)
-        except (click.BadParameter, UsageError) as error:
-            self._problem(place, getattr(error, "message", str(error)))
-            return False
-        return True
+        problems = list(_wrong_with(kind, value))
+        for problem in problems:
+            self._problem(place, problem)
+        return not problems
 
     def _unknown(self, place: str, key: str, known: Any) -> None:
         near = difflib.get_close_matches(key.replace("-", "_"), list(known), 1)
@@ -254,13 +288,15 @@ def _is(kind: str, value: Any) -> bool:
     return isinstance(value, str)
 
 
-def _check(kind: str, value: Any) -> None:
-    """Raise where a value of the right type makes no sense."""
+def _wrong_with(kind: str, value: Any) -> Iterator[str]:
+    """Words where a value of the right type makes no sense."""
     if kind == "number" and value <= 0:
-        raise UsageError(f"{value} is not more than 0")
-    if kind == "filters":
-        for word in value:
+        yield f"{value} is not more than 0; write 1 or more"
+    for word in value if kind == "filters" else ():
+        try:
             parse_filter(word)
+        except UsageError as error:
+            yield str(error).removeprefix("--filter: ")
 
 
 def _example(kind: str) -> str:
@@ -272,14 +308,16 @@ def _example(kind: str) -> str:
         "texts": '["..."]',
         "filters": '["180:780"]',
         "table": "{ serial = 12 }",
-        "table of numbers": "{ f_clock = 8000000, brp = 1 }",
+        "table of numbers": "{ f_clock = 8000000, brp = 1, tseg1 = 13, tseg2 = 2, sjw = 1 }",
         "time": '"10s"',
         "size": '"256MB"',
     }[kind]
 
 
 def _shown(value: object) -> str:
-    return f'"{value}"' if isinstance(value, str) else str(value)
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{key} = {_shown(each)}" for key, each in value.items()) + " }"
+    return f'"{value}"' if isinstance(value, str) else _word(value)
 
 
 def _word(value: object) -> str:

@@ -13,60 +13,103 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from syncline_schemas.devices import Device
-    from syncline_schemas.devices.check import FileCheck
 
 EPILOG = """\b
 Examples:
   syncline devices lir-da158a
-  syncline devices --check drive.eds
+  syncline devices --check drive.eds sensor.xdd --format json
 """
 _PIPE_WIDTH = 200
 """Columns of a table that goes into a pipe, where no terminal says how wide it is."""
 
 
 @click.command(epilog=EPILOG)
-@click.argument("name", required=False)
+@click.argument("names", nargs=-1, metavar="[NAME|FILE...]")
 @click.option(
     "--check",
     "checked",
     type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Say what is wrong with an EDS, DCF or device TOML file.",
+    multiple=True,
+    metavar="FILE...",
+    help="Say what is wrong with EDS, DCF, XDD, XDC or device TOML files, and what to write instead.",
 )
-def devices(name: str | None, checked: Path | None) -> None:
+@click.option(
+    "--format",
+    "output_format",
+    type=click.Choice(["text", "json"]),
+    default="text",
+    show_default=True,
+    help="Of --check.",
+)
+@click.option(
+    "--fail-on",
+    type=click.Choice(["error", "warning", "note", "never"]),
+    default="never",
+    show_default=True,
+    help="With --check, end with exit code 1 when there is a fault as bad as this.",
+)
+@click.option("--all", "everything", is_flag=True, help="With --check, every fault of a kind.")
+def devices(
+    names: tuple[str, ...],
+    checked: tuple[Path, ...],
+    output_format: str,
+    fail_on: str,
+    everything: bool,
+) -> None:
     """Show known devices, or one with its objects, scales and quirks.
 
-    NAME is a name from the list or the path of an .eds, .dcf or .toml file. Own devices are found
-    in the folders that the environment variable SYNCLINE_DEVICES names. --check ends with exit
-    code 0 when the file can be used, whatever had to be repaired, and 2 when nothing in it can.
+    NAME is a name from the list or the path of an .eds, .dcf, .xdd or .toml file. Own devices are
+    found in the folders that the environment variable SYNCLINE_DEVICES names. --check ends with exit
+    code 0 when every file can be used, whatever had to be repaired, and 2 when nothing in one can.
     """
-    from syncline_schemas.devices import load_device
+    if checked:
+        _check([*checked, *_more_files(names)], output_format, fail_on, everything=everything)
+        return
+    if len(names) > 1:
+        raise UsageError(f"one NAME at a time, not {', '.join(names)}; --check takes several files")
+    if output_format != "text" or fail_on != "never" or everything:
+        raise UsageError("--format, --fail-on and --all go with --check FILE")
+    if names:
+        from syncline_schemas.devices import load_device
 
-    if checked is not None and name is not None:
-        raise UsageError("give either a NAME or --check FILE, not both")
-    if checked is not None:
-        _check(checked)
-    elif name is None:
-        _print(_list_of_devices())
+        _show(load_device(names[0]))
     else:
-        _show(load_device(name))
+        _print(_list_of_devices())
 
 
-def _check(path: Path) -> None:
+def _more_files(names: tuple[str, ...]) -> list[Path]:
+    """What follows the first file of --check, as a shell expands `--check *.eds`."""
+    from syncline_schemas.devices import is_path
+
+    for name in names:
+        if not is_path(name):
+            raise UsageError(f"give either a NAME or --check FILE, not both: {name!r} is no file")
+    return [Path(name) for name in names]
+
+
+def _check(paths: list[Path], output_format: str, fail_on: str, *, everything: bool) -> None:
+    from syncline_logger.device_check_view import (
+        SHOWN_PER_KIND,
+        check_json,
+        fault_lines,
+        verdict,
+    )
     from syncline_schemas.devices.check import check_file
+    from syncline_schemas.devices.check.kinds import SEVERITIES
 
-    result = check_file(path)
-    if result.problem is not None:
-        raise DescriptionError(result.problem)
-    for warning in result.warnings:
-        click.echo(f"{path.name}: {warning}")
-    click.echo(_verdict(result), err=True)
-
-
-def _verdict(result: "FileCheck") -> str:
-    count = len(result.warnings)
-    said = "no faults" if not count else f"{count} fault{'s' if count > 1 else ''}, listed above"
-    return f"{result.path}: can be used: {result.title}, {result.variables} objects; {said}"
+    results = [check_file(path) for path in paths]
+    if output_format == "json":
+        click.echo(check_json(results))
+    for result in (each for each in results if output_format == "text" and each.usable):
+        for line in fault_lines(result, None if everything else SHOWN_PER_KIND):
+            click.echo(line)
+        click.echo(verdict(result), err=True)
+    problems = [result.problem for result in results if result.problem is not None]
+    if problems:
+        raise DescriptionError("\n".join(problems))
+    bad = SEVERITIES[: SEVERITIES.index(fail_on) + 1] if fail_on != "never" else ()
+    if any(result.count(severity) for result in results for severity in bad):
+        raise SystemExit(1)
 
 
 def _list_of_devices() -> "Table":

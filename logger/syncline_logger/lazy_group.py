@@ -79,6 +79,7 @@ def import_from(target: str) -> Callable[[], object]:
 
 SHORT_HELP = {
     "analyze": "Reconstruct what happened on a bus from captures.",
+    "bundle": "Make one file for the supplier: capture, report, EDS, hashes.",
     "compare": "Say what differs from a healthy capture of the same machine.",
     "convert": "Convert between everything that can be read and written.",
     "decode": "Print frames as people read CANopen.",

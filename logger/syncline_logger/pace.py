@@ -1,6 +1,6 @@
 """When the next chunk is written, so that the stated loss bound holds on a slow disk too."""
 
-from syncline_logger.recording import RecordOptions
+from syncline_logger.record_options import RecordOptions
 
 
 class WritePace:

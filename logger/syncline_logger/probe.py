@@ -67,12 +67,15 @@ class NodeProbe:
         return None if value is None else int.from_bytes(value, "little")
 
 
-class _Silent(Exception):
-    """The node does not answer."""
+class _Enough(Exception):
+    """The node does not answer, or nobody wants to know any more."""
 
 
-def probe_node(node: int, read: Read) -> NodeProbe:
-    """Read identity, communication parameters, PDOs and scales; never what reading changes."""
+def probe_node(node: int, read: Read, stopped: Callable[[], bool] = lambda: False) -> NodeProbe:
+    """Read identity, communication parameters, PDOs and scales; never what reading changes.
+
+    stopped: asked before each object; True ends it with what is known until then.
+    """
     found = NodeProbe(node)
     misses = 0
 
@@ -81,10 +84,12 @@ def probe_node(node: int, read: Read) -> NodeProbe:
         for key in keys:
             if key in found.values or key in found.refused:
                 continue
+            if stopped():
+                raise _Enough
             answer = read(key)
             misses = misses + 1 if answer is None else 0
             if misses == SILENT_AFTER or (answer is None and not found.answered):
-                raise _Silent
+                raise _Enough
             if isinstance(answer, bytes):
                 found.values[key] = answer
             elif answer is not None:
@@ -105,7 +110,7 @@ def probe_node(node: int, read: Read) -> NodeProbe:
                 entries = min(found.number((mapping + number, 0)) or 0, MAX_ENTRIES)
                 take((mapping + number, sub) for sub in range(1, entries + 1))
         take(_profile_objects(found))
-    except _Silent:
+    except _Enough:
         pass
     return found
 

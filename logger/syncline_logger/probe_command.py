@@ -7,12 +7,17 @@ from typing import TYPE_CHECKING
 
 import click
 
+from syncline_logger.command_options import one_bus_options, output_option
 from syncline_logger.option_types import SeveralWordsCommand
 from syncline_logger.option_types import duration_ns as parse_duration
+from syncline_logger.standard_output import print_line
 
 if TYPE_CHECKING:
     from syncline_logger.probe import NodeProbe
     from syncline_logger.probe_bus import ProbeSource
+
+MANY_NODES = 10
+"""Of so many and more only those that answer are shown."""
 
 EPILOG = """\b
 Examples:
@@ -38,14 +43,7 @@ def parse_nodes(text: str) -> list[int]:
 
 
 @click.command(cls=SeveralWordsCommand, epilog=EPILOG)
-@click.option(
-    "-i", "--interface", metavar="NAME", help="Interface as python-can calls it (socketcan, pcan)."
-)
-@click.option("-c", "--channel", metavar="CHANNEL", help="Channel.")
-@click.option("-b", "--bitrate", type=int, metavar="BIT/S", help="Bit rate of the bus.")
-@click.option(
-    "--bus-kwargs", multiple=True, metavar="KEY=VALUE...", help="Further arguments of python-can."
-)
+@one_bus_options
 @click.option(
     "--nodes",
     type=parse_nodes,
@@ -53,15 +51,7 @@ def parse_nodes(text: str) -> list[int]:
     metavar="5,6,10-12",
     help="Nodes that are asked, and no others.",
 )
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path),
-    default=Path(),
-    show_default="this folder",
-    metavar="DIR|FILE.mcap",
-    help="Where to write the capture of it.",
-)
+@output_option("Where to write the capture of it.")
 @click.option(
     "--timeout",
     "timeout_ns",
@@ -116,7 +106,8 @@ def probe(
     source.check_interface()
     click.echo(
         f"this sends SDO read requests on {options.name} to"
-        f" {'node' if len(nodes) == 1 else 'nodes'} {', '.join(map(str, nodes))}",
+        f" {'node' if len(nodes) == 1 else 'nodes'} {', '.join(map(str, nodes))};"
+        " no other tool or master may use their SDO channels meanwhile. Ctrl-C stops",
         err=True,
     )
     _probe(source, nodes, output, timeout_ns / 1e9, pace_ns / 1e9)
@@ -125,35 +116,50 @@ def probe(
 def _probe(
     source: "ProbeSource", nodes: list[int], output: Path, timeout_s: float, pace_s: float
 ) -> None:
-    from syncline_logger.probe import probe_node
-    from syncline_logger.probe_bus import SdoReader
     from syncline_logger.recorder import record
     from syncline_logger.stop_signals import stop_on_signals
 
     failures: list[Exception] = []
-    with stop_on_signals() as stop:
+    asked_all = threading.Event()
+    with stop_on_signals() as interrupted:
 
         def ask() -> None:
             try:
-                for node in nodes:
-                    if stop.is_set():
-                        return
-                    reader = SdoReader(source.network, node, timeout_s=timeout_s, pace_s=pace_s)
-                    found = probe_node(node, reader.read)
-                    reader.close()
-                    if found.answered or len(nodes) < 10:
-                        click.echo(summary(found))
+                _ask(source, nodes, timeout_s, pace_s, interrupted)
             except Exception as error:  # noqa: BLE001 - raised again where it can be told
                 failures.append(error)
             finally:
-                stop.set()
+                # The recording ends after the last answer, also where somebody interrupts.
+                asked_all.set()
 
         asking = threading.Thread(target=ask, name="syncline probe", daemon=True)
-        result = record([source], output, stop=stop, on_start=lambda path: asking.start())
-    asking.join()
+        result = record([source], output, stop=asked_all, on_start=lambda path: asking.start())
+        if interrupted.is_set():
+            click.echo("interrupted: not every node was asked for everything", err=True)
     if failures:
         raise failures[0]
     click.echo(f"{result.path}: {result.frame_count} frames", err=True)
+
+
+def _ask(
+    source: "ProbeSource",
+    nodes: list[int],
+    timeout_s: float,
+    pace_s: float,
+    interrupted: threading.Event,
+) -> None:
+    """Ask one node after the other and say what each is."""
+    from syncline_logger.probe import probe_node
+    from syncline_logger.probe_bus import SdoReader
+
+    for node in nodes:
+        if interrupted.is_set():
+            return
+        reader = SdoReader(source.network, node, timeout_s=timeout_s, pace_s=pace_s)
+        found = probe_node(node, reader.read, interrupted.is_set)
+        reader.close()
+        if found.answered or len(nodes) < MANY_NODES:
+            print_line(summary(found))
 
 
 def summary(found: "NodeProbe") -> str:

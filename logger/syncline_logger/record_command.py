@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
+from syncline_logger.command_options import bus_options, output_option
 from syncline_logger.config import LoadedConfig, load_config
 from syncline_logger.option_types import (
     SeveralWordsCommand,
@@ -91,46 +92,8 @@ class Wanted:
 @click.option(
     "--check-config", is_flag=True, help="Say what is wrong with the options, and do not record."
 )
-@click.option(
-    "-i", "--interface", metavar="NAME", help="Interface as python-can calls it (socketcan, pcan)."
-)
-@click.option(
-    "-c", "--channel", "channels", multiple=True, metavar="CHANNEL", help="Channel; repeatable."
-)
-@click.option("-b", "--bitrate", type=int, metavar="BIT/S", help="Bit rate of the bus.")
-@click.option("--fd", is_flag=True, help="Receive CAN FD frames too.")
-@click.option("--data-bitrate", type=int, metavar="BIT/S", help="Bit rate of the FD data phase.")
-@click.option("--timing", multiple=True, metavar="KEY=NUMBER...", help="Bit timing.")
-@click.option("--filter", "filters", multiple=True, metavar="ID:MASK...", help="Take only these.")
-@click.option(
-    "--bus-kwargs", multiple=True, metavar="KEY=VALUE...", help="Further arguments of python-can."
-)
-@click.option(
-    "--bus",
-    "buses",
-    multiple=True,
-    metavar="[NAME=]INTERFACE:CHANNEL[,KEY=VALUE...]",
-    help="A bus with all its options in one word; repeatable, mixes interfaces.",
-)
-@click.option(
-    "--acknowledge",
-    is_flag=True,
-    help="Let the adapter acknowledge frames: needed where only one other node is on the bus.",
-)
-@click.option(
-    "--wait-for-bus",
-    is_flag=True,
-    help="Begin even if an adapter or interface is not there yet, and wait for it.",
-)
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path),
-    default=Path(),
-    show_default="this folder",
-    metavar="DIR|FILE.mcap",
-    help="Where to write; in a folder the name is UTC start time and recording id.",
-)
+@bus_options
+@output_option("Where to write; in a folder the name is UTC start time and recording id.")
 @click.option(
     "--split-size",
     type=size_bytes,
@@ -297,7 +260,7 @@ def record(
         for name in options
         if context.get_parameter_source(name) == ParameterSource.COMMANDLINE
     )
-    plan = plan_recording(Wanted(**options), config, given)
+    plan = plan_recording(Wanted(**options), config, given, check=check_config)
     if len(plan.problems) > 1:
         raise SeveralErrors(plan.problems)
     if plan.problems:

@@ -13,7 +13,6 @@ from syncline_logger.live_status import StatusSnapshot
 from syncline_logger.notes import Note
 from syncline_logger.prometheus import prometheus_text
 from syncline_logger.sd_notify import ServiceManager
-from syncline_logger.standard_output import forget_stdout
 from syncline_logger.status_file import StatusFile
 from syncline_logger.status_view import plain_line, status_file_text
 
@@ -38,7 +37,7 @@ class View(Protocol):
 class RecordOutputs:
     """Passes what the recorder tells to everyone who wants to know; ends with the recording.
 
-    All but the service manager are told by a thread of their own, in order: what stands still or
+    The view has a thread of its own, and so have the files with the log: what stands still or
     raises there neither holds up nor harms the recording.
     """
 
@@ -56,8 +55,8 @@ class RecordOutputs:
         self._files = [StatusFile(path, text) for path, text in wanted if path is not None]
 
     def __enter__(self) -> Self:
-        self._aside = Aside()
-        self._log("syncline %s starts", version("syncline"))
+        self._to_view, self._to_files = Aside(), Aside()
+        self._log(logging.INFO, f"syncline {version('syncline')} starts")
         return self
 
     def __exit__(
@@ -67,47 +66,44 @@ class RecordOutputs:
         trace: TracebackType | None,
     ) -> None:
         """Say how it ended; the files say from now on that nobody records."""
+        last = self._last
         if error is not None:
-            self._log("ended by %s: %s", type(error).__name__, error, level=logging.ERROR)
-        elif self._last is None:
-            self._log("stopped")
+            words, level = f"ended by {type(error).__name__}: {error}", logging.ERROR
         else:
-            self._log("stopped: %s", plain_line(self._last))
-        if self._last is not None:
-            self._show_files(self._last, running=False)
+            words, level = f"stopped: {plain_line(last)}" if last else "stopped", logging.INFO
+        self._to_files.do("the log", lambda: LOG.log(level, "%s", words), wait_s=LAST_OUTPUTS_S)
+        if last is not None:
+            for file in self._files:
+                show = partial(file.show, last, running=False)
+                self._to_files.do(str(file.path), show, wait_s=LAST_OUTPUTS_S)
         self._manager.stopping()
         self._manager.close()
-        if not self._aside.close(LAST_OUTPUTS_S):
-            forget_stdout()
+        self._to_view.close(LAST_OUTPUTS_S)
+        self._to_files.close(LAST_OUTPUTS_S)
 
     def started(self, path: Path) -> None:
         """The recorder listens and the file is open."""
-        self._log("recording to %s", path)
-        self._aside.do("the view", partial(self._view.started, path))
+        self._log(logging.INFO, f"recording to {path}")
+        self._to_view.do("the view", partial(self._view.started, path))
         self._manager.ready(f"recording to {path}")
 
     def note(self, note: Note) -> None:
         """Something happened."""
         level = logging.WARNING if note.serious else logging.INFO
-        self._log("%s", note, level=level, t_ns=note.log_ns)
+        self._log(level, str(note), note.log_ns)
 
     def status(self, snapshot: StatusSnapshot) -> None:
         """A period has passed."""
         self._last = snapshot
-        self._aside.do("the view", partial(self._view.status, snapshot))
-        self._show_files(snapshot, running=True)
+        self._to_view.do("the view", partial(self._view.status, snapshot))
+        for file in self._files:
+            self._to_files.do(str(file.path), partial(file.show, snapshot))
         self._manager.status(plain_line(snapshot))
 
     def alive(self) -> None:
         """The writing loop has done its work once more."""
         self._manager.alive()
 
-    def _log(
-        self, text: str, *words: object, level: int = logging.INFO, t_ns: int | None = None
-    ) -> None:
+    def _log(self, level: int, text: str, t_ns: int | None = None) -> None:
         extra = {"t_ns": time.time_ns() if t_ns is None else t_ns}
-        self._aside.do("the log", lambda: LOG.log(level, text, *words, extra=extra))
-
-    def _show_files(self, snapshot: StatusSnapshot, *, running: bool) -> None:
-        for file in self._files:
-            self._aside.do(str(file.path), partial(file.show, snapshot, running=running))
+        self._to_files.do("the log", lambda: LOG.log(level, "%s", text, extra=extra))

@@ -2,9 +2,10 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from syncline_logger.bus_devices import load_description
+from syncline_logger.bus_devices import load_description, split_device
 from syncline_logger.bus_options import (
     BusOptions,
     bus_name,
@@ -16,8 +17,13 @@ from syncline_logger.bus_options import (
     with_unique_names,
 )
 from syncline_logger.config import LoadedConfig, configured_buses
-from syncline_logger.config_checks import contradictions
-from syncline_logger.recording import RecordOptions
+from syncline_logger.config_checks import (
+    contradictions,
+    wrong_with_bus,
+    wrong_with_buses,
+    wrong_with_paths,
+)
+from syncline_logger.record_options import RecordOptions
 from syncline_logger.retention import Keep
 from syncline_logger.segments import Split
 from syncline_logger.source import Source
@@ -64,31 +70,40 @@ class RecordPlan:
 
 
 def plan_recording(
-    wanted: "Wanted", config: LoadedConfig | None = None, given: frozenset[str] = frozenset()
+    wanted: "Wanted",
+    config: LoadedConfig | None = None,
+    given: frozenset[str] = frozenset(),
+    *,
+    check: bool = False,
 ) -> RecordPlan:
     """What the options come to.
 
     Args:
         given: names of the options that the command line gives, which go before a file's.
+        check: look also whether what is to be written can be written now.
     """
-    problems = list(config.problems) if config else []
-
-    def attempt(make: Callable[[], T], otherwise: T) -> T:
-        try:
-            return make()
-        except SynclineError as error:
-            problems.extend(str(error).splitlines())
-            return otherwise
-
-    common = attempt(lambda: _common(wanted), BusOptions(""))
-    buses: list[BusOptions] = attempt(lambda: _buses(wanted, config, given, common), [])
-    known = attempt(lambda: load_description(wanted.description, wanted.devices), BusDescription())
+    problems = _Problems(config, given)
+    common = _common(wanted, problems)
+    none: list[BusOptions] = []
+    buses = problems.attempt("bus", lambda: _buses(wanted, config, given, common), none)
+    from_file = config is not None and _reads_buses_of(config, given)
+    known = _description(wanted, buses, problems)
     buses = [_with_bit_rates(bus, known) for bus in buses]
     # Without an interface in a file that is told already.
     unread = config is not None and bool(config.problems) and not config.values
     told = unread or (config is not None and bool(config.buses))
-    named = [bus for bus in buses if bus.interface or not told]
-    sources = [attempt(lambda bus=bus: source_of(bus), None) for bus in named]  # type: ignore[misc]
+    sources: list[Source] = []
+    for number, bus in enumerate(buses):
+        problems.number = number if from_file else None
+        if bus.interface or not told:
+            make = partial(source_of, bus)
+            sources += filter(None, [problems.attempt("interface", make, None)])
+        for key, text in wrong_with_bus(bus):
+            problems.add(key, text)
+    for number, key, text in wrong_with_buses(buses):
+        problems.number = number if from_file else None
+        problems.add(key, text)
+    problems.number = None
     options = RecordOptions(
         flush_ns=wanted.flush_ns,
         decode=wanted.decode,
@@ -98,12 +113,69 @@ def plan_recording(
         zstd_level=wanted.compression[1],
         split=Split(wanted.split_size, wanted.split_time),
         keep=_keep(wanted),
-        triggers=attempt(lambda: _triggers(wanted, buses), TriggerPlan()),
+        triggers=problems.attempt("trigger", lambda: _triggers(wanted, buses), TriggerPlan()),
     )
-    place = f"{config.path}: " if config else ""
-    problems += [f"{place}{text}" for text in contradictions(wanted, buses)]
-    opened = tuple(source for source in sources if source is not None)
-    return RecordPlan(wanted, tuple(buses), opened, options, tuple(dict.fromkeys(problems)))
+    for key, text in (*contradictions(wanted), *(wrong_with_paths(wanted) if check else ())):
+        problems.add(key, text)
+    return RecordPlan(wanted, tuple(buses), tuple(sources), options, problems.told())
+
+
+class _Problems:
+    """Everything that is wrong, each with where it stands: file and key, or option.
+
+    `number`: which [[bus]] it is about.
+    """
+
+    def __init__(self, config: LoadedConfig | None, given: frozenset[str]) -> None:
+        self.number: int | None = None
+        self._config = config
+        self._given = given
+        self._problems = list(config.problems) if config else []
+
+    def attempt(self, key: str, make: Callable[[], T], otherwise: T) -> T:
+        """What is made; `otherwise` where the user's mistake does not let it."""
+        try:
+            return make()
+        except SynclineError as error:
+            for line in str(error).splitlines():
+                self.add(key, line)
+            return otherwise
+
+    def add(self, key: str, text: str) -> None:
+        """Something is wrong with an option, by its key in a file."""
+        option = f"--{key.replace('_', '-')}"
+        on_command_line = bool({key, f"{key}s", f"{key}es"} & self._given)
+        if self._config is None or on_command_line:
+            where = "" if text.startswith("--") else f"{option}: "
+        else:
+            where = self._config.place(key, self.number)
+            text = text.removeprefix(option).lstrip(": ")
+        self._problems.append(where + text.removeprefix(f"{key} "))
+
+    def told(self) -> tuple[str, ...]:
+        """Each once."""
+        return tuple(dict.fromkeys(self._problems))
+
+
+def _description(
+    wanted: "Wanted", buses: Sequence[BusOptions], problems: _Problems
+) -> BusDescription:
+    """What is known of the nodes; what is wrong with each device is told."""
+    path, good = wanted.description, list[str]()
+    known = problems.attempt("description", lambda: load_description(path, ()), None)
+    if known is None:
+        path, known = None, BusDescription()
+    for word in wanted.devices:
+        more = problems.attempt("device", partial(load_description, path, [*good, word]), None)
+        if more is None:
+            continue
+        good.append(word)
+        known = more
+        bus = split_device(word)[0]
+        if bus is not None and buses and bus not in {each.name for each in buses}:
+            names = ", ".join(each.name for each in buses)
+            problems.add("device", f"'{word}': there is no bus '{bus}', only {names}")
+    return known
 
 
 def _triggers(wanted: "Wanted", buses: Sequence[BusOptions]) -> TriggerPlan:
@@ -140,25 +212,35 @@ def choose_buses(
     return with_unique_names(chosen)
 
 
-def _common(wanted: "Wanted") -> BusOptions:
+def _common(wanted: "Wanted", problems: _Problems) -> BusOptions:
+    filters = [
+        problems.attempt("filter", partial(parse_filter, word), None) for word in wanted.filters
+    ]
     return BusOptions(
         name="",
         interface=wanted.interface,
         bitrate=wanted.bitrate,
         fd=wanted.fd,
         data_bitrate=wanted.data_bitrate,
-        timing=parse_timing(wanted.timing),
-        filters=tuple(parse_filter(word) for word in wanted.filters),
-        arguments=parse_arguments(wanted.bus_kwargs, "--bus-kwargs"),
+        timing=problems.attempt("timing", lambda: parse_timing(wanted.timing), {}),
+        filters=tuple(filter(None, filters)),
+        arguments=problems.attempt(
+            "bus_kwargs", lambda: parse_arguments(wanted.bus_kwargs, "--bus-kwargs"), {}
+        ),
         acknowledge=wanted.acknowledge,
     )
+
+
+def _reads_buses_of(config: LoadedConfig, given: frozenset[str]) -> bool:
+    """Whether the buses are those of the file: the command line names none."""
+    return bool(config.buses) and not given & {"buses", "channels"}
 
 
 def _buses(
     wanted: "Wanted", config: LoadedConfig | None, given: frozenset[str], common: BusOptions
 ) -> list[BusOptions]:
     """Those of the command line, else those of the file."""
-    if config is None or not config.buses or given & {"buses", "channels"}:
+    if config is None or not _reads_buses_of(config, given):
         return choose_buses(common, wanted.channels, wanted.buses)
     overrides: dict[str, Any] = {
         field: getattr(common, field)

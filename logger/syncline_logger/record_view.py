@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from syncline_logger.standard_output import discard_stdout
+from syncline_logger.standard_output import print_line
 
 if TYPE_CHECKING:
     from syncline_logger.live_status import StatusSnapshot
@@ -36,7 +36,7 @@ class RecordView:
         if self._terminal:
             click.echo(f"recording to {path}; Ctrl-C stops", err=True)
         else:
-            _print_line(json.dumps({"path": str(path)}))
+            print_line(json.dumps({"path": str(path)}))
 
     def status(self, snapshot: "StatusSnapshot") -> None:
         """Show the state of the recorder."""
@@ -73,15 +73,7 @@ def mention_cut_files(folder: Path) -> None:
 def _print_json(snapshot: "StatusSnapshot") -> None:
     from syncline_logger.status_view import status_json
 
-    _print_line(status_json(snapshot))
-
-
-def _print_line(line: str) -> None:
-    """Print, unless nobody reads any more: that is no reason to stop recording."""
-    try:
-        click.echo(line)
-    except OSError:
-        discard_stdout()
+    print_line(status_json(snapshot))
 
 
 def _terminal_line(stack: ExitStack) -> "Callable[[StatusSnapshot], None]":

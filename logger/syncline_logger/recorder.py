@@ -18,7 +18,8 @@ from syncline_logger.guard import Guard
 from syncline_logger.live_status import StatusSnapshot
 from syncline_logger.notes import OnNote
 from syncline_logger.pace import WritePace
-from syncline_logger.recording import Recording, RecordOptions, RecordResult
+from syncline_logger.record_options import RecordOptions
+from syncline_logger.recording import Recording, RecordResult
 from syncline_logger.rehearsal import rehearse
 from syncline_logger.source import Source, SourceFacts, StampedSource
 from syncline_logger.source_thread import SourceEvent, SourceThreads

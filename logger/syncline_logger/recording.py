@@ -3,13 +3,12 @@
 import platform
 import uuid
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
-from google.protobuf.message import Message
 from numpy.typing import NDArray
 
 from syncline_logger.adapter_clock import Knot
@@ -18,35 +17,36 @@ from syncline_logger.capture_file import Block
 from syncline_logger.capture_store import CaptureStore, StorePlan
 from syncline_logger.clock import ClockReading
 from syncline_logger.content import Content
-from syncline_logger.decoding import UNREGISTERED, ChannelSpec, Decoded
+from syncline_logger.decoding import Decoded
 from syncline_logger.disk import Disk
 from syncline_logger.live_status import LiveStatus, StatusSnapshot
 from syncline_logger.manifest import MarkNote
 from syncline_logger.notes import Note, OnNote, gap_text, utc_text
+from syncline_logger.record_options import RecordOptions
+from syncline_logger.recorder_messages import (
+    CLOCK_CHANNEL,
+    GAP_CHANNEL,
+    MARK_CHANNEL,
+    RecorderMessages,
+    clock_message,
+    knot_message,
+    status_channel,
+)
 from syncline_logger.recording_folder import RecordingFolder
-from syncline_logger.retention import Keep
-from syncline_logger.segments import SegmentNames, Split
+from syncline_logger.segments import SegmentNames
 from syncline_logger.triggers.event_store import EventStore
-from syncline_logger.triggers.plan import TriggerPlan
 from syncline_logger.triggers.watch import TriggerWatch
 from syncline_schemas.batch import FrameBatch, Gap
-from syncline_schemas.capture.chunk import ZSTD_LEVEL
 from syncline_schemas.capture.gap_message import DID_NOT_RUN, gap_message
 from syncline_schemas.capture.layout import (
-    CLOCK_TOPIC,
-    GAP_TOPIC,
     LEARNED_METADATA_NAME,
-    MARK_TOPIC,
     Attachment,
     BusInfo,
     CaptureMetadata,
-    Compression,
     description_attachment,
     device_attachment,
-    status_topic,
 )
 from syncline_schemas.capture.learned import Settings, learned_record
-from syncline_schemas.capture.message import MessageBlock, schema_of
 from syncline_schemas.description import BusDescription
 from syncline_schemas.devices import Device
 from syncline_schemas.proto import syncline_pb2
@@ -63,60 +63,6 @@ BEHIND = "the date is behind the end of the last recording: how long the recorde
 LIVE_STATUS = "bus load and node states of the live status"
 SNAPSHOT = "the live status"
 TRIGGERS = "triggers"
-
-STATUS_SCHEMA = schema_of(syncline_pb2.BusStatus.DESCRIPTOR)
-GAP_CHANNEL = ChannelSpec(GAP_TOPIC, schema_of(syncline_pb2.Gap.DESCRIPTOR))
-MARK_CHANNEL = ChannelSpec(MARK_TOPIC, schema_of(syncline_pb2.Mark.DESCRIPTOR))
-CLOCK_CHANNEL = ChannelSpec(CLOCK_TOPIC, schema_of(syncline_pb2.ClockSample.DESCRIPTOR))
-
-
-@dataclass(frozen=True, slots=True)
-class RecordOptions:
-    """How to record; the defaults are right for most.
-
-    Attributes:
-        flush_ns: at most this much is lost to a power cut [ns].
-        chunk_frames: a chunk is closed earlier when it holds so many frames (about 1 MiB).
-        sync: wait for the disk after each chunk; only a simulated recording can do without.
-        decode: write decoded channels beside the raw frames.
-        description: what is known of the buses and their nodes.
-        recording_id: the recording's name; None makes one.
-        queue_frames: frames that may wait for the writer, all buses together.
-        zstd_level: how hard zstd works; 1 is fast and, for these records, also small.
-        split: when the recording goes on in a new file.
-        keep: how much of what was recorded may stay in the folder.
-        wait_for_bus: begin although a bus cannot be opened yet, and open it when that is possible.
-        triggers: which events become marks, and whether only what lies around them is written.
-    """
-
-    flush_ns: int = 1_000_000_000
-    chunk_frames: int = 1 << 15
-    compression: Compression = "zstd"
-    sync: bool = True
-    decode: bool = True
-    description: BusDescription = field(default_factory=BusDescription)
-    recording_id: str | None = None
-    queue_frames: int = 1 << 17
-    wait_for_bus: bool = False
-    zstd_level: int = ZSTD_LEVEL
-    split: Split = field(default_factory=Split)
-    keep: Keep = field(default_factory=Keep)
-    triggers: TriggerPlan = field(default_factory=TriggerPlan)
-
-    @property
-    def period_ns(self) -> int:
-        """How often a chunk is written: a tenth of `flush_ns` is kept for writing it."""
-        return self.flush_ns * 9 // 10
-
-    def period_after(self, spent_ns: int) -> int:
-        """How soon the next chunk follows one that took so long to write: a slow disk is given work
-        earlier, so that `flush_ns` holds for it too.
-
-        >>> options = RecordOptions()
-        >>> [options.period_after(ms * 1_000_000) // 1_000_000 for ms in (50, 300, 5000)]
-        [900, 700, 500]
-        """
-        return max(min(self.period_ns, self.flush_ns - spent_ns), self.flush_ns // 2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,14 +118,14 @@ class Recording:
         self._gaps: list[Gap] = []
         self._gap_count = self._lost_frames = self.marks = 0
         self._problems: list[str] = []
-        self._messages: list[tuple[ChannelSpec, int, Message]] = []
+        self._messages = RecorderMessages()
         self._heard_ns = self._clock_ns = self._now_ns = self._start_ns = start_ns
         self._on_note = on_note
         self._off: set[str] = set()
         self._offset_ns: int | None = None
         self._settings: dict[tuple[int, int], Settings] = {}
         plan = StorePlan(
-            names=SegmentNames(target, recording_id, bool(split_of(options))),
+            names=SegmentNames(target, recording_id, bool(options.file_split)),
             metadata=CaptureMetadata(
                 version=version("syncline"),
                 recording_id=recording_id,
@@ -194,7 +140,7 @@ class Recording:
             compression=options.compression,
             zstd_level=options.zstd_level,
             sync=options.sync,
-            split=split_of(options),
+            split=options.file_split,
             keep=options.keep,
             disk=disk or Disk(),
             tell=lambda text: self._tell(Note(self._now_ns, text)),
@@ -232,7 +178,7 @@ class Recording:
         self._lost_frames += gap.lost_frames or 0
         if len(self._gaps) < MAX_KEPT:
             self._gaps.append(gap)
-        self._messages.append((GAP_CHANNEL, log_ns, gap_message(gap)))
+        self._messages.add(GAP_CHANNEL, log_ns, gap_message(gap))
         self._tell(Note(log_ns, gap_text(gap), self._bus_name(gap.bus), serious=True))
         self._beside(TRIGGERS, log_ns, lambda: self.watch.gap(gap, log_ns))
 
@@ -252,7 +198,7 @@ class Recording:
         message = syncline_pb2.Mark(
             t_ns=log_ns if t_ns is None else t_ns, reason=text, bus=bus, node=node
         )
-        self._messages.append((MARK_CHANNEL, log_ns, message))
+        self._messages.add(MARK_CHANNEL, log_ns, message)
         when = "" if t_ns in (None, log_ns) else f" at {utc_text(message.t_ns)}"
         self._tell(Note(log_ns, f"mark{when}: {text}", self._bus_name(bus)))
         plan = self._triggers
@@ -275,16 +221,7 @@ class Recording:
 
     def add_clock(self, reading: ClockReading, log_ns: int) -> None:
         """Note what the clocks said."""
-        message = syncline_pb2.ClockSample(
-            utc_ns=reading.utc_ns,
-            monotonic_ns=reading.monotonic_ns,
-            step_ns=reading.step_ns,
-            boot_ns=reading.boot_ns,
-            slept_ns=reading.slept_ns,
-            uncertainty_ns=reading.uncertainty_ns,
-            offset_ns=reading.offset_ns,
-        )
-        self._messages.append((CLOCK_CHANNEL, log_ns, message))
+        self._messages.add(CLOCK_CHANNEL, log_ns, clock_message(reading))
         if reading.slept_ns:
             # It fell asleep some time after the last sample.
             begin_ns = min(self._clock_ns, log_ns - reading.slept_ns)
@@ -299,22 +236,12 @@ class Recording:
     def add_knot(self, bus: int, knot: Knot, reading: ClockReading, log_ns: int) -> None:
         """Note how the stamps of a bus's adapter become t."""
         self.conditions[bus].clock_residual_ns = knot.residual_ns
-        message = syncline_pb2.ClockSample(
-            utc_ns=reading.utc_ns,
-            monotonic_ns=reading.monotonic_ns,
-            boot_ns=reading.boot_ns,
-            bus=bus,
-            adapter_ns=knot.adapter_ns,
-            mapped_ns=knot.mapped_ns,
-            rate_ppb=knot.rate_ppb,
-            residual_ns=knot.residual_ns,
-        )
-        self._messages.append((CLOCK_CHANNEL, log_ns, message))
+        self._messages.add(CLOCK_CHANNEL, log_ns, knot_message(bus, knot, reading))
 
     def add_status(self, bus: int, log_ns: int, text: str = "") -> None:
         """Note a bus's state and counters; `text` says what changed."""
-        spec = ChannelSpec(status_topic(self._buses[bus].name), STATUS_SCHEMA)
-        self._messages.append((spec, log_ns, self.conditions[bus].message(text)))
+        channel = status_channel(self._buses[bus].name)
+        self._messages.add(channel, log_ns, self.conditions[bus].message(text))
         if text:
             self._tell(Note(log_ns, text, self._buses[bus].name))
         if text and len(self._problems) < MAX_KEPT:
@@ -422,7 +349,7 @@ class Recording:
             if part.settings:
                 self.store.carry(LEARNED_METADATA_NAME, learned_record(self._settings))
         self._mark_triggers()
-        blocks += self._noted()
+        blocks += self._messages.take()
         self.store.write(Content(frames, log_ns, blocks), now_ns)
         for bus, lost in self.store.waiting.lost_frames.items():
             self.conditions[bus].dropped_disk = lost
@@ -495,22 +422,6 @@ class Recording:
             files=self.store.file_count,
         )
 
-    def _noted(self) -> list[Block]:
-        """The single messages since the last chunk, as blocks by topic."""
-        by_topic: dict[str, list[tuple[ChannelSpec, int, Message]]] = {}
-        for message in self._messages:
-            by_topic.setdefault(message[0].topic, []).append(message)
-        self._messages.clear()
-        blocks = []
-        for messages in by_topic.values():
-            messages.sort(key=lambda each: each[1])
-            times = [log_ns for _, log_ns, _ in messages]
-            block = MessageBlock.of_messages(
-                UNREGISTERED, times, times, [message for _, _, message in messages]
-            )
-            blocks.append((messages[0][0], block))
-        return blocks
-
     def _recognised(self, bus: int, node: int, device: Device) -> None:
         self._attach(device)
         name = self._buses[bus].name
@@ -522,13 +433,6 @@ class Recording:
     def _attach(self, device: Device) -> None:
         for name, data in device.files.items():
             self.store.attach(device_attachment(name, data))
-
-
-def split_of(options: RecordOptions) -> Split:
-    """When a recording is split: as the user says, or so that a budget can be kept."""
-    if options.split or not options.keep.split_bytes:
-        return options.split
-    return Split(size_bytes=options.keep.split_bytes)
 
 
 def _folder(plan: StorePlan) -> RecordingFolder | None:

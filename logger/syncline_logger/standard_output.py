@@ -2,7 +2,8 @@
 
 import os
 import sys
-from pathlib import Path
+
+import click
 
 
 def discard_stdout() -> None:
@@ -10,6 +11,9 @@ def discard_stdout() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def forget_stdout() -> None:
-    """Leave stdout alone: a thread hangs in a write to it, and Python's own flush at exit would too."""
-    sys.stdout = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115 - used until the end
+def print_line(line: str) -> None:
+    """Print, unless nobody reads any more: that is no reason to stop what is told about."""
+    try:
+        click.echo(line)
+    except OSError:
+        discard_stdout()

@@ -47,14 +47,14 @@ class WaitingRoom:
             or len(self.contents) >= MAX_WAITING_CONTENTS
         )
         if full or self._missed:
-            self._lose(content, reason)
+            self.lose(content, reason)
         else:
             self.contents.append(content)
 
     def give_up(self, reason: str) -> None:
         """Count all that waits as lost."""
         while self.contents:
-            self._lose(self.contents.popleft(), reason)
+            self.lose(self.contents.popleft(), reason)
 
     def take_missed(self) -> tuple[list[Gap], list[Block]]:
         """What was lost since the last call: gaps by bus, and the notes of what was lost."""
@@ -62,7 +62,8 @@ class WaitingRoom:
         self._missed, self._notes = {}, []
         return missed, notes
 
-    def _lose(self, content: Content, reason: str) -> None:
+    def lose(self, content: Content, reason: str) -> None:
+        """Count the frames of a content as lost."""
         for bus in np.unique(content.frames.bus).tolist():
             gap = _gap(content.frames, bus, reason)
             self.lost_frames[bus] = self.lost_frames.get(bus, 0) + (gap.lost_frames or 0)

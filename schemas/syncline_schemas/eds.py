@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 __all__ = ["EdsWarning", "LoadedEds", "assumed_value", "load_eds", "variables"]
 
 
-MAX_BYTES = 64 << 20
-"""The largest EDS files have about 10 MB."""
+MAX_BYTES = 16 << 20
+"""Ten times an EDS with ten thousand objects."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,6 +38,7 @@ class LoadedEds:
     Attributes:
         info: FileInfo, DeviceInfo and DeviceComissioning as text, keys as "deviceinfo.vendorname".
         node_id: node id of a DCF. bitrate: bit rate of a DCF [bit/s].
+        text: the sections as written. objects: the same, repaired.
     """
 
     od: "ObjectDictionary"
@@ -45,6 +46,8 @@ class LoadedEds:
     info: dict[str, str] = field(default_factory=dict)
     node_id: int | None = None
     bitrate: int | None = None
+    text: EdsText = field(default_factory=EdsText)
+    objects: Objects = field(default_factory=Objects)
 
 
 def load_eds(source: str | Path | bytes, node_id: int | None = None) -> LoadedEds:
@@ -69,12 +72,14 @@ def load_eds(source: str | Path | bytes, node_id: int | None = None) -> LoadedEd
     info = _info(text)
     for name in ("FileInfo", "DeviceInfo"):
         if name.lower() not in text.sections:
-            text.warn("file", f"section [{name}] is missing")
+            text.warn("file", f"section [{name}] is missing", "missing_section")
     od = _imported(text, objects, info, node_id)
     _add_dummies(text, od)
     for variable in variables(od):
         _set_limits(variable, objects)
-    return LoadedEds(od, text.warnings, info, od.node_id, od.bitrate)
+    if text.untold:
+        text.warnings.append(EdsWarning("file", f"and {text.untold} more", "untold"))
+    return LoadedEds(od, text.warnings, info, od.node_id, od.bitrate, text, objects)
 
 
 def _first(text: EdsText) -> str:
@@ -137,7 +142,8 @@ def _device_info(text: EdsText, info: dict[str, str]) -> Entry:
             entry[name] = str(value)
         elif stated is not None:
             said = f"{stated[:30]!r} is no number" if stated else "is empty"
-            text.warn("[DeviceInfo]", f"{name} {said}, not used")
+            kind = "device_info_number" if stated else "device_info_empty"
+            text.warn(text.sections["deviceinfo"], f"{name} {said}, not used", kind, key)
     return entry
 
 
@@ -147,12 +153,14 @@ def _commissioning(text: EdsText, info: dict[str, str]) -> Entry:
         stated = info.get(f"devicecomissioning.{key}")
         value = number(stated) if stated else None
         if key == "baudrate" and value is not None and 1000 < value <= 1_000_000:
-            text.warn("[DeviceComissioning]", f"Baudrate {value} is in bit/s, kbit/s is meant")
+            said = f"Baudrate {value} is in bit/s, kbit/s is meant"
+            text.warn("[DeviceComissioning]", said, "commissioning")
             value //= 1000
         if value is not None and 1 <= value <= high:
             entry[name] = str(value)
         elif stated:
-            text.warn("[DeviceComissioning]", f"{name} {stated[:30]!r} is not usable")
+            said = f"{name} {stated[:30]!r} is not usable"
+            text.warn("[DeviceComissioning]", said, "commissioning")
     return entry
 
 
@@ -211,7 +219,8 @@ def _add_dummies(text: EdsText, od: "ObjectDictionary") -> None:
     section = text.sections.get("dummyusage") or Section("DummyUsage", 0)
     missing = [key for key in _DUMMIES if not section.get(key.lower())]
     if missing:
-        text.warn("[DummyUsage]", f"{', '.join(missing)} missing, taken as not mappable")
+        said = f"{', '.join(missing)} missing, taken as not mappable"
+        text.warn(section if section.line else "[DummyUsage]", said, "dummy_missing")
     for key, value in section.values.items():
         match = re.fullmatch(r"dummy([0-9a-f]{4})", key)
         code = int(match[1], 16) if match else -1
@@ -221,7 +230,7 @@ def _add_dummies(text: EdsText, od: "ObjectDictionary") -> None:
             variable.access_type = "const"
             od.add_object(variable)
         elif code not in DATA_TYPES:
-            text.warn("[DummyUsage]", f"{key[:30]} is not a data type, not used")
+            text.warn(section, f"{key[:30]} is not a data type, not used", "dummy_unknown", key)
 
 
 def variables(od: "ObjectDictionary") -> Iterable["ODVariable"]:

@@ -14,10 +14,10 @@ DOMAIN = 0x0F
 _OBJECT = re.compile(r"(?:0x)?([0-9a-f]{4,8})h?")
 _ENTRY = re.compile(r"(?:0x)?([0-9a-f]{4,8})h?[\s_.-]*sub[\s_.-]*(?:0x)?([0-9a-f]{1,8})h?")
 _COMPACT = re.compile(r"([0-9a-f]{4})(name|value|denotation|objectlinks)")
-_LISTS = ("mandatoryobjects", "optionalobjects", "manufacturerobjects")
+LISTS = ("mandatoryobjects", "optionalobjects", "manufacturerobjects")
 _GENERAL = {
     "fileinfo", "deviceinfo", "dummyusage", "comments", "tools", "devicecomissioning",
-    "devicecommissioning", "supportedmodules", "connectedmodules", "dynamicchannels", *_LISTS,
+    "devicecommissioning", "supportedmodules", "connectedmodules", "dynamicchannels", *LISTS,
 }  # fmt: skip
 _MODULE = re.compile(r"(m\d+\w+|tool\d+)")
 _ACCESS = {"ro", "wo", "rw", "rwr", "rww", "const"}
@@ -28,10 +28,14 @@ Entry = dict[str, str]
 
 @dataclass(slots=True)
 class Objects:
-    """Objects by index, each with its own keys and those of its entries by subindex."""
+    """Objects by index, each with its own keys and those of its entries by subindex.
+
+    `written` holds the sections they were made of, by index and subindex (None for the object).
+    """
 
     heads: dict[int, Entry] = field(default_factory=dict)
     entries: dict[int, dict[int, Entry]] = field(default_factory=dict)
+    written: dict[tuple[int, int | None], Section] = field(default_factory=dict)
 
 
 def number(text: str) -> int | None:
@@ -81,7 +85,10 @@ def objects_of(text: EdsText) -> Objects:
         head = heads.get(index)
         if head is None:
             head = Section(f"{index:04X}", next(iter(parts.values())).line)
-            text.warn(f"[{index:04X}]", "the section is missing, only its subindexes are described")
+            said = "the section is missing, only its subindexes are described"
+            text.warn(head, said, "head_missing")
+        found.written[index, None] = head
+        found.written |= {(index, sub): section for sub, section in parts.items()}
         _add_object(text, found, index, head, parts)
     _check_lists(text, found)
     _add_compact_pdos(text, found)
@@ -101,13 +108,14 @@ def _sorted_sections(text: EdsText) -> tuple[dict[int, Section], dict[int, dict[
             _place(text, heads, int(match[1], 16), section)
             continue
         if not (name in _GENERAL or _COMPACT.fullmatch(name) or _MODULE.fullmatch(name)):
-            text.warn(f"[{section.name}]", "unknown section, not used")
+            text.warn(section, "unknown section, not used", "unknown_section")
     return heads, entries
 
 
 def _place(text: EdsText, into: dict[int, Section], key: int, section: Section) -> None:
     if key in into:
-        text.warn(f"[{section.name}]", f"is the same object as [{into[key].name}], not used")
+        said = f"is the same object as [{into[key].name}], not used"
+        text.warn(section, said, "duplicate_section")
     else:
         into[key] = section
 
@@ -133,30 +141,34 @@ def _add_object(
     if compact:
         _expand(text, subs, index, head, compact)
     elif (stated := _count(text, head, "subnumber")) != len(parts) and head.get("subnumber"):
-        text.warn(f"[{head.name}]", f"SubNumber is {stated}, {len(parts)} subindexes are described")
+        said = f"SubNumber is {stated}, {len(parts)} subindexes are described"
+        text.warn(head, said, "sub_number", "subnumber")
 
 
 def _object_type(text: EdsText, section: Section, has_entries: bool) -> int:
     stated = section.get("objecttype")
     kind = _OBJECT_TYPE_NAMES.get(stated.lower(), number(stated))
     if stated and kind is None:
-        text.warn(f"[{section.name}]", f"ObjectType {stated[:30]!r} is no number")
+        text.warn(section, f"ObjectType {stated[:30]!r} is no number", "object_type", "objecttype")
     if has_entries and kind not in (ARRAY, RECORD):
         if kind is not None:
-            text.warn(f"[{section.name}]", f"ObjectType {stated} has subindexes: taken as a record")
+            said = f"ObjectType {stated} has subindexes: taken as a record"
+            text.warn(section, said, "object_type_subs", "objecttype")
         return RECORD
     if kind in _OBJECT_TYPES:
         assert kind is not None
         return kind if has_entries or kind not in (ARRAY, RECORD) else _empty(text, section, kind)
     if kind is not None and kind != 0x5:
-        text.warn(f"[{section.name}]", f"ObjectType {stated} is not used here: taken as a variable")
+        said = f"ObjectType {stated} is not used here: taken as a variable"
+        text.warn(section, said, "object_type", "objecttype")
     return VAR
 
 
 def _empty(text: EdsText, section: Section, kind: int) -> int:
     """An array or record without subindexes: a variable when it has a data type of its own."""
     if section.get("datatype") and number(section.get("subnumber") or "0") == 0:
-        text.warn(f"[{section.name}]", "array or record without subindexes: taken as a variable")
+        said = "array or record without subindexes: taken as a variable"
+        text.warn(section, said, "no_subs", "objecttype")
         return VAR
     return kind
 
@@ -165,7 +177,7 @@ def _count(text: EdsText, section: Section, key: str) -> int:
     stated = section.get(key)
     value = number(stated) if stated else 0
     if value is None or not 0 <= value <= 0xFF:
-        text.warn(f"[{section.name}]", f"{key} {stated[:30]!r} is no number of subindexes")
+        text.warn(section, f"{key} {stated[:30]!r} is no number of subindexes", "sub_number", key)
         return 0
     return value
 
@@ -266,7 +278,7 @@ def _data_type(text: EdsText, section: Section, object_type: int) -> int:
     if code is None:
         if object_type != DOMAIN and object_type != 0x2:
             problem = f"DataType {stated[:30]!r} is no number" if stated else "DataType is missing"
-            text.warn(f"[{section.name}]", f"{problem}: the value stays bytes")
+            text.warn(section, f"{problem}: the value stays bytes", "data_type", "datatype")
         return DOMAIN
     if code in DATA_TYPES:
         return code
@@ -275,7 +287,8 @@ def _data_type(text: EdsText, section: Section, object_type: int) -> int:
     if base in DATA_TYPES:
         assert base is not None
         return base
-    text.warn(f"[{section.name}]", f"DataType {stated} is not known: the value stays bytes")
+    said = f"DataType {stated} is not known: the value stays bytes"
+    text.warn(section, said, "data_type_unknown", "datatype")
     return DOMAIN
 
 
@@ -284,7 +297,7 @@ def _access(text: EdsText, section: Section) -> str:
     if stated in _ACCESS:
         return stated
     said = f"AccessType {stated[:20]!r} is not known" if stated else "AccessType is missing"
-    text.warn(f"[{section.name}]", f"{said}: taken as rw")
+    text.warn(section, f"{said}: taken as rw", "access_type", "accesstype")
     return "rw"
 
 
@@ -301,22 +314,36 @@ def _value(text: EdsText, section: Section, key: str, stated: str, data_type: in
         return f"$NODEID+0x{offset:X}" if offset >= 0 else ""
     value = number(stated)
     if value is None:
-        text.warn(f"[{section.name}]", f"{key} {stated[:40]!r} is no number, not used")
+        wrong = "node_id" if "nodeid" in stated.lower() else "value"
+        said = f"{key} {stated[:40]!r} is no number, not used"
+        text.warn(section, said, wrong, key.lower())
         return ""
     if re.fullmatch(r"0[0-7]+", stated) and value != int(stated):
-        text.warn(f"[{section.name}]", f"{key} {stated} is octal by its leading 0: {value}")
-    return str(_in_type(text, section, f"{key} {stated}", value, data_type))
+        said = f"{key} {stated} is octal by its leading 0: {value}"
+        text.warn(section, said, "octal", key.lower())
+    _check_range(text, section, f"{key} {stated}", value, data_type)
+    return str(_in_type(value, data_type))
 
 
-def _in_type(text: EdsText, section: Section, said: str, value: int, data_type: int) -> int:
+def _check_range(text: EdsText, section: Section, said: str, value: int, data_type: int) -> None:
+    low, high = _range(data_type)
+    if not low <= value <= high and _in_type(value, data_type) == value:
+        key = said.partition(" ")[0].lower()
+        type_name = DATA_TYPES[data_type].name
+        text.warn(section, f"{said} does not fit into {type_name}", "value_range", key)
+
+
+def _range(data_type: int) -> tuple[int, int]:
     bits = DATA_TYPES[data_type].bits or 64
-    signed = DATA_TYPES[data_type].kind == "signed"
-    low, high = (-(1 << bits - 1), (1 << bits - 1) - 1) if signed else (0, (1 << bits) - 1)
-    if signed and high < value < 1 << bits:
-        return value - (1 << bits)
-    if not low <= value <= high:
-        text.warn(f"[{section.name}]", f"{said} does not fit into {DATA_TYPES[data_type].name}")
-    return value
+    if DATA_TYPES[data_type].kind == "signed":
+        return -(1 << bits - 1), (1 << bits - 1) - 1
+    return 0, (1 << bits) - 1
+
+
+def _in_type(value: int, data_type: int) -> int:
+    """A signed value that is written as the unsigned number of its bits; others stay."""
+    low, high = _range(data_type)
+    return value + 2 * low if low < 0 and high < value < -2 * low else value
 
 
 def _bytes_value(text: EdsText, section: Section, key: str, stated: str) -> str:
@@ -324,7 +351,9 @@ def _bytes_value(text: EdsText, section: Section, key: str, stated: str) -> str:
     if re.fullmatch(r"([0-9a-f]{2})+", digits):
         return digits
     if number(stated) not in (None, 0):
-        text.warn(f"[{section.name}]", f"{key} {stated[:40]!r} is no byte string, not used")
+        text.warn(
+            section, f"{key} {stated[:40]!r} is no byte string, not used", "value", key.lower()
+        )
     return ""
 
 
@@ -334,7 +363,7 @@ def _float_value(text: EdsText, section: Section, key: str, stated: str) -> str:
     except ValueError:
         value = number(stated)
     if value is None:
-        text.warn(f"[{section.name}]", f"{key} {stated[:40]!r} is no number, not used")
+        text.warn(section, f"{key} {stated[:40]!r} is no number, not used", "value", key.lower())
         return ""
     return repr(float(value))
 
@@ -342,7 +371,7 @@ def _float_value(text: EdsText, section: Section, key: str, stated: str) -> str:
 def _check_lists(text: EdsText, found: Objects) -> None:
     """Compare the object lists with the sections; both kinds of difference are told."""
     listed: set[int] = set()
-    for name in _LISTS:
+    for name in LISTS:
         section = text.sections.get(name)
         if section is None:
             continue
@@ -351,15 +380,14 @@ def _check_lists(text: EdsText, found: Objects) -> None:
         listed |= {value for value in values if value is not None}
         stated = number(section.get("supportedobjects") or "0")
         if stated != len(numbers):
-            text.warn(
-                f"[{section.name}]", f"SupportedObjects is {stated}, {len(numbers)} are listed"
-            )
+            said = f"SupportedObjects is {stated}, {len(numbers)} are listed"
+            text.warn(section, said, "list_count", "supportedobjects")
     missing = sorted(listed - found.heads.keys())
     extra = sorted(index for index in found.heads.keys() - listed if index >= 0x1000)
     if missing:
-        text.warn("file", f"listed but not described: {_hex_list(missing)}")
+        text.warn("file", f"listed but not described: {_hex_list(missing)}", "listed_missing")
     if extra and listed:
-        text.warn("file", f"described but not listed: {_hex_list(extra)}")
+        text.warn("file", f"described but not listed: {_hex_list(extra)}", "unlisted")
 
 
 def _hex_list(indexes: list[int]) -> str:

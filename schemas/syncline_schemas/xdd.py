@@ -45,7 +45,7 @@ def parse_xdd(data: bytes) -> EdsText:
     try:
         root = _root(data.lstrip(b" \t\r\n"), found)
     except XmlFault as error:
-        found.warn("file", str(error))
+        found.warn("file", str(error), "xml")
         return found
     _add_general(root, found)
     _Objects(root, found).add()
@@ -153,8 +153,8 @@ class _Objects:
     def __init__(self, root: Element, found: EdsText) -> None:
         lists = list(root.all("CANopenObjectList"))
         if len(lists) > 1:
-            line = f"line {lists[1].line}"
-            found.warn(line, f"{len(lists)} lists of objects: only the first device is taken")
+            said = f"{len(lists)} lists of objects: only the first device is taken"
+            found.warn(lists[1].line, said, "several_devices")
         self._list = lists[0] if lists else None
         self._found = found
         self._parameters = _named(root.all("parameter"))
@@ -184,8 +184,8 @@ class _Objects:
         if section.get("accesstype") in ("rw", "rwr", "rww"):
             section.values["accesstype"] = _PROCESS_ACCESS.get(mapping, section.get("accesstype"))
         if name.lower() in self._found.sections:
-            where = f"line {element.line}"
-            self._found.warn(where, f"[{name}] is described twice, the first one is taken")
+            said = f"[{name}] is described twice, the first one is taken"
+            self._found.warn(element.line, said, "duplicate_section")
         self._found.sections.setdefault(name.lower(), section)
 
     def _of_parameter(self, element: Element) -> dict[str, str]:
@@ -194,8 +194,8 @@ class _Objects:
         parameter = self._parameters.get(reference)
         if parameter is None:
             if reference and not element.get("dataType"):
-                where = f"line {element.line}"
-                self._found.warn(where, f"refers to parameter {reference[:40]}, which is not there")
+                said = f"refers to parameter {reference[:40]}, which is not there"
+                self._found.warn(element.line, said, "no_parameter")
             return {}
         template = self._templates.get(parameter.get("templateIDRef"))
         stated = self._stated(template) if template is not None else {}

@@ -5,7 +5,9 @@ from dataclasses import dataclass, field
 from xml.parsers import expat
 
 MAX_DEPTH = 100
-MAX_ELEMENTS = 2_000_000
+MAX_ELEMENTS = 500_000
+MAX_TEXT = 1 << 16
+"""Characters of an element's text that are kept."""
 
 
 class XmlFault(ValueError):
@@ -45,7 +47,7 @@ def parse_xml(data: bytes, encoding: str | None = None) -> Element:
 
     Raises:
         XmlFault: it is not well-formed, has a DTD (where entities are declared, the way to bombs and
-            to other files), is nested deeper than 100 or has more than two million elements.
+            to other files), is nested deeper than 100 or has more than 500,000 elements.
     """
     tree = _Tree(encoding)
     try:
@@ -92,7 +94,7 @@ class _Tree:
         element.text = " ".join(element.text.split())
 
     def _text(self, text: str) -> None:
-        if self._open:
+        if self._open and len(self._open[-1].text) < MAX_TEXT:
             self._open[-1].text += text
 
     def _doctype(self, *parts: object) -> None:

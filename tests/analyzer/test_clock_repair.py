@@ -11,7 +11,8 @@ from syncline_analyzer import open_session
 from syncline_analyzer.info import inspect
 from syncline_logger.batcher import FrameBuffer
 from syncline_logger.clock import RecorderClock
-from syncline_logger.recording import Recording, RecordOptions
+from syncline_logger.record_options import RecordOptions
+from syncline_logger.recording import Recording
 from syncline_logger.segments import Split
 from syncline_schemas.batch import FrameBatch
 from syncline_schemas.capture.layout import BusInfo

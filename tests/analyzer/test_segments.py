@@ -1,7 +1,7 @@
 """A recording that was split tells the same as one that was not; each part of it opens alone."""
 
 import random
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -12,11 +12,13 @@ from syncline_analyzer.capture import CaptureFacts
 from syncline_analyzer.merge import Merge
 from syncline_analyzer.session import open_session
 from syncline_analyzer.views.json_view import to_object
+from syncline_logger.record_options import RecordOptions
 from syncline_logger.recorder import record_batches
-from syncline_logger.recording import RecordOptions
+from syncline_logger.recording import Recording
 from syncline_logger.segments import Split
+from syncline_logger.triggers.plan import TriggerPlan
 from syncline_samples.machine import Run
-from syncline_samples.scenarios import bad_day
+from syncline_samples.scenarios import bad_day, healthy_line
 from syncline_schemas.batch import FrameBatch, Gap
 from syncline_schemas.capture.gap_message import DID_NOT_RUN
 from syncline_schemas.capture.layout import BusInfo
@@ -192,3 +194,75 @@ def test_what_was_saved_survives_it(tmp_path: Path) -> None:
     save = [(1, 0x601, "23 10 10 01 73 61 76 65"), (1, 0x581, "60 10 10 01 00 00 00 00")]
     found = settings_at_the_end(tmp_path, *save, (3, 0x701, "00"), (41, 0x701, "00"))
     assert found["1017:0"] == 1000
+
+
+def findings(*paths: Path) -> list[tuple[str, int | None, int]]:
+    """Id, node and begin of each finding of some weight."""
+    analysis = open_session(list(paths)).analysis
+    return [
+        (each.id, each.node, each.start_ns)
+        for each in analysis.findings
+        if each.severity in ("warning", "error")
+    ]
+
+
+def healthy(target: Path, options: RecordOptions, marks: Sequence[int] = ()) -> None:
+    """Record a machine on which nothing is wrong; somebody asks for marks at these seconds."""
+    run = healthy_line(40).start()
+    recording = None
+    bus = BusInfo(run.scenario.bus_name, 0, run.scenario.bitrate, interface="simulated")
+    for batch in run.stream():
+        assert isinstance(batch, FrameBatch)
+        begin_ns = int(batch.t_ns[0])
+        recording = recording or Recording(target, [bus], options, start_ns=begin_ns, host="here")
+        for start in range(0, len(batch), 200):
+            part = batch[start : start + 200]
+            recording.take_frames(part, part.t_ns)
+            now_ns = int(part.t_ns[-1])
+            for mark in marks:
+                if int(part.t_ns[0]) <= recording._start_ns + mark * S <= now_ns:
+                    recording.mark(f"asked at {mark} s", now_ns)
+            recording.write(part, part.t_ns, now_ns=now_ns)
+    assert recording is not None
+    recording.finish(recording._heard_ns, "stopped")
+
+
+def described(**more: Any) -> RecordOptions:
+    text = healthy_line(40).start().description_toml
+    description = BusDescription.loads(text)
+    return RecordOptions(description=description, sync=False, recording_id="well", **more)
+
+
+def test_a_healthy_machine_is_not_accused_in_files_of_triggers(tmp_path: Path) -> None:
+    around = TriggerPlan(only=True, before_ns=5 * S, after_ns=3 * S)
+    healthy(tmp_path, described(triggers=around), marks=(10, 25))
+    paths = sorted(tmp_path.glob("*.mcap"))
+    assert len(paths) == 2
+    for path in paths:
+        assert findings(path) == []
+    assert findings(*paths) == []
+
+
+@pytest.mark.parametrize("cut", [0.2, 0.55, 0.999])
+def test_a_healthy_machine_is_not_accused_in_a_cut_file(tmp_path: Path, cut: float) -> None:
+    healthy(tmp_path, described(split=Split(size_bytes=60_000)))
+    *_, last = paths = sorted(tmp_path.glob("*.mcap"))
+    assert len(paths) > 3
+    data = last.read_bytes()
+    last.write_bytes(data[: round(len(data) * cut)])
+    assert [each for each in findings(*paths) if each[0] != "capture.damaged"] == []
+
+
+def test_a_window_over_a_border_tells_what_the_whole_file_tells(tmp_path: Path) -> None:
+    recorded(tmp_path / "one.mcap", Split())
+    recorded(tmp_path / "many", Split(size_bytes=300_000))
+    many = sorted((tmp_path / "many").glob("*.mcap"))
+    assert len(many) > 2
+    border_ns = open_session(many[1]).analysis.capture.begin_ns
+    begin, end = border_ns - 20 * S, border_ns + 20 * S
+    one = to_object(open_session(tmp_path / "one.mcap", start=begin, end=end).analysis)
+    joined = to_object(open_session(many, start=begin, end=end).analysis)
+    for each in (one, joined):
+        each["capture"].pop("files")
+    assert joined == one
+    assert joined["capture"]["frames"] > 0

@@ -11,7 +11,8 @@ import numpy as np
 
 from syncline_logger.capture_store import CaptureStore
 from syncline_logger.disk import Disk, DiskFile
-from syncline_logger.recording import Recording, RecordOptions, RecordResult
+from syncline_logger.record_options import RecordOptions
+from syncline_logger.recording import Recording, RecordResult
 from syncline_schemas.batch import FrameBatch, Gap
 from syncline_schemas.capture.layout import BusInfo
 from syncline_schemas.capture.scan import CaptureScan

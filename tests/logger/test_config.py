@@ -1,5 +1,6 @@
 """logger.toml: all settings, all mistakes at once."""
 
+import sys
 import tomllib
 from pathlib import Path
 
@@ -157,14 +158,14 @@ SAID = [
     'decode: "yes" is not true or false; write decode = true',
     "log_keep: 0 is not more than 0",
     "log_size: 'big' is no size; write 256MB",
-    'device: "5=jn2100" is not a list of texts; write device = ["..."]',
+    'device: "5=jn2100" is not a list of texts; write device = ["5=jn2100"]',
     "description: File",
     'bus 1 (press): bitrate: "500k" is not a whole number; write bitrate = 500000',
     "bus 1 (press): output: is no key of a bus; write it above the first [[bus]]",
     "bus 1 (press): fdd: is no key; write fd",
     "bus 2 (press): channel: 1.5 is not a text in quotes or a whole number",
     "bus 2 (press): bitrate: -1 is not more than 0",
-    "bus 2 (press): timing: {'brp': 'x'} is not a table { key = number }",
+    'bus 2 (press): timing: { brp = "x" } is not a table { key = number }',
     "bus 2 (press): filter: ",
     'bus 2 (press): has no interface; write interface = "socketcan"',
 ]
@@ -196,7 +197,7 @@ def test_mistakes_that_need_the_whole_are_among_them(tmp_path: Path) -> None:
         ("x = ", "is no TOML"),
         ('bus = "can0"', "bus: write each bus as a table that begins with [[bus]]"),
         ("[bus]\nx = 1", "bus: write each bus as a table that begins with [[bus]]"),
-        ("bitrate = true", "bitrate: True is not a whole number"),
+        ("bitrate = true", "bitrate: true is not a whole number"),
         (
             "nothing_like_it = 1",
             "nothing_like_it: is no key; there are acknowledge, after, before,",
@@ -254,3 +255,98 @@ def test_a_file_that_cannot_be_read_is_one_mistake(tmp_path: Path, content: byte
     result = CliRunner().invoke(record, ["--config", str(path), "--check-config"])
     assert "no bus" not in f"{result.output}{result.exception}"
     assert str(path) in str(result.exception)
+
+
+NASTY = """
+output = "/proc/nope"
+log = "a-file/x.log"
+split_time = "1x"
+keep = "8 potatoes"
+flush = "1ms"
+ring_size = "1"
+trigger = ["emcy:200", "nmt:7:dancing", "gap:nobus", "emcy"]
+device = ["5=nothing", "x", "6=jn2100", "nobus:7=jn2100"]
+filter = ["zz:1", "180:780", "qq"]
+bitrate = 500
+[[bus]]
+name = "a b/c"
+interface = "socketcan"
+chanel = "can0"
+[[bus]]
+name = "x"
+interfac = "socketcan"
+bitrate = 500000
+timing = { f_clock = 8000000, brp = 1 }
+[[bus]]
+name = "x"
+interface = "nosuch"
+channel = "can1"
+data_bitrate = 2000000
+timing = { f_clock = 8000000, brp = 1, tseg1 = 999, tseg2 = 2, sjw = 1 }
+"""
+NASTY_SAID = """
+split_time: '1x' is no time; write 500ms, 10s, 5m, 2h or 1d
+keep: "8 potatoes" is not a list of texts; write keep = ["8 potatoes"]
+keep: '8 potatoes' is no size and no time; write 20GB or 14d
+filter: 'zz:1' is not ID:MASK or ID~MASK (hexadecimal)
+filter: 'qq' is not ID:MASK or ID~MASK (hexadecimal)
+bus 1 (a b/c): chanel: is no key; write channel
+bus 1 (a b/c): has no channel; write channel = "can0"
+bus 1 (a b/c): name: 'a b/c' is no name; write letters, digits and _ . - only
+bus 2 (x): interfac: is no key; write interface
+bus 2 (x): has no interface; write interface = "socketcan"
+bus 2 (x): has no channel; write channel = "can0"
+device: no device is called 'nothing'
+device: 'x' is not NODE=NAME_OR_EDS
+device: 'nobus:7=jn2100': there is no bus 'nobus', only
+bitrate: 500 is no bit rate in bit/s; write 500000
+bus 2 (x): timing: tseg1, tseg2, sjw missing; write all of f_clock, brp, tseg1, tseg2, sjw
+bus 3 (x): interface: there is no interface 'nosuch'
+bus 3 (x): data_bitrate: bus 'x': a data bit rate is for CAN FD alone
+bus 3 (x): timing: tseg1 (=999) must be in [1...16]; see the data sheet
+bus 2 (x): name: 2 buses are called 'x'; give each [[bus]] a name of its own
+trigger: 'emcy:200': '200' is no node; write 1 to 127, * for all, or BUS/NODE
+trigger: 'nmt:7:dancing': 'dancing' is no NMT state; write
+trigger: 'gap:nobus': there is no bus 'nobus', only
+ring_size: 1 byte: at least 1000000 are needed; write a unit, like 100MB
+flush: less than 10ms wears out the disk for nothing; write 1s
+output: nothing can be written in /proc: No such file or directory; name a folder
+log: a-file is no folder; name a folder that can be written
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="has a folder that nobody can write in")
+def test_a_nasty_file(tmp_path: Path) -> None:
+    """Twenty-seven mistakes, told in one go: each with the file, its key and what to write."""
+    (tmp_path / "a-file").touch()
+    code, lines = check(tmp_path, NASTY)
+    path = tmp_path / "logger.toml"
+    head = f"syncline: {path}: "
+    told = [line.removeprefix(head).replace(f"{tmp_path}/", "") for line in lines]
+    assert code == 2
+    assert [line for line in lines if not line.startswith(head)] == []
+    said = NASTY_SAID.strip().splitlines()
+    assert [line for line in said if not any(each.startswith(line) for each in told)] == []
+    assert [line for line in told if not any(line.startswith(each) for each in said)] == []
+
+
+def test_what_is_not_there_yet_can_be_made(tmp_path: Path) -> None:
+    text = 'output = "a/b"\nlog = "c/d.log"\nstatus_file = "e/s.json"\n' + ONE_BUS
+    code, lines = check(tmp_path, text)
+    assert (code, lines[0]) == (0, f"fine; to {tmp_path / 'a/b'} will be recorded:")
+    assert [each.name for each in tmp_path.iterdir()] == ["logger.toml"], "nothing is left"
+
+
+def test_a_capture_that_exists_is_told_before_the_start(tmp_path: Path) -> None:
+    (tmp_path / "x.mcap").touch()
+    code, lines = check(tmp_path, 'output = "x.mcap"\n' + ONE_BUS)
+    assert code == 2
+    assert "output: " in lines[0]
+    assert "recordings never overwrite a file" in lines[0]
+
+
+def test_mistakes_of_the_command_line_name_the_option(tmp_path: Path) -> None:
+    code, lines = check(tmp_path, ONE_BUS, "--trigger", "x", "--ring-size", "1", "--device", "y")
+    assert code == 2
+    heads = [line.removeprefix("syncline: ").split(":")[0] for line in lines]
+    assert heads == ["--device", "--trigger", "--ring-size"]

@@ -1,5 +1,6 @@
 """`syncline devices`: lists, one device, and the check of a file with its exit codes."""
 
+import json
 from pathlib import Path
 
 import pytest
@@ -59,8 +60,63 @@ def test_a_check_lists_the_faults_of_a_file_that_can_be_used(
     path.write_bytes(BROKEN)
     code, out, err = run(capsys, "--check", str(path))
     assert code == 0
-    assert "x.eds: [2000]: DataType is missing" in out
-    assert "can be used" in err
+    assert "x.eds:1: error: [2000]: DataType is missing" in out
+    assert "    instead: write the DataType, like 0x0007 for UNSIGNED32" in out
+    assert "can be used: x, 1 objects; " in err
+
+
+def test_a_check_of_several_files_as_json(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first, second = tmp_path / "x.eds", tmp_path / "y.eds"
+    first.write_bytes(BROKEN)
+    second.write_bytes(BROKEN.replace(b"[2000]", b"[2001]") * 9)
+    code, out, err = run(capsys, "--check", str(first), str(second), "--format", "json")
+    assert (code, err) == (0, "")
+    found = json.loads(out)
+    assert found["schema"] == "syncline.device-check/1"
+    assert [Path(each["path"]).name for each in found["files"]] == ["x.eds", "y.eds"]
+    one = found["files"][0]
+    assert (one["usable"], one["problem"], one["objects"]) == (True, None, 1)
+    assert sum(one["counts"].values()) == len(one["faults"])
+    fault = next(each for each in one["faults"] if each["kind"] == "data_type")
+    assert fault.keys() == {"kind", "severity", "where", "line", "text", "write", "reading"}
+    assert (fault["severity"], fault["line"], fault["where"]) == ("error", 1, "[2000]")
+
+
+def test_many_faults_of_one_kind_are_counted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "x.eds"
+    path.write_bytes(b"".join(BROKEN.replace(b"2000", b"20%02d" % n) for n in range(20)))
+    _, out, _ = run(capsys, "--check", str(path))
+    assert out.count("DataType is missing") == 5
+    assert "15 more of kind data_type (--all shows them)" in out
+    _, out, _ = run(capsys, "--check", str(path), "--all")
+    assert out.count("DataType is missing") == 20
+
+
+@pytest.mark.parametrize(
+    ("threshold", "code"), [("error", 1), ("warning", 1), ("note", 1), ("never", 0)]
+)
+def test_a_script_can_ask_for_an_exit_code(
+    threshold: str, code: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "x.eds"
+    path.write_bytes(BROKEN)
+    assert run(capsys, "--check", str(path), "--fail-on", threshold)[0] == code
+
+
+def test_one_file_of_which_nothing_can_be_used_among_others(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    good, bad = tmp_path / "x.eds", tmp_path / "y.xdd"
+    good.write_bytes(BROKEN)
+    bad.write_bytes(b"<a><b></a>")
+    code, out, err = run(capsys, "--check", str(good), str(bad))
+    assert code == 2
+    assert "DataType is missing" in out
+    assert "no well-formed XML: mismatched tag: line 1" in err
 
 
 @pytest.mark.parametrize("content", [b"", b"nothing useful\n", b"\x00\x01\x02" * 100])
@@ -80,6 +136,8 @@ def test_a_check_of_a_file_in_which_nothing_can_be_used(
         (["lir-da159"], "did you mean lir-da158"),
         (["--check", "no.eds"], "no.eds cannot be read"),
         (["jn2100", "--check", "no.eds"], "not both"),
+        (["jn2100", "lir-918"], "one NAME at a time"),
+        (["jn2100", "--format", "json"], "go with --check"),
     ],
 )
 def test_wrong_use(words: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -15,6 +15,7 @@ from syncline_logger.finishing import finish_file
 from syncline_logger.manifest import Manifest
 from syncline_logger.retention import Keep
 from syncline_logger.segments import Split
+from syncline_logger.triggers.event_store import EventStore
 from syncline_logger.triggers.plan import TriggerPlan
 from syncline_schemas.batch import Gap
 from tests.logger.capture_contents import doctor_complaints, read_capture
@@ -317,17 +318,29 @@ def test_a_reserve_alone_splits_by_itself() -> None:
     assert Keep(reserve_bytes=200_000_000).split_bytes == 10_000_000
 
 
-def test_an_event_does_not_end_while_the_disk_refuses(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("ring_bytes", "loses"), [(3_000, True), (10_000_000, False)])
+def test_an_event_waits_in_the_ring_while_the_disk_refuses(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ring_bytes: int, loses: bool
+) -> None:
+    monkeypatch.setattr(waiting_room, "MAX_WAITING_CONTENTS", 3)
     disk = FailingDisk()
-    plan = TriggerPlan(only=True, before_ns=S, after_ns=3 * S)
+    plan = TriggerPlan(only=True, before_ns=8 * S, after_ns=3 * S, ring_bytes=ring_bytes)
     run = Run(tmp_path, disk=disk, triggers=plan).step(2)
     run.recording.mark("asked", run.now_ns)
     run.step(1)
     disk.refusal = lambda what, path: FULL if what == "write" else 0
     run.step(20)
+    store = run.recording.store
+    assert isinstance(store, EventStore)
+    assert store._ring.bytes <= ring_bytes
+    assert store.waiting.frames <= 300
     disk.refusal = lambda what, path: 0
     run.step(40).finish()
-    found = numbers_in(*files_of(tmp_path))
-    gone = lost_in(*files_of(tmp_path))
-    assert gone > 0
+    paths = files_of(tmp_path)
+    found, gone = numbers_in(*paths), lost_in(*paths)
+    assert bool(gone) == loses
     assert len(found) + gone == found[-1] - found[0] + 1
+    assert found[0] == 0
+    told = json.loads(next(tmp_path.glob("*.json")).read_text(encoding="utf-8"))
+    assert told["lost_frames"] == gone
+    assert [bool(gap.lost_frames) for gap in gaps_in(*paths)] == [True] * loses

@@ -12,8 +12,8 @@ from mcap.reader import make_reader
 
 from syncline_logger.bus_options import BusOptions
 from syncline_logger.live_status import StatusSnapshot
+from syncline_logger.record_options import RecordOptions
 from syncline_logger.recorder import record
-from syncline_logger.recording import RecordOptions
 from syncline_logger.sources.python_can import PythonCanSource
 
 MS = 1_000_000

@@ -1,11 +1,12 @@
 """Outputs that raise, stand still or are closed harm no recording."""
 
+import contextlib
 import json
+import os
 import signal
-import struct
 import subprocess
-import sys
 import threading
+import time
 from pathlib import Path
 
 import pytest
@@ -14,9 +15,9 @@ from syncline_logger import record_outputs
 from syncline_logger.aside import MOST_WAITING, Aside
 from syncline_logger.batcher import FrameBuffer
 from syncline_logger.own_log import own_log
+from syncline_logger.record_options import RecordOptions
 from syncline_logger.record_outputs import RecordOutputs
 from syncline_logger.recorder import record
-from syncline_logger.recording import RecordOptions
 from syncline_logger.source import SourceFacts
 from tests.logger.capture_contents import doctor_complaints, read_capture, syncline
 from tests.logger.status_builder import S, bus, status
@@ -95,25 +96,26 @@ def test_an_output_that_stands_still_holds_up_nothing(
         def status(self, snapshot: object) -> None:
             goes_on.wait()
 
-    monkeypatch.setattr(record_outputs, "LAST_OUTPUTS_S", 0.01)
-    monkeypatch.setattr(record_outputs, "forget_stdout", lambda: forgotten.append(True))
-    forgotten: list[bool] = []
-    with own_log(tmp_path / "x.log", 100_000, 1), RecordOutputs(Still()) as outputs:
-        for _ in range(3 * MOST_WAITING):
-            outputs.status(status())
-    assert forgotten
+    monkeypatch.setattr(record_outputs, "LAST_OUTPUTS_S", 1.0)
+    with (
+        own_log(tmp_path / "x.log", 100_000, 1),
+        RecordOutputs(Still()) as outputs,
+    ):
+        for n in range(3 * MOST_WAITING):
+            outputs.status(status(bus(frames=n)))
     goes_on.set()
+    assert "stopped: " in (tmp_path / "x.log").read_text(encoding="utf-8")
 
 
 def test_what_is_left_out_is_counted(caplog: pytest.LogCaptureFixture) -> None:
     goes_on, did = threading.Event(), []
     aside = Aside(most=2)
-    aside.do("x", goes_on.wait)  # type: ignore[arg-type]
+    aside.do("x", goes_on.wait)
     for n in range(10):
         aside.do("x", lambda n=n: did.append(n))  # type: ignore[misc]
     goes_on.set()
     assert aside.close(60)
-    assert 2 <= len(did) <= 3
+    assert 1 <= len(did) <= 2
     assert f"{10 - len(did)} outputs were left out" in caplog.text
 
 
@@ -145,17 +147,18 @@ def test_callbacks_that_raise_end_no_recording(tmp_path: Path) -> None:
     assert len(told) == len(set(told)) == 5
 
 
-def recording_process(folder: Path, *words: str) -> subprocess.Popen[bytes]:
+def recording_process(folder: Path, stdout: int, *words: str) -> subprocess.Popen[bytes]:
     return subprocess.Popen(
         syncline("record", "-i", "virtual", "-c", "a", "-o", str(folder / "x.mcap"), *words),
-        stdout=subprocess.PIPE,
+        stdout=stdout,
         stderr=subprocess.PIPE,
     )
 
 
 def test_a_reader_of_stdout_that_goes_away_ends_nothing(tmp_path: Path) -> None:
     """As `syncline record ... | head -1`."""
-    with recording_process(tmp_path, "--for", "1s", "--status-period", "50ms") as child:
+    words = ["--for", "1s", "--status-period", "50ms", "--log", str(tmp_path / "x.log")]
+    with recording_process(tmp_path, subprocess.PIPE, *words) as child:
         assert child.stdout is not None
         assert json.loads(child.stdout.readline())["path"].endswith("x.mcap")
         child.stdout.close()
@@ -164,24 +167,32 @@ def test_a_reader_of_stdout_that_goes_away_ends_nothing(tmp_path: Path) -> None:
     assert child.returncode == 0, errors
     assert "Traceback" not in errors
     assert "Broken" not in errors
+    assert "WARNING" not in (tmp_path / "x.log").read_text(encoding="utf-8")
     stop = read_capture(tmp_path / "x.mcap").metadata["syncline.stop"]
     assert stop["reason"] == "time is over"
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="asks how full a pipe is")
+@pytest.mark.skipif(os.name != "posix", reason="needs signals and pipes that block")
 def test_a_reader_of_stdout_that_does_not_read_holds_up_nothing(tmp_path: Path) -> None:
-    """As `syncline record ... | less`: the pipe is full after a while."""
-    fcntl, termios = pytest.importorskip("fcntl"), pytest.importorskip("termios")
-    with recording_process(tmp_path, "--status-period", "1ms") as child:
-        assert child.stdout is not None
-        assert child.stderr is not None
-        size = fcntl.fcntl(child.stdout, getattr(fcntl, "F_GETPIPE_SZ", 1032))
-        waiting = 0
-        while waiting < size - 1000:
-            (waiting,) = struct.unpack("i", fcntl.ioctl(child.stdout, termios.FIONREAD, bytes(4)))
+    """As `syncline record ... | less` after a while: the pipe is full."""
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    for size in (4096, 1):
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                os.write(writer, bytes(size))
+    os.set_blocking(writer, True)
+    words = ["--status-period", "1ms", "--log", str(tmp_path / "x.log")]
+    with recording_process(tmp_path, writer, *words) as child:
+        while not (tmp_path / "x.mcap").exists() and child.poll() is None:
+            time.sleep(0.01)
         child.send_signal(signal.SIGTERM)
+        assert child.stderr is not None
         errors = child.stderr.read().decode()
         child.wait()
+    os.close(writer)
+    os.close(reader)
     assert child.returncode == 0, errors
     assert "Fatal" not in errors
     assert read_capture(tmp_path / "x.mcap").metadata["syncline.stop"]["reason"] == "stopped"
+    assert "stopped: 0 frames" in (tmp_path / "x.log").read_text(encoding="utf-8")

@@ -1,7 +1,12 @@
 """`syncline probe` against python-canopen's own nodes: what it asks, sends and records."""
 
 import contextlib
-from collections.abc import Iterator
+import os
+import signal
+import subprocess
+import time
+from collections import Counter
+from collections.abc import Iterable, Iterator
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -18,7 +23,7 @@ from syncline_logger.probe_bus import ProbeSource
 from syncline_logger.probe_command import parse_nodes
 from syncline_schemas.batch import FrameFlag
 from syncline_schemas.devices import identity_objects, load_device
-from tests.logger.capture_contents import doctor_complaints, read_capture
+from tests.logger.capture_contents import doctor_complaints, read_capture, syncline
 
 DEVICES = files("syncline_schemas.devices") / "data"
 CHANNEL = "probe"
@@ -97,6 +102,70 @@ def test_only_the_given_nodes_are_asked_and_an_absent_one_soon_left_alone(tmp_pa
     to_nobody = [bytes(m.data) for m in heard if m.arbitration_id == 0x603]
     # The question, and canopen's abort of it.
     assert [data[0] for data in to_nobody] == [0x40, 0x80]
+
+
+def kinds(messages: Iterable[can.Message], can_id: int) -> Counter[int]:
+    """How many frames of each command specifier."""
+    return Counter(m.data[0] >> 5 for m in messages if m.arbitration_id == can_id)
+
+
+UPLOAD, SEGMENT, ABORT = 2, 3, 4
+"""Client command specifiers (CiA 301 7.2.4.3): those that write are 0, 1 and 6."""
+
+
+def test_every_frame_of_ours_reads_and_every_one_waits_its_pause(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pauses: list[float] = []
+    monkeypatch.setattr("canopen.sdo.client.time.sleep", pauses.append)
+    with machine(jn2100=10) as heard:
+        done = probe(tmp_path, "--nodes", "10", "--pace", "35ms")
+    ours, answers = kinds(heard, 0x60A), kinds(heard, 0x58A)
+    assert ours.keys() <= {UPLOAD, SEGMENT}
+    assert ours[UPLOAD] > 30
+    assert pauses == [0.035] * ours.total()
+    assert answers.total() == ours.total(), "nothing is asked before the answer is there"
+    assert answers[ABORT] > 0
+    assert f"{ours[UPLOAD] - answers[ABORT]} objects read, {answers[ABORT]} refused" in done.stdout
+    assert "no other tool or master may use their SDO channels meanwhile" in done.stderr
+
+
+def test_ctrl_c_ends_it_after_the_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    answer = canopen.LocalNode.get_data
+
+    def interrupted(node: Any, index: int, *words: Any, **more: Any) -> Any:
+        if index == 0x1017:
+            signal.raise_signal(signal.SIGINT)
+            time.sleep(1)  # time enough for a recording that does not wait for the answer to end
+        return answer(node, index, *words, **more)
+
+    monkeypatch.setattr(canopen.LocalNode, "get_data", interrupted)
+    with machine(jn2100=10) as heard:
+        done = probe(tmp_path, "--nodes", "10,11", "--timeout", "20s")
+    assert "interrupted: not every node was asked for everything" in done.stderr
+    assert {message.arbitration_id for message in heard} == {0x60A, 0x58A}
+    assert heard[-1].arbitration_id == 0x58A
+    assert kinds(heard, 0x60A).total() == kinds(heard, 0x58A).total()
+    contents = read_capture(tmp_path / "x.mcap")
+    assert len(contents.frames("probe")) == len(heard)
+    assert "syncline.stop" in contents.metadata
+
+
+def test_a_reader_of_stdout_that_is_gone_ends_nothing(tmp_path: Path) -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    words = ("probe", "-i", "virtual", "-c", "x", "-o", str(tmp_path / "x.mcap"))
+    done = subprocess.run(
+        syncline(*words, "--nodes", "1-3", "--timeout", "20ms"),
+        stdout=writer,
+        stderr=subprocess.PIPE,
+        check=False,
+        encoding="utf-8",
+    )
+    os.close(writer)
+    assert done.returncode == 0, done.stderr
+    asked = [frame[0] for frame in read_capture(tmp_path / "x.mcap").frames("x")]
+    assert sorted(set(asked)) == [0x601, 0x602, 0x603]
 
 
 @pytest.mark.parametrize("can_id", [0x000, 0x080, 0x585, 0x705, 0x680, 0x600])

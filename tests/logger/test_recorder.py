@@ -14,8 +14,9 @@ from can.interfaces.virtual import VirtualBus
 from syncline_logger import pdo_channel
 from syncline_logger.batcher import FrameBuffer
 from syncline_logger.bus_options import BusOptions
+from syncline_logger.record_options import RecordOptions
 from syncline_logger.recorder import record, record_batches
-from syncline_logger.recording import Recording, RecordOptions, RecordResult
+from syncline_logger.recording import Recording, RecordResult
 from syncline_logger.source import Source, SourceFacts
 from syncline_logger.sources.python_can import PythonCanSource
 from syncline_schemas.batch import FrameBatch, Gap

@@ -14,8 +14,8 @@ import pytest
 
 from syncline_logger import source_thread
 from syncline_logger.batcher import FrameBuffer
+from syncline_logger.record_options import RecordOptions
 from syncline_logger.recorder import record
-from syncline_logger.recording import RecordOptions
 from syncline_logger.source import SourceFacts
 from syncline_schemas.errors import SourceError
 from tests.logger.capture_contents import doctor_complaints, read_capture, syncline
@@ -140,8 +140,9 @@ def test_the_whole_service(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     assert stopped["state"] == "stopped"
     assert "\nsyncline_up 0\n" in Path("x.prom").read_text(encoding="utf-8")
     log = Path("own.log").read_text(encoding="utf-8")
-    assert "robot: the adapter is lost" in log
-    assert log.rstrip().endswith("INFO stopped")
+    assert "INFO robot: bus 'robot' (slcan /dev/not-plugged-in): cannot open: " in log
+    assert "WARNING robot: not heard from " in log
+    assert "INFO stopped: 0 frames" in log.splitlines()[-1]
     (gap,) = read_capture(Path(stopped["path"])).values("/recorder/gap")
     assert "cannot open" in gap.reason
 

@@ -1,8 +1,6 @@
 """Serial adapters over a pseudo terminal: opened to listen, read in bulk, lost and back."""
 
 import itertools
-import os
-import select
 import sys
 import threading
 from collections.abc import Iterator
@@ -24,6 +22,7 @@ from syncline_schemas.batch import FrameFlag
 from syncline_schemas.can_errors import Controller, ErrorClass
 from syncline_schemas.errors import SourceError
 from tests.logger.capture_contents import doctor_complaints, read_capture
+from tests.logger.slcan_adapter import Adapter, unplug_all
 
 pytest.importorskip("serial")
 if sys.platform == "win32":
@@ -33,67 +32,10 @@ TRANSMITS = tuple(b"tTrRdDbBx")
 """Letters of commands that send a frame."""
 
 
-_adapters: list["Adapter"] = []
-
-
 @pytest.fixture(autouse=True)
 def _unplug_all() -> Iterator[None]:
     yield
-    while _adapters:
-        _adapters.pop().unplug()
-
-
-class Adapter:
-    """The far end of a pseudo terminal: answers commands, sends `frames` when it was opened."""
-
-    def __init__(
-        self, frames: bytes = b"", refuses: bytes = b"", mute: bool = False, status: bytes = b""
-    ) -> None:
-        self._far, near = os.openpty()
-        self.port = os.ttyname(near)
-        self._near = near
-        self._frames, self._refuses, self._mute, self._status = frames, refuses, mute, status
-        self.told: list[bytes] = []
-        self.opened = threading.Event()
-        self._unplugged = threading.Event()
-        _adapters.append(self)
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
-
-    def _run(self) -> None:
-        rest = b""
-        while not self._unplugged.is_set():
-            if not select.select([self._far], [], [], 0.02)[0]:
-                continue
-            rest += os.read(self._far, 1000)
-            *lines, rest = rest.split(b"\r")
-            for line in lines:
-                self._take(line)
-
-    def _take(self, line: bytes) -> None:
-        self.told.append(line)
-        refused = line[:1] in [bytes([letter]) for letter in self._refuses]
-        if line == b"F" and self._status:
-            self.send(self._status + b"\r")
-        elif not self._mute:
-            self.send(b"\x07" if refused else b"\r")
-        if line in (b"L", b"O") and not refused:
-            self.send(self._frames)
-            self.opened.set()
-
-    def send(self, data: bytes) -> None:
-        """Bytes to the recorder."""
-        while data:
-            data = data[os.write(self._far, data) :]
-
-    def unplug(self) -> None:
-        """Take the adapter away."""
-        if self._unplugged.is_set():
-            return
-        self._unplugged.set()
-        self._thread.join()
-        os.close(self._far)
-        os.close(self._near)
+    unplug_all()
 
 
 def options(adapter: Adapter, **values: Any) -> BusOptions:
@@ -137,15 +79,21 @@ def test_it_listens_and_writes_nothing_that_sends(opened: list[SlcanSource]) -> 
     assert source.facts.clock == "host"
 
 
-def test_frames_that_arrive_together_are_apart_by_their_length(opened: list[SlcanSource]) -> None:
+def test_frames_that_arrive_together_are_apart_by_their_length() -> None:
+    machine = Machine()
+    source = SlcanSource(BusOptions("a", "slcan", "x", bitrate=500_000), machine.clock())
+    buffer = FrameBuffer(machine.clock().now_ns, 1000)
+    source.take([b"t18580011223344556677\r" * 50], [machine.elapsed_ns], buffer, 0)
+    assert set(np.diff(buffer.take().frames.t_ns).tolist()) == {222_000}, "111 bits of 2 us"
+
+
+def test_nothing_is_stamped_before_the_adapter_was_opened(opened: list[SlcanSource]) -> None:
     adapter = Adapter(b"t18580011223344556677\r" * 50)
     source = SlcanSource(options(adapter))
     opened.append(source)
     source.open()
-    t_ns = read(source, 50).frames.t_ns
-    apart = np.diff(t_ns)
-    assert np.all(apart >= 0)
-    assert np.count_nonzero(apart == 222_000) > 40, "111 bits of 2 us"
+    open_ns = source._clock.now_ns()
+    assert read(source, 50).frames.t_ns.min() >= open_ns
 
 
 def test_all_options_become_commands(opened: list[SlcanSource]) -> None:
@@ -386,7 +334,7 @@ def damaged(sent: list[tuple[int, bytes]]) -> tuple[int, list[Loss], RecorderClo
     machine = Machine()
     clock = machine.clock()
     source = SlcanSource(BusOptions("a", "slcan", "x", bitrate=500_000), clock)
-    source._port, source._ask_at_ns = Answers(), 1 << 62  # type: ignore[assignment]
+    source._port, source._ask_at_ns = Answers(), 1 << 62
     buffer = FrameBuffer(clock.now_ns, 100_000)
     losses: list[Loss] = []
     count = 0
@@ -443,7 +391,7 @@ def test_damage_that_is_over_is_told_within_a_second() -> None:
 def test_damage_before_the_adapter_is_lost_is_told() -> None:
     machine = Machine()
     source = SlcanSource(BusOptions("a", "slcan", "x"), machine.clock())
-    source._port, source._early = Answers(), b"t08\r"  # type: ignore[assignment]
+    source._port, source._early = Answers(), b"t08\r"
     buffer = FrameBuffer(machine.clock().now_ns, 1000)
     source._received = lambda port, timeout_s: b""  # type: ignore[method-assign]
     source.read(buffer, 0, 0.1)

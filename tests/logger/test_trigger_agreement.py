@@ -1,5 +1,6 @@
 """Triggers tell what the analyzer tells: on the samples, and on random scenarios."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from random import Random
 
@@ -8,9 +9,15 @@ import pytest
 pytest.importorskip("pandas")
 
 from syncline_analyzer import open_session
+from syncline_analyzer.folds.emcy.story import Message, Story
+from syncline_analyzer.folds.nmt.table import BootUp
 from syncline_analyzer.readers import open_capture
+from syncline_logger.triggers.knowledge import Knowledge
+from syncline_logger.triggers.node_watch import NodeWatch
+from syncline_logger.triggers.quiet import BusQuiet
 from syncline_samples.fuzz import random_scenario
-from syncline_schemas.description import BusDescription
+from syncline_schemas.description import BusDescription, NodeEntry
+from syncline_schemas.devices import load_device
 from tests.analyzer.fuzz_case import make
 from tests.logger.trigger_agreement import differences, events_of
 
@@ -61,20 +68,20 @@ def random_emcys(random: Random, codes: Sequence[int]) -> list[bytes | None]:
     return told
 
 
-@pytest.mark.parametrize("device", [None, "jn2100", "lir-ci84"])
+@pytest.mark.parametrize("device", [None, "jn2100", "lir-da158"])
 def test_errors_are_raised_where_the_analysis_raises_them(device: str | None) -> None:
     known = load_device(device) if device else None
     codes = [0x1000, 0x3100, 0x3200, 0x8110, 0x8130, 0xFF00]
     for seed in range(400):
         emcys = random_emcys(Random(seed), codes)
-        entry = {5: NodeEntry(5, "", known)} if known else {}
+        entry = {5: NodeEntry(device=known)} if known else {}
         watch = NodeWatch(0, 5, Knowledge(entry), BusQuiet())
         events: list[int] = []
         messages, boot_ups = [], []
         for seq, data in enumerate(emcys):
             t_ns = seq * 10**9
             if data is None:
-                boot_ups.append(BootUp(seq, t_ns, None, repeated=False))
+                boot_ups.append(BootUp("can0", 5, seq, t_ns, 0, None, None, False, False))
                 list(watch.zero(t_ns, t_ns, None))
             else:
                 messages.append(Message(seq, t_ns, data))

@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from syncline_logger.record_options import RecordOptions
 from syncline_logger.recorder import record_batches
-from syncline_logger.recording import Recording, RecordOptions
+from syncline_logger.recording import Recording
 from syncline_logger.segments import Split
 from syncline_logger.triggers.conditions import parse_conditions
 from syncline_logger.triggers.event import Event

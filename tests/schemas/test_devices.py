@@ -397,7 +397,7 @@ def checked(tmp_path: Path, text: str) -> list[str]:
     path.write_text(text, encoding="utf-8")
     result = check_file(path)
     assert result.usable
-    return [str(warning) for warning in result.warnings]
+    return [str(fault) for fault in result.faults]
 
 
 def test_a_check_tells_what_an_importer_does_not_see(tmp_path: Path) -> None:
@@ -410,7 +410,7 @@ def test_a_check_tells_what_an_importer_does_not_see(tmp_path: Path) -> None:
     limits = eds_text("2000").replace("$NODEID+0x100", "7") + "LowLimit=8\nHighLimit=9\n"
     said = "\n".join(checked(tmp_path, limits + mapping))
     assert "mandatory object 1000h (device type) is missing" in said
-    assert "[1A00sub1]: maps 16 bits of 2000h:00, a UNSIGNED32" in said
+    assert "[1A00sub1]: maps 16 bits of 2000h:00, which is UNSIGNED32" in said
     assert "[1A00sub2]: maps 3000h:00, which is not described" in said
     assert "[1A00]: maps 80 bits" in said
     assert "[2000]: default 7 is outside its limits 8 .. 9" in said
@@ -421,7 +421,7 @@ def test_the_built_in_devices_pass_the_check(name: str, tmp_path: Path) -> None:
     device: Device = load_device(name)
     path = tmp_path / f"{name}.eds"
     path.write_bytes(device.files[path.name])
-    assert check_file(path).warnings == ()
+    assert check_file(path).faults == ()
 
 
 def test_a_file_with_nothing_in_it_is_not_usable(tmp_path: Path) -> None:

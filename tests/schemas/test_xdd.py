@@ -2,6 +2,7 @@
 
 import configparser
 from pathlib import Path
+from typing import Any
 from xml.sax.saxutils import quoteattr
 
 import pytest
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 from syncline_schemas.devices import device_names, load_device
 from syncline_schemas.eds import MAX_BYTES, assumed_value, load_eds, variables
 from syncline_schemas.errors import DescriptionError
+from syncline_schemas.xml_tree import MAX_ELEMENTS
 
 WILD = Path(__file__).parents[3] / "shared" / "eds-in-the-wild"
 NAMESPACE = 'xmlns="http://www.canopen.org/xml/1.0"'
@@ -60,7 +62,7 @@ XDC = """<?xml version="1.0" encoding="utf-8"?>
 </CANopenObjectList>
 <dummyUsage><dummy entry="Dummy0005=1"/><dummy entry="Dummy0007=0"/></dummyUsage></ApplicationLayers>
 <TransportLayers><PhysicalLayer><baudRate defaultValue="250 Kbps">
-<supportedBaudRate value="125 Kbps"/><supportedBaudRate value="1000 Kbps"/></baudRate></PhysicalLayer>
+<supportedBaudRate value="250 Kbps"/><supportedBaudRate value="1000 Kbps"/></baudRate></PhysicalLayer>
 </TransportLayers><NetworkManagement>
 <CANopenGeneralFeatures groupMessaging="false" dynamicChannels="0" granularity="8" nrOfRxPDO="0"
   nrOfTxPDO="1" bootUpSlave="true" layerSettingServiceSlave="true"/>
@@ -79,13 +81,14 @@ def test_everything_that_the_model_holds_is_read() -> None:
     assert info["devicecomissioning.nodename"] == "Left"
     device = loaded.od.device_information
     assert (device.vendor_number, device.product_number, device.order_code) == (327, 48, "4711")
-    assert device.allowed_baudrates == {125_000, 1_000_000}
+    assert device.allowed_baudrates == {250_000, 1_000_000}
     assert (device.nr_of_TXPDO, device.LSS_supported) == (1, True)
     assert info["deviceinfo.granularity"] == "8"
     assert (loaded.node_id, loaded.bitrate) == (1, 250_000)
     assert 5 in loaded.od.indices
     assert 7 not in loaded.od.indices
-    current, time, share = (loaded.od[index] for index in (0x2001, 0x2002, 0x2003))
+    things: list[Any] = [loaded.od[index] for index in (0x2001, 0x2002, 0x2003)]
+    current, time, share = things
     assert (current.name, current.data_type, current.access_type) == ("Current", 3, "rww")
     assert (current.min, current.max, current.factor, current.unit) == (-100, 100, 0.1, "A")
     assert current.description == "Through the motor"
@@ -118,8 +121,8 @@ def as_xdd(data: bytes) -> bytes:
     except UnicodeDecodeError:
         text = data.decode("cp1252")
     parser.read_string(text)
-    lines = [f'<?xml version="1.0" encoding="utf-8"?><ISO15745ProfileContainer {NAMESPACE}>'
-             "<ISO15745Profile><ProfileBody><ApplicationLayers><CANopenObjectList>"]  # fmt: skip
+    lines = [f'<?xml version="1.0" encoding="utf-8"?><ISO15745ProfileContainer {NAMESPACE}>']
+    lines.append("<ISO15745Profile><ProfileBody><ApplicationLayers><CANopenObjectList>")
     parts = {name.lower(): dict(parser[name]) for name in parser.sections()}
     for name in sorted(parts):
         if len(name) == 4 and all(c in "0123456789abcdef" for c in name):
@@ -199,8 +202,8 @@ def test_other_encodings_of_xml(encoding: str) -> None:
     assert len(load_eds(text.encode(encoding)).warnings) == 0
 
 
-BOMB = '<!DOCTYPE a [<!ENTITY b "%s">%s]>' % ("x" * 50, "".join(
-    f'<!ENTITY c{n} "{"&b;" * 10}">' for n in range(9)))  # fmt: skip
+ENTITIES = "".join(f'<!ENTITY c{n} "{"&b;" * 10}">' for n in range(9))
+BOMB = f'<!DOCTYPE a [<!ENTITY b "{"x" * 50}">{ENTITIES}]>'
 
 
 @pytest.mark.parametrize(
@@ -221,11 +224,22 @@ def test_hostile_xml_is_refused_with_the_reason(head: str, said: str) -> None:
         load_eds(head.encode())
 
 
+def test_more_elements_than_any_device_has_are_refused() -> None:
+    with pytest.raises(DescriptionError, match="too many"):
+        load_eds(b"<a>" + b"<b/>" * MAX_ELEMENTS + b"</a>")
+
+
+def test_long_text_is_read_in_time() -> None:
+    """Quadratic, it would take minutes."""
+    text = XDC.replace("Drives", "x" * 14_000_000)
+    assert load_eds(text.encode()).warnings == []
+
+
 def test_what_is_far_too_large_is_no_eds(tmp_path: Path) -> None:
     path = tmp_path / "x.eds"
     with path.open("wb") as file:
         file.truncate(MAX_BYTES + 1)
-    with pytest.raises(DescriptionError, match="larger than 64 MiB"):
+    with pytest.raises(DescriptionError, match="larger than 16 MiB"):
         load_eds(path)
 
 

@@ -8,8 +8,9 @@ from pathlib import Path
 
 from syncline_logger.bus_options import BusOptions
 from syncline_logger.live_status import StatusSnapshot
+from syncline_logger.record_options import RecordOptions
 from syncline_logger.recorder import record
-from syncline_logger.recording import RecordOptions, RecordResult
+from syncline_logger.recording import RecordResult
 from syncline_logger.sources.socketcan import SocketCanSource
 from tests.logger.capture_contents import Contents, read_capture
 

@@ -95,7 +95,7 @@ def _error_frames(pair: Pair) -> Iterator[ComparisonRow]:
         yield pair.row(
             "error_frames.fewer" if fewer else "error_frames.more",
             "warning" if more else "info", None, f"error frames: {kind}",
-            f"Error frames that say {kind}: {told[1]}; golden: {told[0]}.", *told,
+            f"Error frames ({kind}): {told[1]}; golden: {told[0]}.", *told,
             golden_value=float(counts[0]), capture_value=float(counts[1]), unit="frames",
             capture_seq=[seq for row in evidence for seq in row.evidence],
             capture_ns=evidence[0].first_ns if evidence else None, weight=float(counts[1]),

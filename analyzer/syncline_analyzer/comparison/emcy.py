@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 from syncline_analyzer.comparison.chance import more_often
+from syncline_analyzer.comparison.found import proofs
 from syncline_analyzer.comparison.rows import ComparisonRow, UnseenRow
 from syncline_analyzer.comparison.side import Pair, Side
 from syncline_analyzer.results import EmcyRow
@@ -14,11 +15,12 @@ _DUE = 8.0
 
 
 def emcy_rows(pair: Pair) -> Iterator[ComparisonRow | UnseenRow]:
-    """Codes that are new, more frequent or gone, by node."""
-    golden, capture = _by_code(pair.golden), _by_code(pair.capture)
+    """Codes that are new, more frequent or gone, by node; new ones that a finding tells are told there."""
+    golden, capture, proven = _by_code(pair.golden), _by_code(pair.capture), proofs(pair.capture)
     for node, code in sorted(golden.keys() | capture.keys()):
         before, now = golden.get((node, code), []), capture.get((node, code), [])
-        if now and (not before or _more(pair, now, before)):
+        told = {row.seq for row in now} <= proven.get(node, set())
+        if now and ((not before and not told) or _more(pair, now, before)):
             yield _row(pair, node, code, before, now)
         elif before and not now:
             yield _gone(pair, node, code, before)

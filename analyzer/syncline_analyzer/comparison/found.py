@@ -50,11 +50,22 @@ def _new(pair: Pair, now: list[Finding]) -> ComparisonRow | UnseenRow:
     more = f" ({len(now)} times)" if len(now) > 1 else ""
     return pair.row(
         "finding.new", first.severity, first.node, first.id,
-        f"{first.text}{more} golden: not found in {pair.golden.heard}.".replace(". golden", "; golden"),
+        f"{first.text}{more} Golden: none in {pair.golden.heard}.",
         _count([], pair.golden), _count(now, pair.capture),
         golden_value=0.0, capture_value=float(len(now)), unit="findings",
         capture_seq=first.evidence[:20], capture_ns=first.start_ns, weight=float(len(now)),
+        why=f"Likely cause: {first.cause} Check next: {first.check_next}",
     )  # fmt: skip
+
+
+def proofs(side: Side) -> dict[int | None, set[int]]:
+    """Frames of findings that are no mere notes, and of what followed from them, by node."""
+    found: dict[int | None, set[int]] = {}
+    for finding in side.analysis.findings:
+        if finding.severity != "info" and finding.bus == side.bus:
+            for piece in (finding.as_link(), *finding.chain):
+                found.setdefault(piece.node, set()).update(piece.evidence)
+    return found
 
 
 def _more(pair: Pair, before: list[Finding], now: list[Finding]) -> Iterator[ComparisonRow]:

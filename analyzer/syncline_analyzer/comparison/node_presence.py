@@ -69,7 +69,8 @@ def _missing(pair: Pair, row: NodeRow) -> ComparisonRow | UnseenRow:
         each for each in pair.capture.of_bus("sdo")
         if each.node == row.node and each.result == "no answer"
     ]  # fmt: skip
-    if due(row, pair.golden, pair.capture) < ENOUGH and not calls:
+    called = calls and (pair.capture.extent > _SILENT_S or not pair.capture.timed)
+    if due(row, pair.golden, pair.capture) < ENOUGH and not called:
         reason = "nothing of it was due: it is not heard regularly, or the capture is too short"
         return UnseenRow(pair.bus, row.node, pair.who(row.node), "capture", reason)
     asked = pair.capture.guard_requests.get(row.node, 0) + len(calls)
@@ -78,7 +79,7 @@ def _missing(pair: Pair, row: NodeRow) -> ComparisonRow | UnseenRow:
         "node.missing", "error", row.node, "node",
         f"{pair.who(row.node)} is missing: not one message of it in {pair.capture.heard}"
         f"{unanswered}; golden: {_signs(row)} in {pair.golden.heard}.",
-        _signs(row), "not heard",
+        _signs(row), "not heard", golden_seq=_states(pair.golden, row.node),
         capture_seq=[each.seq for each in calls[:20]], weight=float(row.pdo_frames),
         capture_ns=calls[0].start_ns if calls else None,
     )  # fmt: skip
@@ -89,14 +90,19 @@ def _new(pair: Pair, row: NodeRow) -> ComparisonRow | UnseenRow:
         reason = "nothing of it was due there: it is not heard regularly, or golden is too short"
         return UnseenRow(pair.bus, row.node, pair.who(row.node), "golden", reason)
     states = [s for s in pair.capture.of_bus("nmt_states") if s.node == row.node]
-    proof = [s.evidence for s in states if s.evidence is not None][:5]
     return pair.row(
         "node.new", "warning", row.node, "node",
         f"{pair.who(row.node)} is new: {_signs(row)} in {pair.capture.heard}; golden: none in"
         f" {pair.golden.heard}.",
-        "not there", _signs(row), capture_seq=proof,
+        "not there", _signs(row), capture_seq=_states(pair.capture, row.node),
         capture_ns=next((s.start_ns for s in states if s.evidence is not None), None),
     )  # fmt: skip
+
+
+def _states(side: Side, node: int) -> list[int]:
+    """The first frames that prove states of a node."""
+    rows = [row for row in side.of_bus("nmt_states") if row.node == node]
+    return [row.evidence for row in rows if row.evidence is not None][:5]
 
 
 def _identities(pair: Pair) -> Iterator[ComparisonRow]:

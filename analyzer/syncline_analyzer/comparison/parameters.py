@@ -1,6 +1,6 @@
 """Objects whose value differs: parameters, settings of angles, mappings of PDOs."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import groupby
 from typing import Any
 
@@ -79,7 +79,8 @@ def _is_parameter(device: Device | None, golden: ObjectRow, capture: ObjectRow) 
     facts = device.object(index, sub) if device else None
     if facts is not None:
         # What an RPDO may carry is an output, not a setting.
-        return facts.access in _WRITABLE and not facts.mappable
+        told = facts.access in _WRITABLE or (index, sub) in _scales(device)
+        return told and not facts.mappable
     return "sdo-write" in (golden.source, capture.source) and golden.cause != "sdo-read"
 
 
@@ -90,15 +91,15 @@ def _words(row: ObjectRow) -> str:
 
 
 def _scales(device: Device | None) -> set[tuple[int, int]]:
-    """Objects that decide what the values of a device mean."""
+    """Objects that decide what the values of a device mean, and the values themselves."""
     found: set[tuple[int, int]] = set()
     for value in device.measurement.values() if device else ():
-        listed = (
-            value
-            if isinstance(value, list | tuple) and value and isinstance(value[0], tuple)
-            else [value]
-        )
-        found |= {each for each in listed if isinstance(each, tuple) and len(each) == 2}
+        inner = value.get("object") if isinstance(value, Mapping) else value
+        for each in inner if isinstance(inner, tuple | list) and inner else ():
+            if isinstance(each, tuple) and len(each) == 2:
+                found.add(each)
+        if isinstance(inner, tuple) and len(inner) == 2 and isinstance(inner[0], int):
+            found.add(inner)
     return found
 
 

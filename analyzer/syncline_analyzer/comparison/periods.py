@@ -7,12 +7,13 @@ from syncline_analyzer.comparison.chance import Sample, shifted, wider
 from syncline_analyzer.comparison.node_presence import ENOUGH
 from syncline_analyzer.comparison.rows import ComparisonRow, NotSeenIn, UnseenRow
 from syncline_analyzer.comparison.side import Pair, Side, cyclic
-from syncline_analyzer.results import PdoRow, Quantiles, SyncRow
+from syncline_analyzer.results import PdoRow, Quantiles, Severity, SyncRow
 from syncline_analyzer.views.words import hex_code, number
 
 _LEAST = 0.01
 """A median this far off is another period; clocks of devices differ by less."""
-_MUCH = 0.05
+_MUCH, _ANOTHER = 0.05, 0.2
+"""Shares of the period from which on it is serious, for SYNC from the second."""
 _FEW = 10
 """Periods that tell a median."""
 _JITTER = 0.02
@@ -49,8 +50,8 @@ def _syncs(pair: Pair) -> Iterator[ComparisonRow | UnseenRow]:
         if before is None or now is None:
             yield from _lone_sync(pair, cob_id, name, before, now)
         elif pair.timed:
-            yield from _period(pair, "sync.period", None, cob_id, name, before, now)
-            yield from _extreme(pair, None, cob_id, f"period of {name}", before, now)
+            rows = list(_period(pair, "sync.period", None, cob_id, name, before, now))
+            yield from rows or _extreme(pair, None, cob_id, f"Period of {name}", before, now)
 
 
 def _lone_sync(
@@ -100,8 +101,7 @@ def _period(
     common: dict[str, Any] = {"cob_id": cob_id, "unit": "us"}
     if off is not None:
         yield pair.row(
-            kind, "warning" if kind == "sync.period" or abs(off) >= _MUCH * usual else "info",
-            node, name,
+            kind, _severity(kind, abs(off) / usual), node, name,
             f"{name}: every {number(capture.quantiles.median / 1000, 'ms')}, {off / usual:+.1%};"
             f" golden: every {number(usual / 1000, 'ms')}.",
             *told, golden_value=usual, capture_value=capture.quantiles.median,
@@ -115,6 +115,12 @@ def _period(
             *told, golden_value=golden.spread_us, capture_value=capture.spread_us,
             weight=capture.spread_us / usual, capture_seq=_worst(pair.capture, now), **common,
         )  # fmt: skip
+
+
+def _severity(kind: str, share: float) -> Severity:
+    if kind == "sync.period":
+        return "error" if share >= _ANOTHER else "warning"
+    return "warning" if share >= _MUCH else "info"
 
 
 def _worst(side: Side, row: Any) -> list[int]:

@@ -9,7 +9,7 @@ from typing import Any
 from syncline_analyzer.comparison.kinds import KINDS
 from syncline_analyzer.comparison.rows import ComparisonRow
 from syncline_analyzer.results import Analysis, GapRow, NodeRow, PdoRow, Severity
-from syncline_analyzer.views.words import duration, node_label
+from syncline_analyzer.views.words import duration, printable
 
 OPERATIONAL = "OPERATIONAL"
 _GUESS = ["pdo (guess)"]
@@ -116,7 +116,9 @@ class Pair:
         """A node by number and name."""
         rows = [self.golden.nodes.get(node or 0), self.capture.nodes.get(node or 0)]
         name = next((row.name for row in rows if row is not None and row.name), None)
-        return f"Node {node_label(node, name)}" if node else "The master"
+        if not node:
+            return "The master"
+        return f"Node {node} ({printable(name)})" if name else f"Node {node}"
 
     def both(self, table: str, key: str) -> Iterator[tuple[Any, Any]]:
         """Rows of a table with the same key in both."""
@@ -137,8 +139,9 @@ class Pair:
         **more: Any,
     ) -> ComparisonRow:
         """A difference on this bus."""
+        why = more.pop("why", KINDS[kind])
         return ComparisonRow(
-            kind, severity, self.bus, node, subject, text, KINDS[kind], golden, capture, **more
+            kind, severity, self.bus, node, subject, text, why, golden, capture, **more
         )
 
 

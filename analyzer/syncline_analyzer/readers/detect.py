@@ -22,16 +22,16 @@ from syncline_schemas.batch import FrameBatch, Gap
 from syncline_schemas.errors import CaptureError
 
 _MCAP_MAGIC = b"\x89MCAP"
+ZIP_MAGIC = b"PK\x03\x04"
 _FOREIGN_MAGIC = {
     b"\x34\xcd\xb2\xa1": "a pcap file of a modified kind",
     b"PAR1": "a Parquet file",
-    b"PK\x03\x04": "a ZIP archive",
     b"SQLite format 3": "an SQLite database",
     b"7z\xbc\xaf": "a 7-Zip archive",
     b"BZh": "a bzip2 file",
     b"\xfd7zXZ": "an xz file",
 }
-_BINARY_MAGIC = (_MCAP_MAGIC, b"LOGG", PCAPNG_MAGIC, *PCAP_MAGIC, *MF4_MAGIC, *_FOREIGN_MAGIC)
+_BINARY_MAGIC = (_MCAP_MAGIC, ZIP_MAGIC, b"LOGG", PCAPNG_MAGIC, *PCAP_MAGIC, *MF4_MAGIC, *_FOREIGN_MAGIC)
 _LINES_LOOKED_AT = 2000
 
 
@@ -58,6 +58,10 @@ def open_capture(
     head = _head(path)
     if head.startswith(_MCAP_MAGIC):
         return _indexed(path, lambda found: _mcap_reader(found, start_ns, end_ns))
+    if head.startswith(ZIP_MAGIC):
+        from syncline_analyzer.readers.bundled import BundledReader
+
+        return BundledReader(path, lambda found: _mcap_reader(found, start_ns, end_ns))
     reader = _reader(path, head, block_bytes)
     if start_ns is None and end_ns is None:
         return reader

@@ -1,6 +1,6 @@
 """Reader of Syncline's own captures."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import get_args
 
@@ -62,10 +62,23 @@ class McapReader:
         """Give a history the clock samples of the whole file."""
         if not self._scan.facts.closed or CLOCK_TOPIC in self._scan.facts.topics:
             self._scan.add_clock_samples(history)
+            self._take_buses()
+            self.facts.adapter_fits = {
+                self.facts.buses[bus]: fit
+                for bus, fit in history.adapter_fits.items()
+                if bus < len(self.facts.buses)
+            }
 
     def repair_clock(self, repair: ClockRepair) -> None:
         """Move all stamps; before the first batch."""
         self._scan.repair = repair
+
+    def limit(self, start_ns: int, end_ns: int, skipped: Callable[[int], object]) -> None:
+        """From here on read only the chunks that may hold frames of [start_ns, end_ns).
+
+        `skipped` is told how many frames before the range were left out; see `CaptureScan.limit`.
+        """
+        self._scan.limit(start_ns, end_ns, skipped)
 
     def batches(self) -> Iterator[FrameBatch | Gap]:
         """Batches in file order, with a Gap between them where the recorder was blind."""
@@ -96,11 +109,6 @@ class McapReader:
             self.facts.resolution_ns = scanned.metadata.resolution_ns
             self.facts.time_base = _time_base(scanned.metadata.time_base)
         self.facts.marks = list(scanned.marks)
-        self.facts.adapter_fits = {
-            self.facts.buses[bus]: fit
-            for bus, fit in scanned.adapter_fits.items()
-            if bus < len(self.facts.buses)
-        }
         learned = scanned.metadata_records.get(LEARNED_METADATA_NAME, {})
         self.facts.learned = learned_settings(learned)
         for attachment in scanned.attachments:

@@ -36,6 +36,7 @@ from syncline_analyzer.results.finding import SEVERITY_RANK, Finding, Link, Seve
 from syncline_analyzer.results.nodes import NmtCommandRow, NmtStateRow, NodeRow
 from syncline_analyzer.results.quantiles import Jitter, Quantiles
 from syncline_analyzer.results.sdo import ObjectHistoryRow, ObjectRow, SdoRow
+from syncline_analyzer.results.sdo_records import SdoObject
 from syncline_analyzer.results.sdo_transfers import SdoTransfers
 from syncline_analyzer.results.tilt import TiltRow, TiltSetting, TiltTrace
 from syncline_analyzer.results.timing import (
@@ -95,6 +96,7 @@ __all__ = [
     "PdoRow",
     "Quantiles",
     "Responses",
+    "SdoObject",
     "SdoRow",
     "SdoTransfers",
     "Series",

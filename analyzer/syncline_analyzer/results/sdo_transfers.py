@@ -87,6 +87,8 @@ class SdoTransfers(Sequence[SdoRow]):
 
     def part(self, rows: Rows) -> "SdoTransfers":
         """Some of the transfers, by a mask (n,), by places, or by a slice."""
+        if isinstance(rows, np.ndarray) and rows.dtype == np.bool_ and rows.all():
+            return self
         return SdoTransfers(self.records[rows], self._objects, self._maker)
 
     def named(self, wanted: Callable[[SdoObject], bool]) -> NDArray[np.bool_]:
@@ -98,6 +100,14 @@ class SdoTransfers(Sequence[SdoRow]):
     def of_objects(self, wanted: Callable[[SdoObject], bool]) -> "SdoTransfers":
         """Transfers of the objects that are wanted."""
         return self.part(self.named(wanted))
+
+    def of_object(self, index: int, sub: int) -> "SdoTransfers":
+        """Transfers of one object, of all nodes."""
+        return self.of_objects(lambda each: (each.index, each.sub or 0) == (index, sub))
+
+    def nodes(self) -> list[tuple[str, int]]:
+        """(bus, node) of which there are transfers."""
+        return list(self._by_node)
 
     def of_node(self, bus: str, node: int) -> "SdoTransfers":
         """Transfers of one node's servers."""
@@ -139,7 +149,8 @@ class SdoTransfers(Sequence[SdoRow]):
         """Places of each node's transfers, in their order."""
         numbers: dict[tuple[str, int], int] = {}
         of = [numbers.setdefault((o.bus, o.node), len(numbers)) for o in self._objects]
-        node = np.array(of, np.uint32)[self.records["object"]] if of else np.zeros(0, np.uint32)
+        node = np.array(of, np.uint16)[self.records["object"]] if of else np.zeros(0, np.uint16)
         order = np.argsort(node, kind="stable")
         edges = np.searchsorted(node[order], np.arange(len(numbers) + 1))
-        return {key: order[edges[n] : edges[n + 1]] for key, n in numbers.items()}
+        found = {key: order[edges[n] : edges[n + 1]] for key, n in numbers.items()}
+        return {key: places for key, places in found.items() if len(places)}

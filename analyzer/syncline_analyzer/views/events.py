@@ -148,12 +148,11 @@ def nmt_events(analysis: Analysis) -> Iterator[Event]:
 def sdo_events(analysis: Analysis) -> Iterator[Event]:
     """SDO transfers that failed."""
     labels = names_of(analysis.nodes)
-    for row in analysis.sdo:
-        if row.result != "ok":
-            label = labels.get((row.bus, row.node), node_label(row.node))
-            what = f"{row.direction} {object_name(row.index, row.sub)} {printable(row.name or '')}"
-            text = f"{row.bus} node {label}: {what.strip()}: {sdo_result(row)}"
-            yield Event(row.start_ns, row.seq, "warning", text)
+    for row in analysis.sdo.failed:
+        label = labels.get((row.bus, row.node), node_label(row.node))
+        what = f"{row.direction} {object_name(row.index, row.sub)} {printable(row.name or '')}"
+        text = f"{row.bus} node {label}: {what.strip()}: {sdo_result(row)}"
+        yield Event(row.start_ns, row.seq, "warning", text)
 
 
 def change_events(analysis: Analysis) -> Iterator[Event]:

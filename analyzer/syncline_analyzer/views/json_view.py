@@ -62,8 +62,8 @@ _STEPS = ("resolution_ns", "resolution_us")
 
 def to_object(analysis: Analysis) -> dict[str, Any]:
     """The analysis as one object of plain Python values, ready for any JSON writer."""
-    rows = {table: [_plain(row) for row in getattr(analysis, table)] for table in TABLES}
-    capture = _plain(analysis.capture)
+    rows = {table: [plain(row) for row in getattr(analysis, table)] for table in TABLES}
+    capture = plain(analysis.capture)
     if analysis.capture.time_base == "none":
         # Stamps that are none have no step.
         for row in (capture, *(row for table in rows.values() for row in table)):
@@ -83,7 +83,8 @@ def findings_json(analysis: Analysis) -> str:
     return json.dumps(chosen, allow_nan=False, indent=2) + "\n"
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
+    """Rows and values as what any JSON writer takes: dicts, lists, text, numbers and None."""
     match value:
         case Quantiles():
             return _quantiles(value)
@@ -92,33 +93,33 @@ def _plain(value: Any) -> Any:
         case bytes():
             return value.hex(" ").upper()
         case dict():
-            return {str(key): _plain(item) for key, item in value.items()}
+            return {str(key): plain(item) for key, item in value.items()}
         case list() | tuple():
-            return [_plain(item) for item in value]
+            return [plain(item) for item in value]
         case np.generic():
-            return _plain(value.item())
+            return plain(value.item())
         case float():
             return value if math.isfinite(value) else None
     if is_dataclass(value):
-        return {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
+        return {f.name: plain(getattr(value, f.name)) for f in fields(value)}
     return value
 
 
 def _quantiles(quantiles: Quantiles) -> dict[str, float | None]:
-    named = {f.name: _plain(getattr(quantiles, f.name)) for f in fields(quantiles)}
+    named = {f.name: plain(getattr(quantiles, f.name)) for f in fields(quantiles)}
     if quantiles.std is None:
         del named["std"]
     return named
 
 
 def _pdo(row: PdoRow) -> dict[str, Any]:
-    plain: dict[str, Any] = {}
+    named: dict[str, Any] = {}
     for f in fields(row):
         if f.name == "device_us_low":
-            bounds = {"low": _plain(row.device_us_low), "high": _plain(row.device_us_high)}
-            plain["device_us"] = bounds if any(bounds.values()) else None
+            bounds = {"low": plain(row.device_us_low), "high": plain(row.device_us_high)}
+            named["device_us"] = bounds if any(bounds.values()) else None
         elif f.name == "response_us" and row.response_us is not None:
-            plain[f.name] = {**_quantiles(row.response_us), "std": _plain(row.response_us.std)}
+            named[f.name] = {**_quantiles(row.response_us), "std": plain(row.response_us.std)}
         elif f.name != "device_us_high":
-            plain[f.name] = _plain(getattr(row, f.name))
-    return plain
+            named[f.name] = plain(getattr(row, f.name))
+    return named

@@ -306,7 +306,7 @@ def _node(node: NodeRow, analysis: Analysis, known: list[KnownLine], clock: Cloc
             names_of(analysis.nodes),
             _OF_A_NODE,
         ),
-        *tables.sdo_table([row for row in analysis.sdo if own(row) and row.result != "ok"], clock),
+        *tables.sdo_table(analysis.sdo.failed.of_node(node.bus, node.node), clock),
         *_measured(node, analysis, clock),
         *tables.state_table([row for row in analysis.nmt_states if own(row)], clock),
         *tables.known_table([line for line in known if line.what != "device"]),

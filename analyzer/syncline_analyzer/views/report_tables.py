@@ -152,7 +152,7 @@ def error_table(rows: list[ErrorRow], clock: Clock) -> Iterator[Html]:
     yield from limited("Errors", heads, listed)
 
 
-def sdo_table(rows: list[SdoRow], clock: Clock) -> Iterator[Html]:
+def sdo_table(rows: Sequence[SdoRow], clock: Clock) -> Iterator[Html]:
     """SDO transfers of one node."""
     listed: list[Sequence[object]] = [
         (

@@ -20,6 +20,7 @@ import types
 import typing
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, fields
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -145,10 +146,10 @@ _MIXED = ("value", "old", "new")
 _TRACE_COLUMNS = ("position", "turn", "angle_deg", "unwrapped_deg", "speed_rpm")
 
 
-def rows_of(analysis: Analysis, table: str) -> list[Any]:
+def rows_of(analysis: Analysis, table: str) -> Sequence[Any]:
     """The rows of one table by its name in `ROW_TYPES`."""
-    rows = analysis.capture.gaps if table == "gaps" else getattr(analysis, table)
-    return list(rows)
+    rows: Sequence[Any] = analysis.capture.gaps if table == "gaps" else getattr(analysis, table)
+    return rows
 
 
 def is_dated(analysis: Analysis) -> bool:
@@ -174,8 +175,9 @@ def to_frame(rows: Sequence[Any], name: str | None = None, *, dated: bool = True
     kind = ROW_TYPES[name] if name is not None else type(rows[0])
     hints = typing.get_type_hints(kind)
     columns: dict[str, Any] = {}
-    for f in fields(kind):
-        values = [getattr(row, f.name) for row in rows]
+    names = [f.name for f in fields(kind)]
+    listed = list(zip(*map(attrgetter(*names), rows), strict=True)) or [()] * len(names)
+    for f, values in zip(fields(kind), listed, strict=True):
         for column, data in _columns(f.name, hints[f.name], values):
             columns[column] = data
             if column.endswith("_ns") and column not in _DURATIONS:
@@ -192,7 +194,7 @@ def datetimes(t_ns: Any, *, dated: bool = True) -> "pd.Series[Any]":
     return pd.Series(moments.tz_localize("UTC"))
 
 
-def _columns(name: str, hint: Any, values: list[Any]) -> Iterator[tuple[str, Any]]:
+def _columns(name: str, hint: Any, values: Sequence[Any]) -> Iterator[tuple[str, Any]]:
     plain, optional = _without_none(hint)
     if name in _MIXED and plain is None:
         yield name, pd.array([None if v is None else str(v) for v in values], dtype="string")
@@ -213,7 +215,7 @@ def _columns(name: str, hint: Any, values: list[Any]) -> Iterator[tuple[str, Any
         yield name, _column(plain, optional, values)
 
 
-def _column(plain: Any, optional: bool, values: list[Any]) -> Any:
+def _column(plain: Any, optional: bool, values: Sequence[Any]) -> Any:
     origin = typing.get_origin(plain)
     if origin is list:
         return pd.Series(values, dtype=object)
@@ -238,7 +240,7 @@ def _hex(value: Any) -> str:
     return value.hex(" ").upper() if isinstance(value, bytes) else str(value)
 
 
-def _floats(values: list[Any]) -> Any:
+def _floats(values: Sequence[Any]) -> Any:
     return pd.array([np.nan if v is None else float(v) for v in values], dtype="Float64")
 
 

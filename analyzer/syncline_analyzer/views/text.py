@@ -151,7 +151,7 @@ def _tables(analysis: Analysis, clock: Clock, width: int) -> Iterator[tuple[str,
         yield f"EMCY ({messages})", _emcy(analysis, clock)
     if history := error_list(analysis, analysis.error_history, clock, named=True):
         yield history.title, _listing(history)
-    if any(row.result != "ok" for row in analysis.sdo):
+    if analysis.sdo.failed:
         yield "SDO transfers that failed", _sdo(analysis, clock)
     yield from _measured(analysis, clock, width)
     if lines := known_lines(analysis):
@@ -408,7 +408,7 @@ def _emcy(analysis: Analysis, clock: Clock) -> Table:
 
 def _sdo(analysis: Analysis, clock: Clock) -> Table:
     table = _grid("when", "bus", "node", "object", "direction", "result")
-    failed = [row for row in analysis.sdo if row.result != "ok"]
+    failed = analysis.sdo.failed
     for row in failed[:MAX_ROWS]:
         what = f"{object_name(row.index, row.sub)} {printable(row.name or '')}"
         asked = (clock.short(row.start_ns), row.bus, row.node, what, row.direction)

@@ -125,7 +125,7 @@ class PythonCanSource:
             if value is not None
         }
         if options.timing:
-            arguments["timing"] = _timing(options.timing)
+            arguments["timing"] = bit_timing(options.timing)
         return arguments | {"receive_own_messages": False} | options.arguments
 
     def read(self, buffer: FrameBuffer, bus: int, timeout_s: float) -> int:
@@ -212,7 +212,7 @@ def configured(options: BusOptions) -> BusOptions:
     return replace(options, interface=found["interface"], channel=channel)
 
 
-def _timing(parameters: dict[str, int]) -> can.BitTiming | can.BitTimingFd:
+def bit_timing(parameters: dict[str, int]) -> can.BitTiming | can.BitTimingFd:
     """Bit timing by python-can's names. Raises ValueError or TypeError where it is none."""
     kind: Any = can.BitTimingFd if "nom_brp" in parameters else can.BitTiming
     timing: can.BitTiming | can.BitTimingFd = kind(**parameters)
@@ -225,7 +225,7 @@ def _bit_rates(options: BusOptions) -> tuple[int | None, int | None]:
     if options.timing:
         # A wrong timing is told of when the bus is opened.
         with contextlib.suppress(ValueError, TypeError):
-            timing = _timing(options.timing)
+            timing = bit_timing(options.timing)
             if isinstance(timing, can.BitTimingFd):
                 return timing.nom_bitrate, timing.data_bitrate
             return timing.bitrate, data_bitrate

@@ -5,7 +5,7 @@ import os
 import re
 import select
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import accumulate
 from typing import TYPE_CHECKING
@@ -81,6 +81,7 @@ class SlcanSource:
         self._knots: deque[Knot] = deque()
         self._lines = LineReader()
         self._log_ns = 0
+        self._just_opened = False
         self._status = Status(0)
         self._forget_answers()
         self._early = b""
@@ -123,6 +124,7 @@ class SlcanSource:
             raise SourceError(self._what_failed("cannot open", error)) from error
         self._forget_answers()
         self._good_ns = self._clock.now_ns()
+        self._just_opened = True
         self.facts = replace(self.facts, listen_only=self._listens, notes=notes)
 
     def read(self, buffer: FrameBuffer, bus: int, timeout_s: float) -> int:
@@ -132,6 +134,9 @@ class SlcanSource:
         """
         if self._port is None:
             raise SourceError(f"bus '{self.facts.name}' is not open")
+        if self._just_opened:
+            # What came since then is not earlier: before that is the gap.
+            self._log_ns, self._just_opened = self._clock.now_ns(), False
         try:
             self._check_channel(buffer, bus)
             self._ask_status(self._port)
@@ -193,22 +198,19 @@ class SlcanSource:
         """The commands that set the bit rates."""
         options, commands = self._options, []
         if options.bitrate is not None:
-            if options.bitrate not in BITRATES:
-                known = ", ".join(map(str, BITRATES))
-                raise SourceError(
-                    f"bus '{self.facts.name}': slcan adapters know no bit rate of"
-                    f" {options.bitrate} bit/s; they know {known}"
-                )
-            commands.append(BITRATES[options.bitrate])
+            commands.append(self._command_for("bit rate", options.bitrate, BITRATES))
         if options.fd and options.data_bitrate is not None:
-            if options.data_bitrate not in DATA_BITRATES:
-                known = ", ".join(map(str, DATA_BITRATES))
-                raise SourceError(
-                    f"bus '{self.facts.name}': slcan adapters know no data bit rate of"
-                    f" {options.data_bitrate} bit/s; they know {known}"
-                )
-            commands.append(DATA_BITRATES[options.data_bitrate])
+            data_rate = options.data_bitrate
+            commands.append(self._command_for("data bit rate", data_rate, DATA_BITRATES))
         return commands
+
+    def _command_for(self, what: str, rate: int, commands: Mapping[int, str]) -> str:
+        if rate not in commands:
+            raise SourceError(
+                f"bus '{self.facts.name}': slcan adapters know no {what} of {rate} bit/s;"
+                f" they know {', '.join(map(str, commands))}"
+            )
+        return commands[rate]
 
     def _opened_port(self) -> "SerialBase":
         try:

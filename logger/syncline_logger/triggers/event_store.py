@@ -25,6 +25,7 @@ DRAIN_FRAMES = 1 << 17
 """Frames of the time before a trigger that are written at once beside what comes in: the ring of
 four full buses is on the disk after about a minute."""
 
+RING_FULL = "the memory for the time before a trigger was full"
 ALWAYS_NS = 1 << 62
 """An event is kept to its end, in however many files."""
 
@@ -133,10 +134,9 @@ class EventStore:
         if self._store is None:
             self._ring.add(content, now_ns)
             return
-        if len(self._ring):
-            if content:
-                self._ring.hold(content)
-            self._drain(DRAIN_FRAMES + len(content.frames), now_ns)
+        self._drain(DRAIN_FRAMES + len(content.frames), now_ns)
+        if len(self._ring) or self.trouble:
+            self._hold(self._store, content)
         else:
             self._store.write(content, now_ns)
         # An event ends on the disk: what was lost there has to be told in its file.
@@ -219,11 +219,19 @@ class EventStore:
             return f"{span}: where the recorder began, or the last event ended"
         return f"{span}, as wanted"
 
+    def _hold(self, store: CaptureStore, content: Content) -> None:
+        """Let a content wait in the ring; what that pushes out is lost, and told in the event."""
+        for gone in self._ring.hold(content) if content else ():
+            store.waiting.lose(gone, store.trouble.text if store.trouble else RING_FULL)
+
     def _drain(self, frames: int | None, now_ns: int) -> None:
-        """Write the oldest contents of the ring, about so many frames; None = all."""
+        """Write the oldest contents of the ring, about so many frames, while the disk takes them.
+
+        frames: None = all, whatever the disk does.
+        """
         assert self._store is not None
         written = 0
-        while len(self._ring) and (frames is None or written < frames):
+        while len(self._ring) and (frames is None or (written < frames and not self.trouble)):
             content = self._ring.pop()
             self._store.write(content, now_ns)
             written += len(content.frames)

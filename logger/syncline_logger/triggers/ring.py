@@ -112,12 +112,12 @@ class Ring:
             self.short = False
         self._bound()
 
-    def hold(self, content: Content) -> None:
-        """Take in a content behind the others; nothing is forgotten but for want of room."""
+    def hold(self, content: Content) -> list[Content]:
+        """Take in a content behind the others; the oldest that went for want of room."""
         entry = _packed(content)
         self._entries.append(entry)
         self.bytes += entry.bytes
-        self._bound()
+        return [_content(gone) for gone in self._bound()]
 
     def pop(self) -> Content:
         """The oldest content; it is no longer in the ring."""
@@ -125,7 +125,8 @@ class Ring:
         self._take_first()
         return _content(entry)
 
-    def _bound(self) -> None:
+    def _bound(self) -> list[_Entry]:
+        """Make what is held small enough; the contents that went."""
         while self.bytes > self._max_bytes and self._whole < len(self._entries):
             entry = self._entries[self._whole]
             before = entry.bytes
@@ -133,9 +134,12 @@ class Ring:
             entry.decoded = None
             self.bytes -= before - entry.bytes
             self._whole += 1
+        gone = []
         while self.bytes > self._max_bytes and len(self._entries) > 1:
+            gone.append(self._entries[0])
             self._drop()
             self.short = True
+        return gone
 
     def _drop(self) -> None:
         """Forget the oldest content, but for the clocks that go on."""

@@ -44,7 +44,7 @@ class Chunk:
     uncompressed_size: int
     crc: int
     compression: str
-    data: bytes
+    data: bytes | memoryview
     index: list[tuple[int, NDArray[np.uint64]]]
     """Channel id and (n, 2) uint64 of log_time and offset."""
 
@@ -129,7 +129,7 @@ def compress(plain: bytes, compression: Compression, zstd_level: int = ZSTD_LEVE
     return plain
 
 
-def decompress(data: bytes, compression: str, size: int) -> bytes | str:
+def decompress(data: bytes | memoryview, compression: str, size: int) -> bytes | str:
     """The plain bytes, or in words why they cannot be had; never raises on damaged bytes."""
     if size > MAX_CHUNK:
         return f"claims {size} bytes"
@@ -143,15 +143,15 @@ MAX_CHUNK = 1 << 30
 """Largest chunk that is read; a damaged size field must not take all memory."""
 
 
-def _decompress(data: bytes, compression: str, size: int) -> bytes | str:
+def _decompress(data: bytes | memoryview, compression: str, size: int) -> bytes | str:
     if compression == "zstd":
         return _plain_of_zstd(data, size)
     if compression == "lz4":
         return _plain_of_lz4(data)
-    return data if compression == "" else f"compression {compression!r} is not known"
+    return bytes(data) if compression == "" else f"compression {compression!r} is not known"
 
 
-def _plain_of_zstd(data: bytes, size: int) -> bytes | str:
+def _plain_of_zstd(data: bytes | memoryview, size: int) -> bytes | str:
     import zstandard
 
     try:
@@ -177,7 +177,7 @@ def _zstd_decompressor() -> "zstandard.ZstdDecompressor":
     return found
 
 
-def _plain_of_lz4(data: bytes) -> bytes | str:
+def _plain_of_lz4(data: bytes | memoryview) -> bytes | str:
     import lz4.frame
 
     try:

@@ -10,12 +10,13 @@ from syncline_schemas.batch import FrameBatch
 from syncline_schemas.capture.channels import ChannelTable, Kind
 from syncline_schemas.capture.chunk_content import ChunkContent, open_joined
 from syncline_schemas.capture.frame_record import gather_frames
+from syncline_schemas.capture.limit import Unread
 from syncline_schemas.capture.record_file import Definition, Document, Lost, RawChunk, Record
 
 GROUP_BYTES = 1 << 20
 """Unpacked chunks are joined until they have as many bytes: about 20,000 frames."""
 
-Other = Lost | Definition | Document
+Other = Lost | Definition | Document | Unread
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,7 +52,7 @@ class OpenedGroup:
     plain: PlainGroup | None
 
 
-def grouped(records: Iterable[Record]) -> Iterator[list[RawChunk] | Other]:
+def grouped(records: Iterable[Record | Unread]) -> Iterator[list[RawChunk] | Other]:
     """Chunks that follow each other in groups, the first by itself; all else as it comes."""
     group: list[RawChunk] = []
     size, enough = 0, 0
@@ -85,14 +86,15 @@ def _plain(group: list[RawChunk], channels: ChannelTable) -> PlainGroup | None:
     if joined is None:
         return None
     content = joined.content
-    kind = channels.kind[content.channel]
+    kind = channels.kind.take(content.channel)
     if np.any(kind == Kind.UNKNOWN) or np.any(kind == Kind.GAP):
         return None
     rows = np.flatnonzero(kind == Kind.FRAME)
-    everything = len(rows) == len(kind)
-    heads = joined.heads if everything else joined.heads.rows(rows)
-    bus = channels.bus[content.channel[rows]].astype(np.uint8)
-    gathered = gather_frames(content.buffer, content.offset[rows], heads, bus)
+    heads, offset = joined.heads, content.offset
+    if len(rows) < len(kind):
+        heads, offset = heads.rows(rows), offset[rows]
+    bus = channels.bus.take(heads.u2(9)).astype(np.uint8)
+    gathered = gather_frames(content.buffer, offset, heads, bus)
     if not gathered.regular.all():
         return None
     ends = np.append(joined.first_row[1:], len(kind)) - 1

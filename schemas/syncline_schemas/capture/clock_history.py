@@ -7,15 +7,22 @@ sample ties both to the time since the machine started, which nothing sets: so w
 moves all stamps before it. Of a clock that is set twice between two samples only the sum is known.
 """
 
-from dataclasses import dataclass
+import json
+from collections.abc import Mapping
+from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from syncline_schemas.capture.adapter_fit import AdapterFit
 from syncline_schemas.proto import syncline_pb2
 
 STEP_NS = 1_000_000
 """UTC that moves less against the elapsed time was not set, but slewed or read late."""
+MAX_TOLD_EPOCHS = 1000
+"""A file with more of them does not tell them at its end."""
+CLOCKS_KEY = "clocks"
+"""Key, in the metadata record at the end of a file, of what its clock samples said."""
 PLAUSIBLE_NS = 1_577_836_800_000_000_000
 """2020-01-01: a recorder whose clock says an earlier time has not been told the date."""
 
@@ -49,16 +56,53 @@ class ClockHistory:
     Attributes:
         epochs: at least one where there was a sample.
         last_utc_ns: what the clock said last.
+        adapter_fits: by bus number, of adapters that have a clock of their own.
     """
 
     def __init__(self) -> None:
         self.epochs: list[Epoch] = []
         self.last_utc_ns = 0
+        self.adapter_fits: dict[int, AdapterFit] = {}
         self._last: tuple[int, int, int] | None = None
+        self._first_noise_ns = 0
+        self._tells_offsets = True
+
+    def to_record(self) -> dict[str, str]:
+        """All that another history needs of the samples of one file, as a metadata record.
+
+        Empty where that depends on what came before the file, or is too much.
+        """
+        told = self._tells_offsets and not self.adapter_fits
+        if not told or not 0 < len(self.epochs) <= MAX_TOLD_EPOCHS:
+            return {}
+        record = {
+            "noise_ns": self._first_noise_ns,
+            "epochs": [astuple(epoch) for epoch in self.epochs],
+            "last": self._last,
+            "last_utc_ns": self.last_utc_ns,
+        }
+        return {CLOCKS_KEY: json.dumps(record)}
+
+    def add_record(self, record: Mapping[str, str]) -> bool:
+        """Take in the samples of a whole file from `to_record`; False when it does not tell them."""
+        try:
+            told = json.loads(record.get(CLOCKS_KEY, ""))
+            first, *later = [Epoch(*map(int, fields)) for fields in told["epochs"]]
+            log_ns, utc_offset_ns, log_offset_ns = map(int, told["last"])
+            noise_ns, last_utc_ns = int(told["noise_ns"]), int(told["last_utc_ns"])
+        except (ValueError, TypeError, KeyError):
+            return False
+        self._add_epoch(first, noise_ns)
+        self.epochs += later
+        self._last, self.last_utc_ns = (log_ns, utc_offset_ns, log_offset_ns), last_utc_ns
+        return True
 
     def add(self, log_ns: int, sample: syncline_pb2.ClockSample) -> None:
-        """Take in a sample that stands at this log time; those of adapters are no samples."""
+        """Take in a sample that stands at this log time; those of adapters tell of them alone."""
         if sample.HasField("bus"):
+            if sample.HasField("residual_ns"):
+                fit = AdapterFit.of(sample, self.adapter_fits.get(sample.bus))
+                self.adapter_fits[sample.bus] = fit
             return
         elapsed_ns = sample.boot_ns if sample.HasField("boot_ns") else sample.monotonic_ns
         utc_offset_ns = sample.utc_ns - elapsed_ns
@@ -66,21 +110,32 @@ class ClockHistory:
         log_offset_ns = max(utc_offset_ns, before[2]) if before else log_ns - elapsed_ns
         if sample.HasField("offset_ns"):
             log_offset_ns = sample.offset_ns
-        noise_ns = STEP_NS + 2 * sample.uncertainty_ns
-        if before is None or abs(utc_offset_ns - before[1]) >= noise_ns:
-            self.epochs.append(
-                Epoch(
-                    log_ns,
-                    elapsed_ns + log_offset_ns,
-                    elapsed_ns,
-                    utc_offset_ns,
-                    log_offset_ns,
-                    before[0] if before else log_ns,
-                    utc_offset_ns - before[1] if before else 0,
-                )
-            )
+        else:
+            self._tells_offsets = False
+        self._add_epoch(
+            Epoch(
+                log_ns,
+                elapsed_ns + log_offset_ns,
+                elapsed_ns,
+                utc_offset_ns,
+                log_offset_ns,
+                seen_before_log_ns=log_ns,
+                step_ns=0,
+            ),
+            STEP_NS + 2 * sample.uncertainty_ns,
+        )
         self._last = log_ns, utc_offset_ns, log_offset_ns
         self.last_utc_ns = sample.utc_ns
+
+    def _add_epoch(self, found: Epoch, noise_ns: int) -> None:
+        """Begin an epoch at a sample, unless the one before it goes on."""
+        before = self._last
+        if before is None:
+            self._first_noise_ns = noise_ns
+            self.epochs.append(found)
+        elif abs(found.utc_offset_ns - before[1]) >= noise_ns:
+            step_ns = found.utc_offset_ns - before[1]
+            self.epochs.append(replace(found, seen_before_log_ns=before[0], step_ns=step_ns))
 
     def repair(self) -> "ClockRepair | None":
         """What makes the stamps right; None when no clock was set, or none ever told the date."""

@@ -22,6 +22,10 @@ MessageIndex = dict[int, NDArray[np.uint64]]
 
 _HEAD = 9
 _CHUNK_FIELDS = struct.Struct("<QQQII")
+_INDEX_HEAD = struct.Struct("<BQHI")
+_INDEX_ENTRY = 16
+_INDEX_PLACE = struct.Struct("<HQ")
+_MESSAGE_INDEX = int(Opcode.MESSAGE_INDEX)
 _FOOTER_SIZE = _HEAD + 20
 _SEARCH_STEP = 1 << 20
 _LOOSE_BYTES = 1 << 20
@@ -42,7 +46,7 @@ class RawChunk:
     uncompressed_size: int
     crc: int
     compression: str
-    data: bytes
+    data: bytes | memoryview
     index: MessageIndex | None = None
     chunked: bool = True
 
@@ -59,12 +63,38 @@ class Lost:
 
 @dataclass(frozen=True, slots=True)
 class ChunkPlace:
-    """Where a chunk is, from the summary; `length` holds its message indexes too."""
+    """Where a chunk is, from the summary; `length` holds its message indexes too.
+
+    `index_length` is their part of it; `index_places` is the summary's map of where they are.
+    """
 
     offset: int
     length: int
     start_ns: int
     end_ns: int
+    index_length: int = 0
+    index_places: bytes = b""
+
+    def messages(self) -> dict[int, int] | None:
+        """Messages by channel, known without reading the chunk; None where the summary tells not.
+
+        The message indexes stand one behind the other, 16 bytes for each message after a head.
+        """
+        if not self.index_places or len(self.index_places) % _INDEX_PLACE.size:
+            return None
+        places = sorted(
+            (at, channel) for channel, at in _INDEX_PLACE.iter_unpack(self.index_places)
+        )
+        end = self.offset + self.length
+        if places[0][0] != end - self.index_length:
+            return None
+        counts: dict[int, int] = {}
+        for (at, channel), until in zip(places, [*(at for at, _ in places[1:]), end], strict=True):
+            count, rest = divmod(until - at - _INDEX_HEAD.size, _INDEX_ENTRY)
+            if rest or count < 0 or channel in counts:
+                return None
+            counts[channel] = count
+        return counts
 
 
 @dataclass(slots=True)
@@ -387,7 +417,7 @@ def parse_chunk(offset: int, content: memoryview, index: MessageIndex | None) ->
     if data_start + data_length != len(content):
         return None
     name = bytes(content[fixed : fixed + name_length]).decode("ascii", "replace")
-    return RawChunk(offset, start_ns, end_ns, size, crc, name, bytes(content[data_start:]), index)
+    return RawChunk(offset, start_ns, end_ns, size, crc, name, content[data_start:], index)
 
 
 def parse_indexes(data: bytes) -> MessageIndex | None:
@@ -395,15 +425,15 @@ def parse_indexes(data: bytes) -> MessageIndex | None:
     index: MessageIndex = {}
     position = 0
     while position < len(data):
-        opcode, length = _unpack_head(data[position : position + _HEAD])
-        if opcode != Opcode.MESSAGE_INDEX or length < 6 or position + _HEAD + length > len(data):
+        start = position + _INDEX_HEAD.size
+        if start > len(data):
             return None
-        channel, entries_length = struct.unpack_from("<HI", data, position + _HEAD)
-        if entries_length + 6 != length or entries_length % 16 or channel in index:
+        opcode, length, channel, entries_length = _INDEX_HEAD.unpack_from(data, position)
+        position = start + entries_length
+        wrong = opcode != _MESSAGE_INDEX or entries_length + 6 != length or entries_length % 16
+        if wrong or position > len(data) or channel in index:
             return None
-        start = position + _HEAD + 6
         index[channel] = np.frombuffer(data, "<u8", entries_length // 8, start).reshape(-1, 2)
-        position += _HEAD + length
     return index or None
 
 
@@ -457,7 +487,8 @@ def _parse_chunk_index(content: bytes) -> ChunkPlace | None:
     if 36 + offsets_length + 8 > len(content):
         return None
     (index_length,) = struct.unpack_from("<Q", content, 36 + offsets_length)
-    return ChunkPlace(offset, length + index_length, start_ns, end_ns)
+    index_places = content[36 : 36 + offsets_length]
+    return ChunkPlace(offset, length + index_length, start_ns, end_ns, index_length, index_places)
 
 
 def _chunk_candidates(data: bytes) -> list[int]:

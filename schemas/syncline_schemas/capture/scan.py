@@ -1,6 +1,6 @@
 """Reading a capture: whole, cut off, damaged or rewritten by another tool."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -13,7 +13,6 @@ from google.protobuf.message import DecodeError, Message
 from numpy.typing import NDArray
 
 from syncline_schemas.batch import FrameBatch, Gap
-from syncline_schemas.capture.adapter_fit import AdapterFit
 from syncline_schemas.capture.channels import ChannelTable, Kind
 from syncline_schemas.capture.chunk_content import (
     ChunkContent,
@@ -21,7 +20,13 @@ from syncline_schemas.capture.chunk_content import (
     open_chunk,
     read_frames,
 )
-from syncline_schemas.capture.chunk_group import OpenedGroup, PlainGroup, grouped, open_group
+from syncline_schemas.capture.chunk_group import (
+    OpenedGroup,
+    Other,
+    PlainGroup,
+    grouped,
+    open_group,
+)
 from syncline_schemas.capture.clock_history import ClockHistory, ClockRepair
 from syncline_schemas.capture.gap_message import gap_of
 from syncline_schemas.capture.lag import LagBounds
@@ -33,6 +38,7 @@ from syncline_schemas.capture.layout import (
     BusInfo,
     CaptureMetadata,
 )
+from syncline_schemas.capture.limit import Limit, Unread, last_frames
 from syncline_schemas.capture.loss import LossTracker
 from syncline_schemas.capture.mark import MAX_MARKS, Mark, mark_of
 from syncline_schemas.capture.read_ahead import read_ahead
@@ -47,6 +53,7 @@ from syncline_schemas.capture.record_file import (
     Summary,
 )
 from syncline_schemas.errors import CaptureError
+from syncline_schemas.memory import keep_freed_memory
 from syncline_schemas.proto import syncline_pb2
 
 FRAMES_PER_BATCH = 1 << 16
@@ -96,7 +103,6 @@ class ScanFacts:
         lost_chunks: chunks that are in the file and cannot be read.
         lost_frames: frames known to be lost with them; others may be uncounted.
         marks: the first thousand; `mark_count` are all.
-        adapter_fits: by bus number, of adapters that have a clock of their own.
     """
 
     profile: str = ""
@@ -112,7 +118,6 @@ class ScanFacts:
     lost_frames: int = 0
     marks: list[Mark] = field(default_factory=list)
     mark_count: int = 0
-    adapter_fits: dict[int, AdapterFit] = field(default_factory=dict)
 
 
 class CaptureScan:
@@ -140,11 +145,14 @@ class CaptureScan:
         self._first_chunk = 0
         self._losses = LossTracker()
         self._undescribed = 0
+        self._sampled = True
+        self._limit: Limit | None = None
         with _opened(path, self.facts.damage) as file:
             self._begin(file)
 
     def batches(self) -> Iterator[FrameBatch | Gap]:
-        """Batches and gaps alone."""
+        """Batches and gaps alone; bus states and clock readings are not looked at."""
+        self._sampled = False
         for item in self.items():
             if isinstance(item, FrameBatch | Gap):
                 yield item
@@ -155,6 +163,7 @@ class CaptureScan:
         A gap stands exactly between the frames before and after it; bus states and clock readings
         follow the batch in whose stretch they fell.
         """
+        keep_freed_memory()
         pending = _Pending()
         with _opened(self.path, self.facts.damage) as file:
             groups = grouped(self._chunks(file))
@@ -169,8 +178,24 @@ class CaptureScan:
         if not self.facts.closed and self.facts.damage != [_EMPTY]:
             self.facts.damage.append("no footer: the recording was cut off or still runs")
 
+    def limit(
+        self, start_ns: int, end_ns: int, skipped: Callable[[int], object] = lambda frames: None
+    ) -> None:
+        """From here on leave out whole chunks without frames of `start_ns <= t_ns < end_ns`.
+
+        Frames of the others are all given. Chunks with gaps or marks are read wherever they are, and
+        the last one of each bus. `skipped` is told how many frames before the range are left out,
+        no later than the first frame of it is given.
+        """
+        self._limit = Limit(start_ns, end_ns, skipped)
+
     def add_clock_samples(self, history: ClockHistory) -> None:
-        """Give a history all clock samples; nothing else is read, and no damage told."""
+        """Give a history all clock samples; nothing else is read, and no damage told.
+
+        A file that was closed tells at its end what they say, so that nothing need be unpacked.
+        """
+        if history.add_record(self.facts.metadata_records.get(END_METADATA_NAME, {})):
+            return
         with _opened(self.path, []) as file:
             for raw in self._chunks(file, everything=True):
                 if isinstance(raw, Definition | Document):
@@ -213,15 +238,24 @@ class CaptureScan:
             self._register(record)
         self._first_chunk = file.size
 
-    def _chunks(self, file: RecordFile, *, everything: bool = False) -> Iterator[Record]:
+    def _chunks(self, file: RecordFile, *, everything: bool = False) -> Iterator[Record | Unread]:
         """Chunks in file order and, where no summary told them before, what else is in the file."""
         if self._summary is None:
             yield from file.records(self._first_chunk)
             return
         lag = LagBounds.from_record(self.facts.metadata_records.get(END_METADATA_NAME, {}))
+        last = None
         for place in self._summary.chunks:
-            if everything or self.repair is not None or self._range.may_hold(place, lag):
+            if everything or self.repair is not None or lag is None:
                 yield file.chunk_at(place)
+            elif not self._range.may_hold(place, lag):
+                continue
+            elif self._limit is None:
+                yield file.chunk_at(place)
+            else:
+                last = last or last_frames(self._summary.chunks, self._channels)
+                unread = self._limit.unread(place, lag, self._channels)
+                yield file.chunk_at(place) if unread is None or place in last else unread
 
     def _register(self, *records: Definition | Document) -> None:
         for record in records:
@@ -240,9 +274,12 @@ class CaptureScan:
         if record.name == METADATA_NAME:
             self.facts.metadata = CaptureMetadata.from_record(record.metadata)
 
-    def _items_of_group(self, opened: OpenedGroup | Lost | Definition | Document) -> Iterator[Item]:
+    def _items_of_group(self, opened: OpenedGroup | Other) -> Iterator[Item]:
         if isinstance(opened, Lost):
             yield from self._items_of(opened)
+        elif isinstance(opened, Unread):
+            yield from self._range.wanted(self._losses.read(opened.start_ns, opened.end_ns))
+            opened.tell()
         elif not isinstance(opened, OpenedGroup):
             self._register(opened)
         elif opened.plain is None or opened.version != self._channels.version:
@@ -336,6 +373,8 @@ class CaptureScan:
                 self.facts.marks += [mark] if len(self.facts.marks) < MAX_MARKS else []
 
     def _samples(self, content: ChunkContent, kind: NDArray[np.uint8]) -> Iterator[Item]:
+        if not self._sampled:
+            return
         for row in np.flatnonzero((kind == Kind.STATUS) | (kind == Kind.CLOCK)).tolist():
             t_ns = content.publish_time_ns(row)
             if not self._range.holds(t_ns):
@@ -343,7 +382,6 @@ class CaptureScan:
             if kind[row] == Kind.CLOCK:
                 clock = self._parsed(syncline_pb2.ClockSample, content, row)
                 if clock is not None:
-                    self._take_fit(clock)
                     yield ClockReading(t_ns, clock)
             else:
                 status = self._parsed(syncline_pb2.BusStatus, content, row)
@@ -351,11 +389,6 @@ class CaptureScan:
                     yield BusStatusSample(
                         t_ns, int(self._channels.bus[content.channel[row]]), status
                     )
-
-    def _take_fit(self, clock: syncline_pb2.ClockSample) -> None:
-        if clock.HasField("bus") and clock.HasField("residual_ns"):
-            fits = self.facts.adapter_fits
-            fits[clock.bus] = AdapterFit.of(clock, fits.get(clock.bus))
 
     def _parsed(self, kind: type[_M], content: ChunkContent, row: int) -> _M | None:
         try:
@@ -397,10 +430,8 @@ class _TimeRange:
             end_ns = gap.end_ns if self.end_ns is None else min(gap.end_ns, self.end_ns)
             yield replace(gap, start_ns=start_ns, end_ns=end_ns)
 
-    def may_hold(self, place: ChunkPlace, lag: LagBounds | None) -> bool:
+    def may_hold(self, place: ChunkPlace, lag: LagBounds) -> bool:
         """Whether a chunk can hold wanted frames."""
-        if lag is None:
-            return True
         return self.overlaps(place.start_ns - lag.max_ns, place.end_ns - lag.min_ns + 1)
 
 

@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 
 from syncline_schemas.batch import FrameBatch
 from syncline_schemas.capture.chunk import ZSTD_LEVEL, RecordRun, build_chunk, merge
+from syncline_schemas.capture.clock_history import ClockHistory
 from syncline_schemas.capture.frame_record import pack_frames, pack_messages
 from syncline_schemas.capture.lag import LagBounds
 from syncline_schemas.capture.layout import (
     ATTACHMENT_METADATA_NAME,
+    CLOCK_TOPIC,
     END_METADATA_NAME,
     GAP_TOPIC,
     METADATA_NAME,
@@ -67,9 +69,11 @@ class CaptureWriter:
         self._schema_ids: dict[MessageSchema, int] = {}
         self._channel_ids: dict[tuple[str, MessageSchema], int] = {}
         self._gap_channels: set[int] = set()
+        self._clock_channels: set[int] = set()
         self._sequence: dict[int, int] = {}
         self._last_log_ns = 0
         self._lag: LagBounds | None = None
+        self._clocks = ClockHistory()
         self._channel_of_bus = np.zeros(256, np.uint16)
         self.bus_count = len(buses)
         self.frames_written = 0
@@ -98,6 +102,8 @@ class CaptureWriter:
         channel_id = self._channel_ids[topic, schema] = len(self._channel_ids) + 1
         if topic == GAP_TOPIC:
             self._gap_channels.add(channel_id)
+        if topic == CLOCK_TOPIC:
+            self._clock_channels.add(channel_id)
         self._records.channel(
             mcap_records.Channel(
                 id=channel_id,
@@ -180,7 +186,8 @@ class CaptureWriter:
     def finish(self) -> None:
         """Write summary and footer; nothing can be written after it."""
         lag = self._lag.to_record() if self._lag else {}
-        self.add_metadata(END_METADATA_NAME, {"frames": str(self.frames_written)} | lag)
+        told = {"frames": str(self.frames_written), **lag, **self._clocks.to_record()}
+        self.add_metadata(END_METADATA_NAME, told)
         self._records.finish()
 
     def _schema_id(self, schema: MessageSchema) -> int:
@@ -207,6 +214,8 @@ class CaptureWriter:
 
     def _message_run(self, block: MessageBlock) -> RecordRun:
         log_time = self._forward_only(block.log_time_ns)
+        if block.channel in self._clock_channels:
+            self._note_clocks(block, log_time)
         data, length = pack_messages(
             block.channel,
             self._next_sequence(block.channel, len(block)),
@@ -216,6 +225,12 @@ class CaptureWriter:
             block.payload,
         )
         return RecordRun(data, length, np.full(len(block), block.channel, np.uint16), log_time)
+
+    def _note_clocks(self, block: MessageBlock, log_time_ns: NDArray[np.int64]) -> None:
+        ends = np.cumsum(block.length).tolist()
+        for log_ns, end, length in zip(log_time_ns.tolist(), ends, block.length, strict=True):
+            payload = block.payload[end - length : end].tobytes()
+            self._clocks.add(log_ns, syncline_pb2.ClockSample.FromString(payload))
 
     def _forward_only(self, log_time_ns: NDArray[np.int64]) -> NDArray[np.int64]:
         return np.maximum.accumulate(np.maximum(log_time_ns, self._last_log_ns))

@@ -2,14 +2,14 @@
 
 import difflib
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from functools import lru_cache
-from importlib.resources import files as package_files
 from pathlib import Path
 from typing import Any
 
 from syncline_schemas.devices.build import EDS_SUFFIXES, device_from_files
+from syncline_schemas.devices.index import DATA, Hallmarks, built_in_hallmarks
 from syncline_schemas.devices.model import Device, Key
 from syncline_schemas.errors import DescriptionError
 
@@ -65,12 +65,12 @@ def _unknown(name: str, catalog: Iterable[str]) -> str:
     names = list(catalog)
     near = difflib.get_close_matches(name.lower(), names, n=3, cutoff=0.4)
     hint = f"did you mean {' or '.join(near)}?" if near else f"known are {', '.join(names)}."
-    return f"no device is called {name!r}: {hint} A path to an .eds, .dcf or .toml file works too."
+    return f"no device is called {name!r}: {hint} A path to an .eds, .dcf, .xdd or .toml file works too."
 
 
 def _catalog(folders: tuple[Path, ...]) -> dict[str, Path]:
     """File by device name; a user's file hides a built-in one of the same name."""
-    return {path.stem: path for path in sorted(_built_in().glob("*.toml"))} | _own(folders)
+    return {name: DATA / f"{name}.toml" for name in built_in_hallmarks()} | _own(folders)
 
 
 def _own(folders: tuple[Path, ...]) -> dict[str, Path]:
@@ -82,8 +82,34 @@ def _own(folders: tuple[Path, ...]) -> dict[str, Path]:
     return found
 
 
-def _built_in() -> Path:
-    return Path(str(package_files("syncline_schemas.devices") / "data"))
+def _catalogs(folders: tuple[Path, ...] | None) -> tuple[dict[str, Path], dict[str, Path]]:
+    """Files by device name: the user's, then the built-in ones."""
+    return _own(user_folders() if folders is None else folders), _catalog(())
+
+
+def hallmarks(folders: tuple[Path, ...] | None = None) -> Iterator[tuple[str, Hallmarks]]:
+    """What tells each device from others, by name; a user's hides a built-in one of its name."""
+    catalog = _catalog(user_folders() if folders is None else folders)
+    for name, path in catalog.items():
+        with suppress(DescriptionError):
+            yield name, _hallmarks(path)
+
+
+def _hallmarks(path: Path) -> Hallmarks:
+    """Those of a file's device; only a user's file is read for them."""
+    if path.parent == DATA:
+        return built_in_hallmarks()[path.stem]
+    return Hallmarks.of(_from_path(path))
+
+
+def _those(paths: Iterable[Path], fits: Callable[[Mapping[str, Any]], bool]) -> list[Device]:
+    """Devices of files whose rules fit; a user's file that is broken is told when it is asked for."""
+    found = []
+    for path in paths:
+        with suppress(DescriptionError):
+            if fits(_hallmarks(path).identity):
+                found.append(_from_path(path))
+    return found
 
 
 def _from_path(path: Path) -> Device:
@@ -140,8 +166,8 @@ def identify(
     name = _text_of(known.get((0x1008, 0)))
     if name is None and (0x1018, 2) not in known:
         return None
-    for catalog in (_own(user_folders() if folders is None else folders), _catalog(())):
-        fitting = [d for d in _usable(catalog.values()) if _fits(d.identity, known, name)]
+    for catalog in _catalogs(folders):
+        fitting = _those(catalog.values(), lambda rules: _fits(rules, known, name))
         if fitting:
             return fitting[0] if len(fitting) == 1 else None
     return None
@@ -164,9 +190,13 @@ def lookalikes(
     name = _text_of(known.get((0x1008, 0)))
     if name is None or identify(known, folders) is not None:
         return []
-    for catalog in (_own(user_folders() if folders is None else folders), _catalog(())):
-        named = [d for d in _usable(catalog.values()) if d.identity.get("name") == name]
-        fitting = [d for d in named if _fits({**d.identity, "needs_one_of": ()}, known, name)]
+
+    def may_fit(rules: Mapping[str, Any]) -> bool:
+        named = rules.get("name") == name
+        return named and _fits({**rules, "needs_one_of": ()}, known, name)
+
+    for catalog in _catalogs(folders):
+        fitting = _those(catalog.values(), may_fit)
         if len(fitting) > 1:
             return fitting
     return []
@@ -183,8 +213,8 @@ def suspects(
     name = _text_of(known.get((0x1008, 0)))
     if identify(known, folders) is not None or lookalikes(known, folders):
         return []
-    for catalog in (_own(user_folders() if folders is None else folders), _catalog(())):
-        found = [d for d in _usable(catalog.values()) if _suspected(d.identity, known, name)]
+    for catalog in _catalogs(folders):
+        found = _those(catalog.values(), lambda rules: _suspected(rules, known, name))
         if found:
             return found
     return []

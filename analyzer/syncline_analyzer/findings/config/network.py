@@ -155,8 +155,8 @@ def _in_doubt(facts: Facts, claim: _Claim, t_ns: int) -> bool:
         return False
     if nmt is not None and nmt.heard_ns is not None:
         return nmt.heard_ns < end_ns
-    own = (row for row in facts.analysis.sdo if (row.bus, row.node) == (bus, claim.key[1]))
-    return all(row.start_ns >= end_ns for row in own)
+    own = facts.analysis.sdo.of_node(bus, claim.key[1])
+    return bool((own.records["start_ns"] >= end_ns).all())
 
 
 def _reserved(facts: Facts) -> Iterator[Finding]:

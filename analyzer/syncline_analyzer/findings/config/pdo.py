@@ -70,8 +70,8 @@ def _unusable(facts: Facts, key: NodeKey, place: Place, seq: int | None) -> str 
 def _refused(facts: Facts) -> Iterator[Finding]:
     """A write to a PDO's parameters that was refused and left the PDO without effect."""
     told: set[tuple[NodeKey, Place]] = set()
-    for row in facts.analysis.sdo:
-        if row.direction != "download" or row.result != "abort" or row.abort_by == "client":
+    for row in facts.analysis.sdo.writes.aborted:
+        if row.abort_by == "client":
             continue
         place = place_of(row.index) if row.index is not None else None
         if place is None:

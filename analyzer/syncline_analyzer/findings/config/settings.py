@@ -43,8 +43,8 @@ def assumed_words(index: int, sub: int, known: Known | None) -> list[str]:
 
 def written(facts: Facts) -> Iterator[tuple[NodeKey, SdoRow]]:
     """Acknowledged writes by (bus number, node), in order of `seq`."""
-    for row in facts.analysis.sdo:
-        if row.direction == "download" and row.result == "ok" and row.index is not None:
+    for row in facts.analysis.sdo.accepted:
+        if row.index is not None:
             yield (facts.number(row.bus), row.node), row
 
 

@@ -16,8 +16,8 @@ def _save_refused(facts: Facts) -> Iterator[Finding]:
     """A save that the node refused and that was not repeated with success."""
     saves = [
         row
-        for row in facts.analysis.sdo
-        if row.direction == "download" and row.index == SAVE and row.data == b"save"
+        for row in facts.analysis.sdo.writes.of_objects(lambda each: each.index == SAVE)
+        if row.data == b"save"
     ]
     for row in saves:
         if row.result != "abort" or row.abort_by == "client":

@@ -130,14 +130,9 @@ def _identity(facts: Facts, bus: int, row: NodeRow, device: Device) -> Iterator[
 def _refused(facts: Facts, row: NodeRow, device: Device) -> Iterator[Contradiction]:
     """Measured objects that the node says it does not have."""
     wanted = set(device.measurement.get("position", ()))
-    for transfer in facts.analysis.sdo:
+    for transfer in facts.analysis.sdo.aborted.of_node(row.bus, row.node):
         place = (transfer.index or 0, transfer.sub or 0)
-        if (
-            (transfer.bus, transfer.node) == (row.bus, row.node)
-            and transfer.abort_code == MISSING
-            and transfer.abort_by == "server"
-            and place in wanted
-        ):
+        if transfer.abort_code == MISSING and transfer.abort_by == "server" and place in wanted:
             wanted.discard(place)
             words = abort_meaning(MISSING)
             yield Contradiction(

@@ -55,10 +55,9 @@ def _renaming(facts: Facts, row: SdoRow, device: Device, wanted: int) -> Renamin
     saved = any(
         save.bus == row.bus
         and save.node in (row.node, new)
-        and (save.index, save.direction, save.result) == (SAVE, "download", "ok")
         and save.seq > row.seq
         and (back_ns is None or save.end_ns < back_ns)
-        for save in facts.analysis.sdo
+        for save in facts.analysis.sdo.accepted.of_objects(lambda of: of.index == SAVE)
     )
     return Renaming(row, device, wanted, new, new_ns, back_ns, saved)
 

@@ -6,7 +6,7 @@ from itertools import pairwise
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import seconds
 from syncline_analyzer.object_history import Change
-from syncline_analyzer.results import Finding, SdoRow
+from syncline_analyzer.results import Finding, SdoObject, SdoRow
 from syncline_schemas.devices import Device, device_names, load_device, quirks
 
 Key = tuple[int, int]
@@ -23,12 +23,14 @@ LISTED = 8
 
 def writes(facts: Facts) -> Iterator[tuple[SdoRow, Key, Device]]:
     """Acknowledged writes to nodes whose device is known, with the object and the device."""
-    for row in facts.analysis.sdo:
-        if row.direction != "download" or row.result != "ok" or row.index is None:
-            continue
-        device = facts.context.shadow.device(facts.number(row.bus), row.node)
-        if device is not None:
+    for row in facts.analysis.sdo.accepted.of_objects(lambda of: _device(facts, of) is not None):
+        device = _device(facts, row)
+        if device is not None and row.index is not None:
             yield row, (row.index, row.sub or 0), device
+
+
+def _device(facts: Facts, of: SdoRow | SdoObject) -> Device | None:
+    return facts.context.shadow.device(facts.number(of.bus), of.node)
 
 
 def number(row: SdoRow) -> int:
@@ -168,14 +170,8 @@ def _restarted_unseen(facts: Facts) -> Iterator[Finding]:
         device = facts.context.shadow.device(bus, node)
         name = facts.context.bus_name(bus)
         for key in quirks(device).since_restart:
-            reads = [
-                row
-                for row in facts.analysis.sdo
-                if (row.bus, row.node, row.index, row.sub or 0) == (name, node, *key)
-                and row.direction == "upload"
-                and row.result == "ok"
-            ]
-            for first, second in pairwise(reads):
+            own = facts.analysis.sdo.reads.ok.of_node(name, node)
+            for first, second in pairwise(own.of_object(*key)):
                 if number(second) < number(first) and not _started(facts, first, second):
                     yield told(
                         "device.restarted_unseen",
@@ -209,15 +205,15 @@ def _blind(facts: Facts, first: SdoRow, second: SdoRow) -> bool:
 
 def _reset_by_sdo(facts: Facts) -> Iterator[Finding]:
     """Restarts that a write ordered, without any NMT command."""
-    orders = [
-        row
-        for row in facts.analysis.sdo
-        if row.direction == "download" and row.result != "abort" and row.index is not None
-    ]
-    for row in orders:
-        device = facts.context.shadow.device(facts.number(row.bus), row.node)
-        key = (row.index or 0, row.sub or 0)
-        if device is None or device.quirks.reset_writes.get(key) != number(row):
+
+    def may_reset(of: SdoRow | SdoObject) -> int | None:
+        key = (of.index or 0, of.sub or 0)
+        return quirks(_device(facts, of)).reset_writes.get(key)
+
+    asked = facts.analysis.sdo.writes.of_objects(lambda of: may_reset(of) is not None)
+    for row in asked:
+        device, key = _device(facts, row), (row.index or 0, row.sub or 0)
+        if device is None or row.result == "abort" or may_reset(row) != number(row):
             continue
         boot = next(
             (

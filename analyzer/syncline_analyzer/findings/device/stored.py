@@ -170,9 +170,8 @@ def _shown(value: int | bytes) -> str:
 def _orders(facts: Facts, index: int) -> dict[tuple[str, int], list[int]]:
     """Times [ns] at which writes to 1010h or 1011h of each node were confirmed."""
     found: dict[tuple[str, int], list[int]] = {}
-    for row in facts.analysis.sdo:
-        if row.index == index and (row.direction, row.result) == ("download", "ok"):
-            found.setdefault((row.bus, row.node), []).append(row.end_ns)
+    for row in facts.analysis.sdo.accepted.of_objects(lambda of: of.index == index):
+        found.setdefault((row.bus, row.node), []).append(row.end_ns)
     return found
 
 

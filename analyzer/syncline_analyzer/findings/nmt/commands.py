@@ -130,10 +130,8 @@ def _is_slave(facts: Facts, key: NodeKey, ignored: Ignored) -> bool:
     bus = facts.context.bus_name(key[0])
     timelines = facts.control.nmt.timelines
     booted = any(boot.seq < ignored.command.seq for boot in timelines[key].boot_ups)
-    serves = any(
-        (row.bus, row.node) == (bus, key[1]) and row.result in ("ok", "abort")
-        for row in facts.analysis.sdo
-    )
+    own = facts.analysis.sdo.of_node(bus, key[1])
+    serves = bool(own.ok or own.aborted)
     wanted = STATE_AFTER_COMMAND.get(ignored.command.specifier)
     others = any(
         interval.evidence == ignored.command.seq and interval.certainty == "observed"

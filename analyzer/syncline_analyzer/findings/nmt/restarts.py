@@ -119,14 +119,12 @@ def _answered_ns(timeline: Timeline, row: NmtCommandRow, boot: BootUp) -> int:
 def _reset_by_sdo(facts: Facts, key: NodeKey, boot: BootUp) -> bool:
     """Some devices restart when an object is written (2002h of the JN2100)."""
     writes = quirks(facts.context.shadow.device(*key)).reset_writes
-    return bool(writes) and any(
-        row.direction == "download"
-        and (row.bus, row.node) == (boot.bus, boot.node)
-        and (row.index or 0, row.sub or 0) in writes
-        and row.seq < boot.seq
-        and boot.t_ns - row.start_ns <= COMMAND_WINDOW_NS
-        for row in facts.analysis.sdo
-    )
+    if not writes:
+        return False
+    own = facts.analysis.sdo.writes.of_node(boot.bus, boot.node)
+    orders = own.of_objects(lambda of: (of.index or 0, of.sub or 0) in writes).records
+    lately = boot.t_ns - orders["start_ns"] <= COMMAND_WINDOW_NS
+    return bool((lately & (orders["seq"] < boot.seq)).any())
 
 
 def _resets(facts: Facts) -> Iterator[Finding]:

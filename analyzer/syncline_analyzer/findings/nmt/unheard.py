@@ -76,10 +76,8 @@ def _explained(facts: Facts, key: NodeKey, last_ns: int, period: int) -> bool:
 
 
 def _answers(facts: Facts, bus: str, node: int, since_ns: int) -> bool:
-    return any(
-        (row.bus, row.node) == (bus, node) and row.result == "ok" and row.start_ns > since_ns
-        for row in facts.analysis.sdo
-    )
+    answered = facts.analysis.sdo.ok.of_node(bus, node)
+    return bool((answered.records["start_ns"] > since_ns).any())
 
 
 def _after_gap(facts: Facts) -> Iterator[Finding]:

@@ -79,11 +79,8 @@ def _aborts(facts: Facts) -> Iterator[Finding]:
     told = {row.seq for rows in failed_configurations(facts) for row in rows}
     rows = [
         row
-        for row in facts.analysis.sdo
-        if row.result == "abort"
-        and not timed_out(row)
-        and row.abort_code not in TOLD_BY_PROTOCOL
-        and row.seq not in told
+        for row in facts.analysis.sdo.aborted
+        if not timed_out(row) and row.abort_code not in TOLD_BY_PROTOCOL and row.seq not in told
     ]
     for group in grouped(rows, _kind(facts, rows)):
         yield _probed(facts, group) if len(set(map(_object, group))) > 1 else _abort(facts, group)

@@ -5,8 +5,12 @@ from collections.abc import Callable, Iterable, Iterator
 from itertools import groupby
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from syncline_analyzer.findings.rule import Facts
-from syncline_analyzer.results import NmtStateRow, SdoRow
+from syncline_analyzer.results import NmtStateRow, SdoRow, SdoTransfers
+from syncline_analyzer.results.sdo_records import NONE, RESULTS, SIDES
 
 _Node = tuple[str, int]
 
@@ -76,28 +80,29 @@ def stretches(rows: Iterable[SdoRow], apart_ns: int = TOGETHER_NS) -> Iterator[l
         yield part
 
 
+def unanswered_of(transfers: SdoTransfers) -> SdoTransfers:
+    """Requests that the server left without an answer, or that the client gave up with an abort."""
+    records = transfers.records
+    gave_up = (records["abort_code"] == TIMED_OUT) & (records["abort_by"] == SIDES.index("client"))
+    return transfers.part(gave_up | (records["result"] == RESULTS.index("no answer")))
+
+
 def timed_out(row: SdoRow) -> bool:
     """Whether the client gave up waiting, with an abort."""
     return row.abort_code == TIMED_OUT and row.abort_by == "client"
-
-
-def unanswered(row: SdoRow) -> bool:
-    """Whether the server left a request without an answer."""
-    return row.result == "no answer" or timed_out(row)
 
 
 class History:
     """What is known of nodes at the time of their transfers, by (bus, node)."""
 
     def __init__(self, facts: Facts) -> None:
-        self._answers: dict[_Node, list[int]] = {}
+        self._sdo = facts.analysis.sdo
+        self._answers: dict[_Node, NDArray[np.int64]] = {}
         self._states: dict[_Node, list[NmtStateRow]] = {}
         self._restarts: dict[_Node, list[int]] = {}
         self._resets: dict[str, list[tuple[int, int]]] = {}
         self._gaps = facts.analysis.capture.gaps
-        for row in facts.analysis.sdo:
-            if row.answer_us is not None:
-                self._answers.setdefault((row.bus, row.node), []).append(row.start_ns)
+        self._timed = facts.context.timed
         for state in facts.analysis.nmt_states:
             self._states.setdefault((state.bus, state.node), []).append(state)
         for boot in facts.control.nmt.boot_ups:
@@ -105,14 +110,17 @@ class History:
         for command in facts.analysis.nmt_commands:
             if command.command.startswith("reset"):
                 self._resets.setdefault(command.bus, []).append((command.t_ns, command.node))
-        for listed in (self._answers, self._restarts):
-            for times_ns in listed.values():
-                times_ns.sort()
+        for times_ns in self._restarts.values():
+            times_ns.sort()
 
     def answers(self, node: _Node, start_ns: int, end_ns: int) -> int:
         """Requests of a half-open stretch of time that the node answered."""
-        found = self._answers.get(node, [])
-        return bisect_left(found, end_ns) - bisect_left(found, start_ns)
+        if node not in self._answers:
+            records = self._sdo.of_node(*node).records
+            answered = records["answer_ns"] != NONE if self._timed else np.zeros(0, np.intp)
+            self._answers[node] = np.sort(records["start_ns"][answered])
+        first, stop = np.searchsorted(self._answers[node], (start_ns, end_ns))
+        return int(stop - first)
 
     def first_boot_ns(self, node: _Node) -> int | None:
         """Time of the first boot-up."""

@@ -13,7 +13,7 @@ from syncline_analyzer.findings.sdo.groups import (
     evidence,
     objects_words,
     stretches,
-    unanswered,
+    unanswered_of,
 )
 from syncline_analyzer.findings.stretch import seconds
 from syncline_analyzer.folds.nmt.events import Interval
@@ -41,8 +41,10 @@ def _silent_rows(facts: Facts) -> list[SdoRow]:
     }
     return [
         row
-        for row in facts.analysis.sdo
-        if unanswered(row) and (row.bus, row.node) in there and row.seq not in late
+        for row in unanswered_of(facts.analysis.sdo).of_objects(
+            lambda of: (of.bus, of.node) in there
+        )
+        if row.seq not in late
     ]
 
 

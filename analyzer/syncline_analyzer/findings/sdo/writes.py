@@ -13,10 +13,11 @@ from syncline_analyzer.findings.sdo.groups import (
     stretches,
 )
 from syncline_analyzer.findings.stretch import seconds
-from syncline_analyzer.results import Finding, SdoRow
+from syncline_analyzer.results import Finding, SdoObject, SdoRow, SdoTransfers
 from syncline_schemas.canopen.sdo import SAVE_SIGNATURE, abort_meaning
 from syncline_schemas.devices import Quirks, quirks
 
+STORE, RESTORE = 0x1010, 0x1011
 ATTEMPTS = 3
 """Refusals of one write that are a failed configuration, when the node never runs in between."""
 STORMS = ((300_000_000_000, 10), (3_600_000_000_000, 50))
@@ -35,11 +36,7 @@ _KEPT_SUBS = (2, 3, 5)
 
 def failed_configurations(facts: Facts) -> list[list[SdoRow]]:
     """Equal refused writes, tried again and again while the node never became OPERATIONAL."""
-    refused = [
-        row
-        for row in facts.analysis.sdo
-        if row.direction == "download" and row.result == "abort" and row.abort_by == "server"
-    ]
+    refused = [row for row in facts.analysis.sdo.writes.aborted if row.abort_by == "server"]
     groups = grouped(
         refused,
         lambda row: (row.bus, row.node, row.index or 0, row.sub or 0, row.abort_code or 0),
@@ -81,7 +78,8 @@ def _configuration(facts: Facts) -> Iterator[Finding]:
 
 
 def _saves(facts: Facts) -> Iterator[Finding]:
-    for rows in by_object(row for row in facts.analysis.sdo if _stores(facts, row)):
+    asked = facts.analysis.sdo.accepted.of_objects(lambda of: _may_store(facts, of))
+    for rows in by_object(row for row in asked if _stores(row)):
         for apart_ns, least in STORMS:
             storms = [part for part in stretches(rows, apart_ns) if len(part) >= least]
             yield from (_storm(facts, part) for part in storms)
@@ -89,13 +87,13 @@ def _saves(facts: Facts) -> Iterator[Finding]:
                 break
 
 
-def _stores(facts: Facts, row: SdoRow) -> bool:
-    """Whether a write makes the device write its memory."""
-    if row.direction != "download" or row.result != "ok":
-        return False
-    if row.index == 0x1010:
-        return int.from_bytes(row.data, "little") == SAVE_SIGNATURE
-    return (row.index or 0, row.sub or 0) in _quirks(facts, row).stored_at_once
+def _may_store(facts: Facts, of: SdoObject) -> bool:
+    """Whether a write of an object makes the device write its memory, with the signature at 1010h."""
+    return of.index == STORE or _key(of) in _quirks(facts, of).stored_at_once
+
+
+def _stores(row: SdoRow) -> bool:
+    return row.index != STORE or int.from_bytes(row.data, "little") == SAVE_SIGNATURE
 
 
 def _storm(facts: Facts, rows: list[SdoRow]) -> Finding:
@@ -123,30 +121,32 @@ def _storm(facts: Facts, rows: list[SdoRow]) -> Finding:
 
 def _not_kept(facts: Facts) -> Iterator[Finding]:
     history = History(facts)
-    rows = [row for row in facts.analysis.sdo if row.result == "ok" and _lasting(facts, row)]
+    lasting = facts.analysis.sdo.ok.of_objects(lambda of: _lasting(facts, of))
+    rows = [row for row in lasting if isinstance(row.value, int)]
     wrong = [
         pair
         for group in grouped(rows, lambda row: (row.bus, row.node, row.index or 0, row.sub or 0))
         for pair in pairwise(group)
         if _reads_differently(history, *pair)
     ]
-    upset = [row for row in facts.analysis.sdo if wrong and _upsets(facts, row)]
+    writes = facts.analysis.sdo.writes if wrong else SdoTransfers.of()
+    upset = list(writes.of_objects(lambda of: _upsets(facts, of)))
     lost = [pair for pair in wrong if not _changed_otherwise(upset, *pair)]
-    for _, pairs in groupby(lost, key=lambda pair: _key(pair[0])):
+    for _, pairs in groupby(lost, key=lambda pair: (pair[0].bus, pair[0].node, *_key(pair[0]))):
         yield _changed(facts, list(pairs))
 
 
-def _key(row: SdoRow) -> tuple[str, int, int | None, int | None]:
-    return row.bus, row.node, row.index, row.sub
+def _key(of: SdoRow | SdoObject) -> tuple[int, int]:
+    return of.index or 0, of.sub or 0
 
 
-def _lasting(facts: Facts, row: SdoRow) -> bool:
+def _lasting(facts: Facts, of: SdoObject) -> bool:
     """Whether an object keeps what is written to it until it is written again."""
-    index, sub = row.index or 0, row.sub or 0
+    index, sub = _key(of)
     pdo = 0x1400 <= index < 0x1600 or 0x1800 <= index < 0x1A00
-    if not (index in KEPT or (pdo and sub in _KEPT_SUBS)) or not isinstance(row.value, int):
+    if not (index in KEPT or (pdo and sub in _KEPT_SUBS)):
         return False
-    known = _quirks(facts, row)
+    known = _quirks(facts, of)
     special = (known.pending_until_reset, known.aliases, known.stored_at_once)
     return not any((index, sub) in keys for keys in special)
 
@@ -161,12 +161,9 @@ def _reads_differently(history: History, before: SdoRow, after: SdoRow) -> bool:
     )
 
 
-def _upsets(facts: Facts, row: SdoRow) -> bool:
+def _upsets(facts: Facts, of: SdoObject) -> bool:
     """Whether a write brings other values back, or makes the device restart."""
-    if row.direction != "download":
-        return False
-    key = row.index or 0, row.sub or 0
-    return row.index == 0x1011 or key in _quirks(facts, row).reset_writes
+    return of.index == RESTORE or _key(of) in _quirks(facts, of).reset_writes
 
 
 def _changed_otherwise(upset: list[SdoRow], before: SdoRow, after: SdoRow) -> bool:
@@ -194,8 +191,8 @@ def _changed(facts: Facts, pairs: list[tuple[SdoRow, SdoRow]]) -> Finding:
     )
 
 
-def _quirks(facts: Facts, row: SdoRow) -> Quirks:
-    return quirks(facts.context.shadow.device(facts.number(row.bus), row.node))
+def _quirks(facts: Facts, of: SdoObject) -> Quirks:
+    return quirks(facts.context.shadow.device(facts.number(of.bus), of.node))
 
 
 RULES: tuple[Rule, ...] = (

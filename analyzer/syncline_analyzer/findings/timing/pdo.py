@@ -6,7 +6,7 @@ from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import moment, seconds
 from syncline_analyzer.findings.timing.blame import Why, assumed_window, why_late, why_missed
 from syncline_analyzer.findings.timing.sync import MAX_EVIDENCE, evidence_of, holes_of, together
-from syncline_analyzer.results import Finding, HoleRow, PdoPauseRow, PdoRow
+from syncline_analyzer.results import Finding, HoleRow, PdoPauseRow, PdoRow, SdoObject
 from syncline_schemas.wording import counted
 
 _FEW = 3
@@ -174,14 +174,15 @@ def _was_set(facts: Facts, pdo: PdoRow | PdoPauseRow, t_ns: int) -> bool:
     Those of error control, EMCY and identity stop no PDO, nor does one after which it went on.
     """
     acts_ns = max(_ACTS_NS, round(_ACTS_PERIODS * _period_ns(facts, pdo)))
-    return any(
-        (row.bus, row.node) == (pdo.bus, pdo.node)
-        and row.direction == "download"
-        and row.result == "ok"
-        and (row.index is None or row.index >= _PDO_SETTINGS or row.index in _OTHER_SETTINGS)
-        and t_ns - acts_ns <= row.end_ns <= t_ns + _SETTING_NS
-        for row in facts.analysis.sdo
-    )
+    own = facts.analysis.sdo.accepted.of_node(pdo.bus, pdo.node or 0)
+    ends_ns = own.of_objects(_may_stop).records["end_ns"]
+    near = (t_ns - acts_ns <= ends_ns) & (ends_ns <= t_ns + _SETTING_NS)
+    return bool(near.any())
+
+
+def _may_stop(setting: SdoObject) -> bool:
+    index = setting.index
+    return index is None or index >= _PDO_SETTINGS or index in _OTHER_SETTINGS
 
 
 def _period_ns(facts: Facts, pdo: PdoRow | PdoPauseRow) -> float:

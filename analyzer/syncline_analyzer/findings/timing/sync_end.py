@@ -62,11 +62,8 @@ def _meant(facts: Facts, row: SyncRow, last_ns: int) -> bool:
         for each in facts.control.nmt.commands
     )
     return down or any(
-        each.bus == row.bus
-        and each.direction == "download"
-        and each.index in _SETTINGS
-        and abs(each.end_ns - last_ns) <= COMMAND_NS
-        for each in facts.analysis.sdo
+        each.bus == row.bus and abs(each.end_ns - last_ns) <= COMMAND_NS
+        for each in facts.analysis.sdo.writes.of_objects(lambda of: of.index in _SETTINGS)
     )
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from syncline_analyzer.folds.timing.block import Block
 from syncline_analyzer.pdo_binding import Pdo, PdoBindings
+from syncline_analyzer.reads import Reads
 from syncline_analyzer.shadow import Known, Shadow
 from syncline_schemas.decoder import MappedObject, PdoColumn, PdoMapping, decode_pdo
 from syncline_schemas.devices import Device, quirks, standard_device
@@ -202,30 +203,21 @@ class SampleReader:
                 if (index, sub) in alarm_objects(device):
                     entry = replace(entry, unit="bits")
                 reads = self._reads(bus, node, entry, first, last)
-                if reads:
-                    seq, t_ns, raw = (
-                        np.array(column, np.int64) for column in zip(*reads, strict=True)
-                    )
-                    yes = np.ones(len(seq), np.bool_)
-                    source = np.full(len(seq), SDO_SOURCE, np.int64)
-                    yield (bus, node, index << 8 | sub), Samples(entry, seq, t_ns, raw, yes, source)
+                if len(reads):
+                    yes = np.ones(len(reads), np.bool_)
+                    source = np.full(len(reads), SDO_SOURCE, np.int64)
+                    raw = _resigned(reads.raw, entry)
+                    key = (bus, node, index << 8 | sub)
+                    yield key, Samples(entry, reads.seq, reads.t_ns, raw, yes, source)
 
-    def _reads(
-        self, bus: int, node: int, entry: MappedObject, first: int, last: int
-    ) -> list[tuple[int, int, int]]:
+    def _reads(self, bus: int, node: int, entry: MappedObject, first: int, last: int) -> Reads:
         key = entry.index, entry.sub
         news = [
             known
             for known in changes_within(self._shadow, bus, node, key, first, last)
             if known.source == "sdo-read"
         ]
-        again = self._shadow.take_rereads(bus, node, *key, last)
-        reads = []
-        for known in sorted((*news, *again), key=lambda known: known.seq or 0):
-            value = known.value
-            raw = value if isinstance(value, int) else int.from_bytes(value[:4], "little")
-            reads.append((known.seq or 0, known.t_ns or 0, _resigned(raw, entry)))
-        return reads
+        return Reads.joined(Reads.of(*news), self._shadow.take_rereads(bus, node, *key, last))
 
 
 def alarm_objects(device: Device | None) -> tuple[tuple[int, int], ...]:
@@ -289,9 +281,11 @@ _WIDTHS: dict[int | None, tuple[int, bool]] = {
 """(bits, signed) by data type (CiA 301 table 44)."""
 
 
-def _resigned(raw: int, entry: MappedObject) -> int:
-    raw &= (1 << entry.bits) - 1
-    return raw - (1 << entry.bits) if entry.kind == "signed" and raw >> entry.bits - 1 else raw
+def _resigned(raw: NDArray[np.int64], entry: MappedObject) -> NDArray[np.int64]:
+    """The value that the low bits make, as wide as the object is."""
+    value: NDArray[np.int64] = raw & (1 << entry.bits) - 1
+    negative = (entry.kind == "signed") & (value >> entry.bits - 1 != 0)
+    return np.where(negative, value - (1 << entry.bits), value)
 
 
 def joined(parts: list[Samples]) -> Samples:

@@ -14,6 +14,9 @@ MAX_STEPS = 1000
 """Steps back that are kept one by one; the rest is only counted."""
 MAX_SILENCES = 1024
 """Longest silences that are kept per bus."""
+_START, _END = 0, 1
+_NO_SEQ = -1
+_NO_SILENCES = np.zeros((3, 0), np.int64)
 
 
 class ClockStep(NamedTuple):
@@ -64,7 +67,8 @@ class ClockFold:
         self._context = context
         self._last: dict[int, int] = {}
         self._steps: list[ClockStep] = []
-        self._silences: dict[int, list[BusSilence]] = {}
+        self._silences: dict[int, NDArray[np.int64]] = {}
+        """(3, k) start, end and `seq` of the frame that ends it."""
 
     def update(self, batch: IndexedBatch) -> None:
         """Take in the next frames."""
@@ -81,12 +85,13 @@ class ClockFold:
         for bus in [bus for bus in self._last if gap.bus in (None, bus)]:
             last_ns = self._last.pop(bus)
             if gap.start_ns > last_ns:
-                kept = self._silences.setdefault(bus, [])
-                kept.append(BusSilence(last_ns, gap.start_ns, None))
+                kept = self._silences.get(bus, _NO_SILENCES)
+                last = np.array([[last_ns], [gap.start_ns], [_NO_SEQ]])
+                self._silences[bus] = np.concatenate((kept, last), axis=1)
 
     def finish(self, end_ns: int) -> ClockTable:
         """Everything seen; `end_ns` is the end of the capture, of all buses."""
-        silences = {bus: list(kept) for bus, kept in self._silences.items()}
+        silences = {bus: _told(kept) for bus, kept in self._silences.items()}
         for bus, last_ns in self._last.items():
             if end_ns > last_ns:
                 silences.setdefault(bus, []).append(BusSilence(last_ns, end_ns, None))
@@ -108,17 +113,28 @@ class ClockFold:
         self._keep_longest(bus, batch, passed)
 
     def _keep_longest(self, bus: int, batch: IndexedBatch, passed: NDArray[np.int64]) -> None:
-        kept = self._silences.setdefault(bus, [])
-        full = len(kept) == MAX_SILENCES
-        shortest = min(s.end_ns - s.start_ns for s in kept) if full else 0
+        kept = self._silences.get(bus, _NO_SILENCES)
+        full = kept.shape[1] == MAX_SILENCES
+        shortest = int((kept[_END] - kept[_START]).min()) if full else 0
         rows = np.flatnonzero(passed > shortest)
         if len(rows) > MAX_SILENCES:
             rows = rows[np.argpartition(passed[rows], -MAX_SILENCES)[-MAX_SILENCES:]]
-        if not len(rows):
-            return
-        t_ns = batch.frames.t_ns[rows]
-        begun = (t_ns - passed[rows]).tolist()
-        kept.extend(map(BusSilence, begun, t_ns.tolist(), batch.seqs[rows].tolist()))
-        if len(kept) > MAX_SILENCES:
-            kept.sort(key=lambda s: s.start_ns - s.end_ns)
-            del kept[MAX_SILENCES:]
+        if len(rows):
+            t_ns = batch.frames.t_ns[rows]
+            found = np.stack((t_ns - passed[rows], t_ns, batch.seqs[rows]))
+            self._silences[bus] = _longest(np.concatenate((kept, found), axis=1))
+
+
+def _longest(silences: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The longest ones, from the longest on where some are left out."""
+    if silences.shape[1] <= MAX_SILENCES:
+        return silences
+    order = np.argsort(silences[_START] - silences[_END], kind="stable")
+    return silences[:, order[:MAX_SILENCES]]
+
+
+def _told(silences: NDArray[np.int64]) -> list[BusSilence]:
+    return [
+        BusSilence(start_ns, end_ns, None if seq == _NO_SEQ else seq)
+        for start_ns, end_ns, seq in silences.T.tolist()
+    ]

@@ -1,12 +1,12 @@
 """What was around each EMCY: states, SDO writes just before it, measured values on either side."""
 
-from bisect import bisect_right
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from syncline_analyzer.results import (
     Analysis,
@@ -15,6 +15,7 @@ from syncline_analyzer.results import (
     EmcyRow,
     NmtStateRow,
     SdoRow,
+    SdoTransfers,
     Trace,
 )
 from syncline_schemas.canopen.nmt import NmtState
@@ -46,7 +47,7 @@ def emcy_context(
         return []
     keys = {(row.bus, row.node) for row in chosen}
     states = _by_node(analysis.nmt_states, keys)
-    writes = _Writes.of(analysis.sdo, keys) if timed else {}
+    writes = _Writes.of(analysis.sdo.writes, keys) if timed else {}
     traces = _by_node(analysis.trace_data, keys) if timed else {}
     return [
         _context(
@@ -90,35 +91,25 @@ def _by_node(rows: Iterable[Row], keys: set[Key]) -> Mapping[Key, list[Row]]:
 class _Writes:
     """SDO writes to one node in order of the `seq` at which they ended."""
 
-    rows: list[SdoRow]
-    ends: list[int]
+    rows: SdoTransfers
+    ends: NDArray[np.int64]
 
     @staticmethod
-    def of(rows: Iterable[SdoRow], keys: set[Key]) -> dict[Key, "_Writes"]:
-        found: dict[Key, list[SdoRow]] = defaultdict(list)
-        for row in rows:
-            if (
-                row.direction == "download"
-                and row.index is not None
-                and (row.bus, row.node) in keys
-            ):
-                found[row.bus, row.node].append(row)
-        writes = {}
-        for key, own in found.items():
-            own.sort(key=_end)
-            writes[key] = _Writes(own, [_end(row) for row in own])
-        return writes
-
-
-def _end(row: SdoRow) -> int:
-    return row.seq if row.end_seq is None else row.end_seq
+    def of(transfers: SdoTransfers, keys: set[Key]) -> dict[Key, "_Writes"]:
+        named = transfers.of_objects(lambda each: each.index is not None)
+        own = {key: named.of_node(*key) for key in keys}
+        orders = {
+            key: np.argsort(rows.records["end_seq"], kind="stable") for key, rows in own.items()
+        }
+        ordered = {key: rows.part(orders[key]) for key, rows in own.items()}
+        return {key: _Writes(rows, rows.records["end_seq"]) for key, rows in ordered.items()}
 
 
 def _before(writes: _Writes | None, emcy: EmcyRow) -> list[SdoRow]:
     """The last writes that ended before an EMCY, the latest first."""
     if writes is None:
         return []
-    last = bisect_right(writes.ends, emcy.seq)
+    last = int(np.searchsorted(writes.ends, emcy.seq, "right"))
     near = writes.rows[max(0, last - MAX_WRITES) : last]
     return [row for row in reversed(near) if 0 <= emcy.t_ns - row.end_ns <= WRITE_NS]
 

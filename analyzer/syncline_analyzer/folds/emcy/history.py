@@ -93,10 +93,10 @@ def _nodes(control: ControlTables, context: Context) -> dict[tuple[str, int], _N
     """Nodes of which 1003h or 1001h was read."""
     nodes: dict[tuple[str, int], _Node] = {}
     numbers = {context.bus_name(bus): bus for bus in range(len(context.buses))}
-    for row in control.sdo.rows:
+    wanted = (ERROR_REGISTER, ERROR_FIELD)
+    for row in control.sdo.rows.ok.of_objects(lambda of: of.index in wanted):
         key = (row.bus, row.node)
-        wanted = row.index in (ERROR_REGISTER, ERROR_FIELD) and row.result == "ok"
-        if not wanted or (row.direction == "upload" and not row.data):
+        if row.direction == "upload" and not row.data:
             continue
         if key not in nodes:
             bus = numbers.get(row.bus, 0)

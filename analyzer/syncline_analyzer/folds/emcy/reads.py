@@ -1,10 +1,9 @@
 """Reads with which a node says that none of its errors is left: 1001h = 0, or an empty 1003h."""
 
-from collections.abc import Iterable
 from typing import NamedTuple
 
 from syncline_analyzer.context import Context
-from syncline_analyzer.results import SdoRow
+from syncline_analyzer.results import SdoTransfers
 from syncline_schemas.devices import quirks
 
 ERROR_REGISTER = 0x1001
@@ -31,7 +30,7 @@ class NoError(NamedTuple):
 
 
 def no_error_reads(
-    rows: Iterable[SdoRow], context: Context
+    transfers: SdoTransfers, context: Context
 ) -> dict[tuple[str, int], list[NoError]]:
     """Such reads of each (bus, node), in order of `seq`.
 
@@ -40,10 +39,10 @@ def no_error_reads(
     numbers = {context.bus_name(bus): bus for bus in range(len(context.buses))}
     found: dict[tuple[str, int], list[NoError]] = {}
     spoiled: dict[tuple[str, int], int] = {}
-    for row in sorted(rows, key=lambda row: row.seq):
-        place, key = (row.index, row.sub or 0), (row.bus, row.node)
-        wanted = place in ((ERROR_REGISTER, 0), (ERROR_FIELD, 0)) and row.result == "ok"
-        if not wanted or (row.direction == "upload" and not row.data):
+    wanted = ((ERROR_REGISTER, 0), (ERROR_FIELD, 0))
+    for row in transfers.ok.of_objects(lambda of: (of.index, of.sub or 0) in wanted):
+        key = row.bus, row.node
+        if row.direction == "upload" and not row.data:
             continue
         by_register = row.index == ERROR_REGISTER
         if row.direction == "download" or (by_register and row.data[0]):

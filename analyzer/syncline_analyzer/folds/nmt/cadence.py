@@ -34,6 +34,10 @@ TWIN_RATIO = 16
 """The slower period is at most about so many of the faster one."""
 TWIN_TRIES = 2000
 """Irregular windows that are looked at; a node that is still undecided then is let be."""
+_ALIKE = 0.02
+"""Two intervals that differ by less of their sum do not alternate."""
+_SHORT = 0.8
+"""An interval that is shorter than that part of the median is not of the one series there is."""
 _LONGER_PAIR = 1.25
 """Two intervals in a row that are this much longer than the two before are no pair of two devices."""
 _BIN = 1e-3
@@ -121,9 +125,9 @@ class Doubles:
         rows = np.concatenate((self._trail, news), axis=1)
         held = self._trail.shape[1]
         self._trail = rows[:, -DOUBLE_WINDOW - 1 :]
-        if rows.shape[1] < 3:
-            return
         length, even = rows[0], rows[1] != 0
+        if rows.shape[1] < 3 or int(np.ptp(length)) <= 2 * _ALIKE * int(length.min()):
+            return
         pair = (length[:-2] + length[1:-1]).astype(np.float64)
         # One long interval between others, as where the clock was set, is no second producer.
         usual = pair <= _LONGER_PAIR * np.concatenate((pair[:1], pair[:-1]))
@@ -134,7 +138,7 @@ class Doubles:
             & even[2:]
             & usual
             & (off < 0.05 * pair)
-            & ((differ > 0.1 * pair) | ((differ > 0.02 * pair) & (differ > 2 * off)))
+            & ((differ > 0.1 * pair) | ((differ > _ALIKE * pair) & (differ > 2 * off)))
         )
         window = np.ones(DOUBLE_WINDOW, np.int64)
         sums = np.convolve(alternating.astype(np.int64), window)[: len(alternating)]
@@ -246,11 +250,13 @@ class Twins:
         if rows.shape[1] < length:
             return rows
         begins = np.arange(0, rows.shape[1] - length + 1, length // 3)
-        passed = sliding_window_view(np.diff(rows[1]), length - 1)[begins]
-        short = passed < 0.8 * np.median(passed, axis=1, keepdims=True)
-        found = np.count_nonzero(short, axis=1) >= TWIN_SERIES
-        for begin in begins[found].tolist():
-            self._look(rows[:, begin : begin + length])
+        passed = np.diff(rows[1])
+        if passed.min() < _SHORT * passed.max():
+            windows = sliding_window_view(passed, length - 1)[begins]
+            short = windows < _SHORT * np.median(windows, axis=1, keepdims=True)
+            found = np.count_nonzero(short, axis=1) >= TWIN_SERIES
+            for begin in begins[found].tolist():
+                self._look(rows[:, begin : begin + length])
         return rows[:, begins[-1] + length // 3 :]
 
     def _look(self, window: Int64s) -> None:

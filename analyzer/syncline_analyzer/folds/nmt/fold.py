@@ -13,6 +13,7 @@ from syncline_analyzer.folds.bus.clock import ClockTable
 from syncline_analyzer.folds.nmt.cadence import Doubles, Int64s, Mask
 from syncline_analyzer.folds.nmt.calm import FIRST_ID, Beats, measured
 from syncline_analyzer.folds.nmt.columns import Columns
+from syncline_analyzer.folds.nmt.command_rows import command_rows
 from syncline_analyzer.folds.nmt.commands import Commands
 from syncline_analyzer.folds.nmt.emptied import never_booted, powered_on, restarted
 from syncline_analyzer.folds.nmt.error_control import ErrorControl, reset_mark
@@ -38,9 +39,9 @@ from syncline_analyzer.folds.nmt.timeout import PRODUCER_TIME
 from syncline_analyzer.folds.nmt.witness import Witnesses
 from syncline_analyzer.folds.sdo.fold import Reset
 from syncline_analyzer.folds.timing.pdo_spans import PdoSpans, Quietness
-from syncline_analyzer.results import NmtCommandRow, NmtStateRow
+from syncline_analyzer.results import NmtStateRow
 from syncline_schemas.batch import FrameFlag, Gap
-from syncline_schemas.canopen.nmt import STATE_OF_BYTE, NmtState, command_name
+from syncline_schemas.canopen.nmt import STATE_OF_BYTE, NmtState
 from syncline_schemas.canopen.services import Service
 from syncline_schemas.devices import quirks
 
@@ -153,9 +154,7 @@ class NmtFold:
             )
             witnesses = Witnesses() if more else heartbeats[key[0]]
             self._tell(table, key, spans.get(key, []), end_ns, clock, alone, witnesses)
-        for bus, commands in sorted(self._commands.by_bus.items()):
-            table.commands.extend(self._command_row(bus, command) for command in commands)
-        table.commands.sort(key=lambda row: row.seq)
+        table.commands.extend(command_rows(self._context, self._commands, self._measures))
         return table
 
     def _spans(self, buses: AbstractSet[int]) -> dict[NodeKey, list[PdoSpan]]:
@@ -293,7 +292,7 @@ class NmtFold:
 
     def _take_pdos(self, batch: IndexedBatch, sent: Mapping[NodeKey, Sent]) -> None:
         asked = batch.rows_of(Service.PDO, remote=True)
-        asked_id = batch.frames.can_id[asked]
+        asked_id, asked_bus = batch.frames.can_id[asked], batch.frames.bus[asked]
         for key, frames in sent.items():
             if frames.pdos and key not in self._pdos:
                 self._pdos[key] = PdoSpans()
@@ -304,7 +303,7 @@ class NmtFold:
             twice = control is not None and control.counts.boot_ups > 1
             for can_id in frames.pdos:
                 seq, t_ns = batch.seqs_of(key[0], can_id), batch.t_ns_of(key[0], can_id)
-                own = asked[(asked_id == can_id) & (batch.frames.bus[asked] == key[0])]
+                own = asked[(asked_id == can_id) & (asked_bus == key[0])] if len(asked) else asked
                 self._pdos[key].take(can_id, seq, t_ns, batch.seqs[own])
                 if twice:
                     self._follow_pdo(key, can_id, seq, t_ns)
@@ -476,29 +475,3 @@ class NmtFold:
                 if known and change.cause == "sdo-write" and known.value == writes[place]:
                     how = f"reset by SDO ({place[0]:04X}h)"
                     yield Command(change.seq, change.t_ns, RESETS[0], key[1], how)
-
-    def _command_row(self, bus: int, command: Command) -> NmtCommandRow:
-        if command.node:
-            measures = self._measures.get((bus, command.node))
-            confirmed = measures.confirmed(command) if measures else None
-        else:
-            confirmed = self._broadcast_confirmed(bus, command)
-        timed = self._context.timed and confirmed is not None
-        return NmtCommandRow(
-            self._context.bus_name(bus),
-            command.seq,
-            command.t_ns,
-            command_name(command.specifier),
-            command.node,
-            (confirmed or 0) / 1e6 if timed else None,
-        )
-
-    def _broadcast_confirmed(self, bus: int, command: Command) -> int | None:
-        """Time until the last node of the bus confirmed; None when one of them did not."""
-        times = [
-            measures.confirmed(command)
-            for (on, _), measures in self._measures.items()
-            if on == bus and measures.listens(command)
-        ]
-        told = [time for time in times if time is not None]
-        return max(told) if told and len(told) == len(times) else None

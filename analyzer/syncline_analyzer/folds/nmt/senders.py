@@ -14,6 +14,7 @@ from syncline_schemas.canopen.services import SERVICE_OF_ID, Service
 
 _OWN = (Service.EMCY, Service.SDO_ANSWER, Service.ERROR_CONTROL)
 """Services whose identifiers say which node sends."""
+_SERVICES: list[int] = SERVICE_OF_ID.tolist()
 _NO_ROWS = np.zeros(0, np.intp)
 
 
@@ -37,7 +38,7 @@ class Sent:
 
     def after(self, row: int) -> NDArray[np.intp]:
         """What the node sends from a row on, in order."""
-        later = [group[np.searchsorted(group, row) :] for group in self.groups if group[-1] >= row]
+        later = [group[group.searchsorted(row) :] for group in self.groups if group[-1] >= row]
         return np.sort(np.concatenate(later)) if later else _NO_ROWS
 
 
@@ -54,7 +55,7 @@ class Senders:
         """What each node sends, in order of bus and node."""
         found: dict[NodeKey, Sent] = {}
         for bus, can_id in batch.ids():
-            service, rows = SERVICE_OF_ID[can_id], batch.rows(bus, can_id)
+            service, rows = _SERVICES[can_id], batch.rows(bus, can_id)
             pdo = self._now(bus, can_id, batch.seq0)
             if pdo is None and service == Service.EMCY:
                 rows = rows[batch.frames.dlc[rows] > SYNC_BYTES]

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from syncline_analyzer.context import Context
 from syncline_analyzer.folds.sdo.channel import SdoChannel
 from syncline_analyzer.folds.sdo.pairs import Plain
-from syncline_analyzer.folds.sdo.values import type_code
 from syncline_analyzer.folds.sdo.transfer import Transfer
+from syncline_analyzer.folds.sdo.values import type_code
 from syncline_analyzer.objects import named
 from syncline_analyzer.results import SdoTransfers
 from syncline_analyzer.results.sdo_records import (
@@ -143,9 +143,7 @@ class SdoLog:
         """Make records of the transfers that wait; a channel may still change its last one."""
         done = [each for each in self._waiting if lasting or each.channel.settled(each.transfer)]
         self._waiting = [
-            each
-            for each in self._waiting
-            if not (lasting or each.channel.settled(each.transfer))
+            each for each in self._waiting if not (lasting or each.channel.settled(each.transfer))
         ]
         if not done:
             return
@@ -192,7 +190,4 @@ def _object(context: Context, bus: int, node: int, name: int) -> SdoObject:
     index, sub = name & 0xFFFF, name >> 16
     device = context.shadow.device(bus, node)
     words, _ = named(device, index, sub)
-    return SdoObject(
-        context.bus_name(bus), node, index, sub, words, type_code(device, index, sub)
-    )
-
+    return SdoObject(context.bus_name(bus), node, index, sub, words, type_code(device, index, sub))

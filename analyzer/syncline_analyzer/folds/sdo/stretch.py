@@ -133,6 +133,8 @@ class Stretch:
         upto: list[int] = np.searchsorted(self._keys, self._key(numbers, stop)).tolist()
         return upto
 
-    def _key(self, channel: NDArray[np.integer], place: NDArray[np.intp] | int) -> NDArray[np.int64]:
+    def _key(
+        self, channel: NDArray[np.integer], place: NDArray[np.intp] | int
+    ) -> NDArray[np.int64]:
         """Channel and place as one number that sorts by both."""
         return channel.astype(np.int64) * (len(self._of) + 1) + place

@@ -11,6 +11,7 @@ from syncline_analyzer.folds.sdo.channel import SdoChannel
 from syncline_analyzer.folds.sdo.pairs import Plain
 from syncline_analyzer.folds.sdo.values import known_value
 from syncline_analyzer.object_history import Known
+from syncline_analyzer.reads import Reads, raw_of
 from syncline_analyzer.shadow import Shadow
 from syncline_schemas.canopen.sdo import LOAD_SIGNATURE, SAVE_SIGNATURE
 
@@ -86,15 +87,15 @@ class Teacher:
 
     def _confirm(self, news: "_News", place: int | None) -> None:
         """Give the shadow the reads of positions that told nothing new, up to a place."""
-        shadow = self._shadow
+        shadow, plain = self._shadow, news.plain
         for bus, node, key, rows in news.repeats(place):
             if not shadow.is_position(bus, node, key):
                 continue
-            device, plain = shadow.device(bus, node), news.plain
-            for row in rows.tolist():
-                value = known_value(device, *key, plain.data(row))
-                told = Known(value, "sdo-read", int(plain.end_seq[row]), int(plain.end_ns[row]))
-                shadow.confirm(bus, node, key, told)
+            device = shadow.device(bus, node)
+            distinct, first, of = np.unique(news.told[rows], return_index=True, return_inverse=True)
+            values = (known_value(device, *key, plain.data(at)) for at in rows[first].tolist())
+            raw = np.fromiter(map(raw_of, values), np.int64, len(distinct))
+            shadow.confirm(bus, node, key, Reads(plain.end_seq[rows], plain.end_ns[rows], raw[of]))
 
 
 class _News:
@@ -111,8 +112,8 @@ class _News:
         name = owner << 24 | plain.name
         self._order = order = np.argsort(name, kind="stable")
         self._names = name[order]
-        told = plain.word.astype(np.int64) | plain.size.astype(np.int64) << 32
-        told = told[order]
+        self.told = plain.word.astype(np.int64) | plain.size.astype(np.int64) << 32
+        told = self.told[order]
         same = plain.read[order[1:]] & plain.read[order[:-1]] & (told[1:] == told[:-1])
         same &= self._names[1:] == self._names[:-1]
         new = np.ones(len(plain), np.bool_)

@@ -9,7 +9,7 @@ nothing at its limit, unless a node answers after a constant time: that pile doe
 length of the frame as the wire would have it.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -163,7 +163,7 @@ def estimate(apart_ns: Ints, bits: Ints, resolution_ns: int) -> Estimate | None:
     for runs, shifted in zip(_runs(apart_ns, bits), _runs(apart_ns, before), strict=True):
         piles = [
             pile
-            for pile in _piles(runs, resolution_ns, off_ns)
+            for pile in _piles(runs, resolution_ns, off_ns, impossible)
             if impossible[pile.bitrate] <= _IMPOSSIBLE * pile.count
         ]
         limits = {pile.bitrate: pile for pile in reversed(piles) if pile.is_limit}
@@ -261,28 +261,36 @@ def _runs(apart_ns: Ints, bits: Ints) -> Iterator[_Runs]:
         )
 
 
-def _piles(runs: _Runs, resolution_ns: int, off_ns: float) -> Iterator[_Pile]:
-    """What lies at the limit of each candidate, by how far the stamps may be off."""
+def _piles(
+    runs: _Runs, resolution_ns: int, off_ns: float, impossible: Mapping[int, int]
+) -> Iterator[_Pile]:
+    """What lies at the limit of each candidate, by how far the stamps may be off.
+
+    Candidates that more spacings contradict than could lie at their limit are left out.
+    """
     if not len(runs.bits):
         return
     usual = float(np.median(runs.bits))
     for bitrate in CANDIDATES:
         bit_ns = 1e9 / bitrate
+        withins = [resolution_ns + jitter_ns for jitter_ns in _JITTER_NS]
+        withins = [each for each in withins if off_ns <= each <= _SHARP * usual * bit_ns]
+        if not withins or impossible[bitrate] > _IMPOSSIBLE * len(runs.bits):
+            continue
         beyond = runs.apart_ns - runs.bits * bit_ns
-        for jitter_ns in _JITTER_NS:
-            within_ns = resolution_ns + jitter_ns
-            if within_ns > _SHARP * usual * bit_ns:
-                break
-            if within_ns < off_ns:
-                continue
+        near = beyond <= 3 * withins[-1]
+        close = _Runs(runs.frames, runs.apart_ns[near], runs.bits[near])
+        beyond = beyond[near]
+        for within_ns in withins:
             at = np.abs(beyond) <= within_ns
             if np.count_nonzero(at) >= _FEW:
-                yield _pile(runs, bitrate, within_ns, beyond, at)
+                yield _pile(close, bitrate, within_ns, beyond, at)
 
 
 def _pile(
     runs: _Runs, bitrate: int, within_ns: int, beyond: NDArray[np.float64], at: NDArray[np.bool_]
 ) -> _Pile:
+    """What lies at the limit, of all spacings that are not longer than those beside it."""
     count = int(np.count_nonzero(at))
     below = int(np.count_nonzero(beyond < -within_ns))
     beside = int(np.count_nonzero((beyond > within_ns) & (beyond <= 3 * within_ns)))

@@ -103,7 +103,7 @@ class Block:
         key = bus, bit_ns, data_bit_ns
         if key not in self._wire_ns:
             places = self.by_bus[bus]
-            found = self.wire_bits[places] * bit_ns
+            found: NDArray[np.float64] = self.wire_bits[places].astype(np.float64) * bit_ns
             if self.batch.flags_seen & FrameFlag.BRS:
                 fast = self.data_phase_bits[places]
                 each_ns = np.nan if data_bit_ns is None else data_bit_ns

@@ -41,7 +41,12 @@ class DoubleSync:
         """Take in periods in order, each with the stamp and `seq` of its end."""
         if len(periods) < MIN_PAIRS:
             return
-        self._learn(periods)
+        runs = self._runs(periods)
+        self._learn(periods, runs)
+        least = int(periods.min())
+        if int(periods.max()) - least <= _SAME * least:
+            # Equal periods from end to end: nothing comes between the beats.
+            return
         pairs = periods[1:] + periods[:-1]
         even = np.abs(np.diff(pairs, append=pairs[-1])) <= _SAME * pairs
         doubled = even & (np.abs(periods[1:] - pairs / 2) > _APART * pairs)
@@ -50,12 +55,14 @@ class DoubleSync:
             if stop - start >= 2 * MIN_PAIRS and len(self._found) < MAX_ROWS:
                 whole = float(np.median(pairs[start:stop]))
                 self._add(_row(t_ns, seq, periods, whole, start, stop))
-        self._find_combs(t_ns, seq, periods)
+        self._find_combs(t_ns, seq, periods, runs)
 
-    def _find_combs(self, t_ns: Ints, seq: Ints, periods: Ints) -> None:
+    def _find_combs(
+        self, t_ns: Ints, seq: Ints, periods: Ints, runs: list[tuple[int, int]]
+    ) -> None:
         """Rhythms of single SYNCs that go on while others come between them, whatever their period."""
         followed = 0
-        for first, stop in self._runs(periods):
+        for first, stop in runs:
             period_ns = float(np.median(periods[first:stop]))
             # Each SYNC between two beats cuts one period, so without short ones there are none.
             short = int(np.count_nonzero(periods < (1 - _APART) * period_ns))
@@ -93,7 +100,9 @@ class DoubleSync:
 
     def _runs(self, periods: Ints) -> list[tuple[int, int]]:
         """Runs of at least `MIN_PAIRS` equal periods, half-open; only a few matter."""
-        even = np.abs(np.diff(periods)) <= _SAME * periods[1:]
+        even = np.abs(periods[1:] - periods[:-1]) <= _SAME * periods[1:]
+        if even.all():
+            return [(0, len(periods))] if len(even) >= MIN_PAIRS else []
         edges = np.flatnonzero(np.diff(np.concatenate(([0], even.astype(np.int8), [0]))))
         runs = [(a, b + 1) for a, b in edges.reshape(-1, 2).tolist() if b - a >= MIN_PAIRS]
         return runs[:MAX_ROWS]
@@ -133,9 +142,9 @@ class DoubleSync:
             if self._seen_alone(row.period_us * 1000)
         ]
 
-    def _learn(self, periods: Ints) -> None:
+    def _learn(self, periods: Ints, runs: list[tuple[int, int]]) -> None:
         """Note runs of equal periods."""
-        for first, stop in self._runs(periods):
+        for first, stop in runs:
             period_ns = float(np.median(periods[first:stop]))
             if not self._seen_alone(period_ns) and len(self._single) < MAX_ROWS:
                 self._single.append(period_ns)

@@ -44,22 +44,26 @@ class _Rhythm:
     last_ns: int | None = None
     last_seq: int = 0
 
-    def add(self, seq: Ints, t_ns: Ints, follows: Mask) -> tuple[Ints, Ints, Ints]:
+    def add(self, seq: Ints, t_ns: Ints, follows: Mask | None) -> tuple[Ints, Ints, Ints]:
         """Take in messages in order; (periods, stamp and `seq` of the message before each).
 
-        `follows` tells which of them come after one of their kind with nothing in between.
+        `follows` tells which of them come after one of their kind with nothing in between (None:
+        all).
         """
         self.count += len(seq)
         if self.last_ns is not None:
             seq = np.concatenate(([self.last_seq], seq))
             t_ns = np.concatenate(([self.last_ns], t_ns))
-        else:
+        elif follows is not None:
             follows = follows[1:]
-        periods = np.diff(t_ns)
-        true = follows & (periods >= 0)
-        self.periods.add(periods[true], seq[1:][true], t_ns[1:][true])
         if len(seq):
             self.last_ns, self.last_seq = int(t_ns[-1]), int(seq[-1])
+        periods = t_ns[1:] - t_ns[:-1]
+        true = periods >= 0 if follows is None else follows & (periods >= 0)
+        if true.all():
+            self.periods.add(periods, seq[1:], t_ns[1:])
+            return periods, t_ns[:-1], seq[:-1]
+        self.periods.add(periods[true], seq[1:][true], t_ns[1:][true])
         return periods[true], t_ns[:-1][true], seq[:-1][true]
 
 
@@ -104,10 +108,12 @@ class ErrorControlPeriods:
         remote = self._remote(block, bus)
         nodes = {can_id - FIRST_ID for on, can_id in block.batch.ids() if on == bus}
         for node in sorted(n for n in nodes | remote.keys() if 1 <= n <= MAX_NODE):
-            state = self._states.setdefault((bus, node), _State())
+            state = self._state(bus, node)
             asked = remote.get(node, np.zeros(0, np.intp))
             data = block.batch.rows(bus, FIRST_ID + node)
-            if len(asked) or len(data):
+            if not len(asked) and self._only_beats(block, bus, node, state, data):
+                self._take_beats(block, bus, node, state)
+            elif len(asked) or len(data):
                 self._take(block, bus, node, state, data, asked)
 
     def gap(self, bus: int | None) -> None:
@@ -157,12 +163,47 @@ class ErrorControlPeriods:
 
     def _remote(self, block: Block, bus: int) -> dict[int, NDArray[np.intp]]:
         """Rows of the remote frames to each node."""
+        if not block.batch.flags_seen & FrameFlag.REMOTE:
+            return {}
         rows = np.flatnonzero(block.batch.remote)
         short = (block.frames.flags[rows] & FrameFlag.EXTENDED) == 0
         rows = rows[short & (block.frames.bus[rows] == bus)]
         rows = rows[block.frames.can_id[rows] >> 7 == FIRST_ID >> 7]
         node = block.frames.can_id[rows] - FIRST_ID
         return {int(one): rows[node == one] for one in np.unique(node)}
+
+    def _state(self, bus: int, node: int) -> _State:
+        if (bus, node) not in self._states:
+            self._states[bus, node] = _State()
+        return self._states[bus, node]
+
+    def _only_beats(
+        self, block: Block, bus: int, node: int, state: _State, rows: NDArray[np.intp]
+    ) -> bool:
+        """Whether a node sent heartbeats and nothing else, and nothing asked it for anything."""
+        if not len(rows) or state.asked_ns is not None or state.broken:
+            return False
+        plain = bool((block.frames.dlc.take(rows) == 1).all())
+        return plain and bool(block.frames.data[rows, 0].all()) and not self._cuts(block, bus, node)
+
+    def _take_beats(self, block: Block, bus: int, node: int, state: _State) -> None:
+        """Take in heartbeats alone, under one setting."""
+        batch, can_id = block.batch, FIRST_ID + node
+        rows, seq, t_ns = (each(bus, can_id) for each in (batch.rows, batch.seqs_of, batch.t_ns_of))
+        state.answers.add(rows, rows[:0], block.frames.t_ns, batch.seqs, timed=True)
+        told_ns = self._told_ns(bus, node, int(seq[0]))
+        self._judge(state, state.beats.add(seq, t_ns, None), told_ns)
+
+    def _cuts(self, block: Block, bus: int, node: int) -> list[int]:
+        """`seq` at which 1017h of a node changed within a block."""
+        first, last = block.batch.seq0, block.batch.last_seq
+        changes = self._context.shadow.changes(bus, node, HEARTBEAT_TIME)
+        return [seq for seq in changes if first < seq <= last]
+
+    def _told_ns(self, bus: int, node: int, seq: int) -> int | None:
+        """1017h as the bus or the user told it, None where it is off or not known [ns]."""
+        told = _told(self._context.shadow.get(bus, node, HEARTBEAT_TIME, 0, seq))
+        return told * 1_000_000 if told else None
 
     def _take(
         self,
@@ -189,10 +230,7 @@ class ErrorControlPeriods:
         self, block: Block, bus: int, node: int, part: _Part
     ) -> list[tuple[_Part, int | None]]:
         """The frames between two settings of 1017h, with the setting [ns]."""
-        first, last = block.batch.seq0, block.batch.last_seq
-        place = bus, node, HEARTBEAT_TIME
-        cuts = [seq for seq in self._context.shadow.changes(*place) if first < seq <= last]
-        edges = np.searchsorted(block.batch.seqs[part.rows], cuts).tolist()
+        edges = np.searchsorted(block.batch.seqs[part.rows], self._cuts(block, bus, node)).tolist()
         found = []
         for begin, stop in pairwise([0, *edges, len(part.rows)]):
             if stop > begin:
@@ -204,12 +242,11 @@ class ErrorControlPeriods:
                     part.starts[begin:stop],
                     part.beats[begin:stop],
                 )
-                told = _told(self._context.shadow.get(*place, 0, at))
-                found.append((piece, told * 1_000_000 if told else None))
+                found.append((piece, self._told_ns(bus, node, at)))
         return found
 
-    @staticmethod
-    def _beat(seqs: Ints, state: _State, part: _Part, told_ns: int | None) -> None:
+    @classmethod
+    def _beat(cls, seqs: Ints, state: _State, part: _Part, told_ns: int | None) -> None:
         """Periods of the heartbeats; what else comes in between breaks them."""
         breaks = np.cumsum(part.starts | (~part.beats & ~part.asks))
         rows = np.flatnonzero(part.beats)
@@ -220,7 +257,12 @@ class ErrorControlPeriods:
         follows[0] &= not state.broken
         state.broken = bool(breaks[-1] > breaks[rows[-1]])
         seq, t_ns = seqs[part.rows[rows]], part.t_ns[rows]
-        periods, before_ns, before_seq = state.beats.add(seq, t_ns, follows)
+        cls._judge(state, state.beats.add(seq, t_ns, follows), told_ns)
+
+    @staticmethod
+    def _judge(state: _State, found: tuple[Ints, Ints, Ints], told_ns: int | None) -> None:
+        """Find missing heartbeats by the periods, and the stamp and `seq` that each began with."""
+        periods, before_ns, before_seq = found
         timer_ns = _timer(periods, state.beats.periods.spread, told_ns)
         if timer_ns:
             late = periods > LATE * timer_ns

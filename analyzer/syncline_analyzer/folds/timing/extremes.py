@@ -22,6 +22,10 @@ class Largest:
     seq: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
     t_ns: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
 
+    def takes(self, key: int) -> bool:
+        """Whether a key would be one of them."""
+        return len(self.key) < KEPT or key > int(self.key[-1])
+
     def add(self, key: Ints, seq: Ints, t_ns: Ints) -> None:
         """Take in keys in order of `seq`; all (n,)."""
         rows = _largest(key, int(self.key[-1]) if len(self.key) == KEPT else None)
@@ -42,12 +46,19 @@ class Extremes:
     longest: Largest = field(default_factory=Largest)
     shortest: Largest = field(default_factory=Largest)
 
-    def add(self, value_ns: Ints, seq: Ints, t_ns: Ints) -> None:
-        """Take in values, each with `seq` and stamp of the frame that ended it; all (n,)."""
+    def add(
+        self, value_ns: Ints, seq: Ints, t_ns: Ints, limits: tuple[int, int] | None = None
+    ) -> None:
+        """Take in values, each with `seq` and stamp of the frame that ended it; all (n,).
+
+        `limits` are the least and the largest of them, where they are known.
+        """
         if not len(value_ns):
             return
-        self.longest.add(value_ns, seq, t_ns)
-        if self.both:
+        low, high = limits or limits_of(value_ns)
+        if self.longest.takes(high):
+            self.longest.add(value_ns, seq, t_ns)
+        if self.both and self.shortest.takes(-low):
             self.shortest.add(-value_ns, seq, t_ns)
 
     def rows(self, bus: str, cob_id: int, node: int | None, quantity: str) -> list[WorstRow]:
@@ -63,6 +74,11 @@ class Extremes:
                 end.key.tolist(), end.seq.tolist(), end.t_ns.tolist(), strict=True
             )
         ]
+
+
+def limits_of(values: Ints) -> tuple[int, int]:
+    """The least and the largest of at least one value."""
+    return int(np.minimum.reduce(values)), int(np.maximum.reduce(values))
 
 
 def _largest(key: Ints, above: int | None) -> NDArray[np.intp]:

@@ -79,8 +79,9 @@ def clock_set(block: Block, bus: int, syncs: NDArray[np.intp]) -> list[ClockSet]
         bus: its number.
         syncs: (m,) rows of the SYNCs.
     """
-    periods = np.diff(block.frames.t_ns[syncs])
-    if len(periods) <= _LEARN:
+    t_ns = block.frames.t_ns[syncs]
+    periods = t_ns[1:] - t_ns[:-1]
+    if len(periods) <= _LEARN or int(periods.max()) - int(periods.min()) <= _STAMP_NS:
         return []
     low, usual, high = np.quantile(periods, (0.05, 0.5, 0.95)).tolist()
     late = periods - usual

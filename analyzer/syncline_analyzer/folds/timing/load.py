@@ -101,7 +101,7 @@ class LoadFold:
     def update(self, block: Block, bus: int) -> None:
         """Take in the frames of one bus."""
         rows = block.by_bus[bus]
-        state = self._states.setdefault(bus, _State())
+        state = self._states.get(bus) or self._states.setdefault(bus, _State())
         bits = block.wire_bits[rows].astype(np.float64)
         if block.batch.flags_seen & FrameFlag.BRS and (fast := block.data_phase_bits[rows]).any():
             ratio = self._nominal_per_data_bit(bus)

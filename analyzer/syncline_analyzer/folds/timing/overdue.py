@@ -31,13 +31,14 @@ class _Held(NamedTuple):
     before_seq: Ints
     judged: NDArray[np.bool_]
 
-    def rows(self, chosen: slice) -> "_Held":
-        """Some of them."""
+    def last(self) -> "_Held":
+        """The last ones, which those that follow may make up for."""
+        last = slice(-_MAKES_UP, None)
         return _Held(
-            self.periods[chosen],
-            self.before_ns[chosen],
-            self.before_seq[chosen],
-            self.judged[chosen],
+            self.periods[last].copy(),
+            self.before_ns[last].copy(),
+            self.before_seq[last].copy(),
+            self.judged[last].copy(),
         )
 
     def after(self, held: "_Held") -> "_Held":
@@ -81,15 +82,22 @@ class Overdue:
         if timer_ns != self._timer_ns:
             self.flush()
             self._timer_ns = timer_ns
-        new = _Held(np.where(periods < 0, timer_ns, periods), before_ns, before_seq, judged)
+        if int(periods.min(initial=0)) < 0:
+            periods = np.where(periods < 0, timer_ns, periods)
+        new = _Held(periods, before_ns, before_seq, judged)
+        longest = max(int(periods.max(initial=0)), int(self._held.periods.max(initial=0)))
+        if longest <= _surely_whole(timer_ns) and len(periods) >= _MAKES_UP:
+            self._held = new.last()
+            return
         whole = new.after(self._held)
         self._judge(whole, max(len(whole.periods) - _MAKES_UP, 0))
-        self._held = whole.rows(slice(-_MAKES_UP, None))
+        self._held = whole.last()
 
     def flush(self) -> None:
         """Judge what waits, as at a gap or the end."""
-        self._judge(self._held, len(self._held.periods))
-        self._held = _NO_HELD
+        if len(self._held.periods):
+            self._judge(self._held, len(self._held.periods))
+            self._held = _NO_HELD
 
     def _judge(self, held: _Held, count: int) -> None:
         """Find the long ones among the first `count` periods."""
@@ -108,7 +116,7 @@ def lacking_after(periods: Ints, timer_ns: int) -> tuple[NDArray[np.intp], Ints]
     >>> lacking_after(np.array([10, 16, 4, 10, 21, 9]), 10)
     (array([4]), array([1]))
     """
-    if periods.max(initial=0) <= LATE * (1 - _NEAR) * timer_ns:
+    if periods.max(initial=0) <= _surely_whole(timer_ns):
         return np.zeros(0, np.intp), _NOTHING
     usual = _usual(periods, timer_ns)
     rows = np.flatnonzero(periods > LATE * usual)
@@ -120,6 +128,11 @@ def lacking_after(periods: Ints, timer_ns: int) -> tuple[NDArray[np.intp], Ints]
     sums = np.cumsum(sliding_window_view(ahead, _MAKES_UP + 1)[rows], axis=1)
     lacking = np.rint(sums.min(axis=1)).astype(np.int64)
     return rows[lacking > 0], lacking[lacking > 0]
+
+
+def _surely_whole(timer_ns: int) -> float:
+    """No period up to this lacks a frame, whatever the device's clock makes of its timer."""
+    return LATE * (1 - _NEAR) * timer_ns
 
 
 def _usual(periods: Ints, timer_ns: int) -> float:

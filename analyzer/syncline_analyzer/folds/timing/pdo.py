@@ -14,7 +14,7 @@ from syncline_analyzer.folds.timing.pdo_state import Pause, PdoState
 from syncline_analyzer.folds.timing.phase import UNTOLD, Phase
 from syncline_analyzer.folds.timing.sync import SyncFold, SyncIndex
 from syncline_analyzer.folds.timing.waiting_fold import WaitingFold
-from syncline_analyzer.pdo_binding import PdoBindings, Transmission
+from syncline_analyzer.pdo_binding import PdoBindings, Transmission, settled
 from syncline_schemas.batch import FrameFlag
 from syncline_schemas.canopen.services import SERVICE_OF_ID, Service
 from syncline_schemas.wire_length import INTERMISSION_BITS
@@ -41,6 +41,37 @@ class _Pass:
     syncs: dict[int, SyncIndex | None]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Frames:
+    """Frames of one PDO in a block: (n,) rows, `seq` and stamps, and where they stand.
+
+    `place` is that in the columns by identifier; views of these are all that a plain block needs.
+    """
+
+    place: slice | NDArray[np.intp]
+    rows: NDArray[np.intp]
+    seq: NDArray[np.int64]
+    t_ns: NDArray[np.int64]
+
+    def of(self, column: NDArray[np.int64]) -> NDArray[np.int64]:
+        """(n,) a column by identifier."""
+        return column[self.place]
+
+    def since(self, first: int) -> "_Frames":
+        """All but the first ones of a whole block."""
+        assert isinstance(self.place, slice)
+        if not first:
+            return self
+        place = slice(self.place.start + first, self.place.stop)
+        return _Frames(place, self.rows[first:], self.seq[first:], self.t_ns[first:])
+
+    def chosen(self, which: NDArray[np.intp]) -> "_Frames":
+        """Some of them."""
+        place = self.place
+        chosen = which + place.start if isinstance(place, slice) else place[which]
+        return _Frames(chosen, self.rows[which], self.seq[which], self.t_ns[which])
+
+
 class PdoFold:
     """Follows every PDO identifier by `seq`; durations only in captures with times."""
 
@@ -58,37 +89,44 @@ class PdoFold:
         self._sync = sync
         self._waiting = waiting
         self._sent: dict[int, int] = {}
+        self._told_ids: dict[int, tuple[int | None, set[int]]] = {}
+        self._told_syncs: dict[int, tuple[tuple[int | None, int] | None, list[int]]] = {}
         self.states: dict[tuple[int, int], PdoState] = {}
 
     def update(self, block: Block, bus: int) -> None:
         """Take in the frames of one bus of a block, SYNCs included."""
         self._bindings.refresh(bus)
-        for can_id in self._pdo_ids(block, bus):
-            self.states.setdefault((bus, can_id), PdoState())
         first_seq, last_seq = block.batch.seq0, block.batch.last_seq
+        version = settled(self._context.shadow, bus, last_seq)
+        for can_id in self._new_pdo_ids(block, bus, version):
+            if (bus, can_id) not in self.states:
+                self.states[bus, can_id] = PdoState()
         for can_id, state in self._states_of(bus):
-            self._rebind(state, bus, can_id, first_seq, last_seq)
+            if version is None or state.bound_version != version:
+                self._rebind(state, bus, can_id, first_seq, last_seq)
+                state.bound_version = version
         requests = self._requests(block, bus)
         bit_ns = self._on_wire.bit_ns(bus)
         sent = self._sent_bits(block, bus)
         syncs = {
-            cob: self._sync.update(block, bus, cob, sent) for cob in self._sync_ids(bus, last_seq)
+            cob: self._sync.update(block, bus, cob, sent, version)
+            for cob in self._followed_syncs(bus, last_seq, version)
         }
         passing = _Pass(block, bus, sent, bit_ns, syncs)
         self._waiting.begin(block, bus, passing.bit_ns)
         for can_id, state in self._states_of(bus):
-            rows = block.batch.rows(bus, can_id)
-            if len(rows):
-                self._follow(block, state, rows, syncs.get(state.sync_cob_id))
-            asked = state.requested.follow(rows, requests[can_id])
+            frames = _frames(block, bus, can_id)
+            if len(frames.rows):
+                self._follow(block, state, frames, syncs.get(state.sync_cob_id))
+            asked = state.requested.follow(frames.rows, requests[can_id])
             state.request_answers.add(
-                rows,
+                frames.rows,
                 requests[can_id],
                 block.frames.t_ns,
                 block.batch.seqs,
                 timed=self._context.timed,
             )
-            self._answer(passing, can_id, state, rows, asked)
+            self._answer(passing, can_id, state, frames, asked)
 
     def gap(self, bus: int | None) -> None:
         """Nothing is due and no period counts over a gap."""
@@ -109,8 +147,8 @@ class PdoFold:
         found = {}
         for can_id, state in self._states_of(bus):
             rows = block.batch.rows(bus, can_id)
-            empty = rows[block.frames.dlc[rows] == 0]
-            asked = remote[block.frames.can_id[remote] == can_id]
+            empty = rows[block.frames.dlc.take(rows) == 0]
+            asked = remote[block.frames.can_id[remote] == can_id] if len(remote) else remote
             if 0 < len(empty) < len(rows):
                 asked = np.sort(np.concatenate((asked, empty)))
             state.asked += len(asked)
@@ -121,14 +159,27 @@ class PdoFold:
         return [(can_id, state) for (b, can_id), state in self.states.items() if b == bus]
 
     def _sent_bits(self, block: Block, bus: int) -> NDArray[np.int64]:
-        bits = block.wire_bits + block.error * np.int64(UNKNOWN_BITS)
-        if not isinstance(block.by_bus[bus], slice):
+        bits = block.wire_bits
+        if block.batch.flags_seen & FrameFlag.ERROR:
+            bits = bits + block.error * np.int64(UNKNOWN_BITS)
+        if len(block.batch.buses) > 1:
             bits = np.where(block.frames.bus == bus, bits, 0)
         sent: NDArray[np.int64] = np.cumsum(bits) + self._sent.get(bus, 0)
         self._sent[bus] = int(sent[-1])
         return sent
 
-    def _pdo_ids(self, block: Block, bus: int) -> list[int]:
+    def _new_pdo_ids(self, block: Block, bus: int, version: int | None) -> list[int]:
+        """PDO identifiers in a block, as far as that was not told with the same `version`."""
+        seen = {can_id for id_bus, can_id in block.batch.ids() if id_bus == bus}
+        seen.update(block.frames.can_id[_remote(block, bus)].tolist())
+        told_version, told = self._told_ids.get(bus, (None, set()))
+        if version is not None and told_version == version:
+            seen -= told
+        else:
+            told = set()
+        if not seen:
+            return []
+        self._told_ids[bus] = version, told | seen
         bound = set(self._bindings.identifiers(bus))
         seq = block.batch.last_seq
         taken = set(self._sync_ids(bus, seq))
@@ -136,13 +187,18 @@ class PdoFold:
             owner = self._bindings.owner(bus, can_id, seq)
             if owner is None or owner.guess:
                 taken.add(can_id)
-        seen = {can_id for id_bus, can_id in block.batch.ids() if id_bus == bus}
-        seen.update(np.unique(block.frames.can_id[_remote(block, bus)]).tolist())
         return sorted(
             can_id
             for can_id in seen - taken
             if can_id in bound or SERVICE_OF_ID[can_id] == Service.PDO
         )
+
+    def _followed_syncs(self, bus: int, seq: int, version: int | None) -> list[int]:
+        """`_sync_ids` once all states know their owners, looked up again for another `version`."""
+        key = version, len(self.states)
+        if version is None or self._told_syncs.get(bus, (None, []))[0] != key:
+            self._told_syncs[bus] = key, self._sync_ids(bus, seq)
+        return self._told_syncs[bus][1]
 
     def _sync_ids(self, bus: int, seq: int) -> list[int]:
         """080h and every identifier that a node of the bus takes for SYNC at `seq` or in the end.
@@ -182,26 +238,33 @@ class PdoFold:
             state.changed_seq = first_seq
 
     def _follow(
-        self, block: Block, state: PdoState, rows: NDArray[np.intp], sync: SyncIndex | None
+        self, block: Block, state: PdoState, frames: "_Frames", sync: SyncIndex | None
     ) -> None:
         """Periods of the identifier, SYNC or not; those in a backlog of SYNCs are none."""
-        t_ns, seq = block.frames.t_ns[rows], block.batch.seqs[rows]
-        state.frames += len(rows)
-        if self._context.timed:
-            if state.last_ns is not None:
-                t_ns = np.concatenate(([state.last_ns], t_ns))
-                seq = np.concatenate(([state.last_seq], seq))
-            periods = t_ns[1:] - t_ns[:-1]
-            true = periods >= 0
-            if sync is not None and sync.any_bundled:
-                bundled = np.concatenate(([False], sync.bundled[sync.before[rows]]))
-                true &= ~(bundled[1:] | bundled[:-1])[len(rows) - len(periods) :]
-            state.periods.add(periods[true], seq[1:][true], t_ns[1:][true])
-            self._find_pauses(state, periods, t_ns, seq)
-            self._find_too_soon(state, periods, true, t_ns[1:], seq[1:])
-            self._find_overdue(block, state, rows[-len(periods) :], periods, t_ns[:-1], seq[:-1])
-        state.repeats.add(block.frames.data[rows, :8])
+        t_ns, seq, rows = frames.t_ns, frames.seq, frames.rows
+        last_ns, last_seq = state.last_ns, state.last_seq
         state.last_ns, state.last_seq = int(t_ns[-1]), int(seq[-1])
+        state.frames += len(rows)
+        state.repeats.add(block.batch.words_by_id[frames.place])
+        if not self._context.timed:
+            return
+        if last_ns is not None:
+            t_ns = np.concatenate(([last_ns], t_ns))
+            seq = np.concatenate(([last_seq], seq))
+        periods = t_ns[1:] - t_ns[:-1]
+        if not len(periods):
+            return
+        true = periods >= 0
+        if sync is not None and sync.any_bundled:
+            bundled = np.concatenate(([False], sync.bundled[sync.before[rows]]))
+            true &= ~(bundled[1:] | bundled[:-1])[len(rows) - len(periods) :]
+        if true.all():
+            state.periods.add(periods, seq[1:], t_ns[1:])
+        else:
+            state.periods.add(periods[true], seq[1:][true], t_ns[1:][true])
+        self._find_pauses(state, periods, t_ns, seq)
+        self._find_too_soon(state, periods, true, t_ns[1:], seq[1:])
+        self._find_overdue(block, state, rows[-len(periods) :], periods, t_ns[:-1], seq[:-1])
 
     @staticmethod
     def _find_pauses(
@@ -211,6 +274,8 @@ class PdoFold:
         seq: NDArray[np.int64],
     ) -> None:
         """Long times without a frame, of which the rhythm of the whole capture tells more."""
+        if int(periods.max()) < PAUSE_NS:
+            return
         for at in np.flatnonzero(periods >= PAUSE_NS)[: MAX_PAUSES - len(state.pauses)].tolist():
             state.pauses.append(
                 Pause(int(t_ns[at]), int(t_ns[at + 1]), int(seq[at]), int(seq[at + 1]))
@@ -274,36 +339,41 @@ class PdoFold:
         passing: _Pass,
         can_id: int,
         state: PdoState,
-        rows: NDArray[np.intp],
+        frames: "_Frames",
         asked: NDArray[np.bool_],
     ) -> None:
         """Pair the PDOs of a block with the SYNCs before them; those `asked` for prove less."""
         sync = passing.syncs.get(state.sync_cob_id)
         if sync is None:
             return
+        at = sync.before_by_id[frames.place]
         spared = None
         if state.told_type() is None:
-            spared = state.slips.spared(rows, passing.block.frames.t_ns, sync)
-        heard = sync.before[rows] >= sync.first
-        rows, asked = rows[heard], asked[heard]
-        ordinal = sync.first_ordinal + sync.before[rows]
+            spared = state.slips.follow(at, frames.t_ns, sync)
+        # The SYNCs before the frames stand in order.
+        heard = int(np.searchsorted(at, sync.first)) if len(at) and at[0] < sync.first else 0
+        frames, at, asked = frames.since(heard), at[heard:], asked[heard:]
+        ordinal = sync.first_ordinal + at
         first = state.rhythm.first_of_period(ordinal)
-        # Where a SYNC may be lost, two frames in one period prove nothing.
-        beside = state.requested.beside(ordinal, asked)
-        extra = np.flatnonzero(~first & ~beside)
-        if len(extra):
-            extra = extra[sync.lossless(rows[extra], passing.block.frames.t_ns)]
-            self._count_extra(passing.block, state, rows, ordinal, first, extra)
-        answers = rows[first & ~asked]
-        rows, ordinal = rows[first], ordinal[first]
-        if self._context.timed and len(answers):
+        answers = frames
+        if asked.any() or not first.all():
+            # Where a SYNC may be lost, two frames in one period prove nothing.
+            beside = state.requested.beside(ordinal, asked)
+            extra = np.flatnonzero(~first & ~beside)
+            if len(extra):
+                extra = extra[sync.lossless(frames.rows[extra], passing.block.frames.t_ns)]
+                self._count_extra(passing.block, state, frames.rows, ordinal, first, extra)
+            answers = frames.chosen(np.flatnonzero(first & ~asked))
+            frames, at, ordinal = frames.chosen(np.flatnonzero(first)), at[first], ordinal[first]
+        if self._context.timed and len(answers.rows):
             self._respond(passing, can_id, state, answers, sync)
-        fresh = passing.block.batch.seqs[rows] >= state.changed_seq
-        state.rhythm.answered(ordinal[fresh])
+        fresh = int(np.searchsorted(frames.seq, state.changed_seq))
+        state.rhythm.answered(ordinal[fresh:])
         every = self._due_every(passing.bus, state)
-        self._count_phase(state, rows, sync)
+        self._count_phase(state, at, sync)
         unanswered = state.rhythm.evaluate(every, sync, spared if every == 1 else None)
-        self._waiting.unanswered(can_id, state.owner, unanswered, sync)
+        if len(unanswered):
+            self._waiting.unanswered(can_id, state.owner, unanswered, sync)
 
     @staticmethod
     def _count_extra(
@@ -324,15 +394,14 @@ class PdoFold:
         _span(state.extra_ns, block.frames.t_ns[rows[alone]])
 
     @staticmethod
-    def _count_phase(state: PdoState, rows: NDArray[np.intp], sync: SyncIndex) -> None:
-        """Which of n SYNCs were answered."""
-        state.answered += len(rows)
+    def _count_phase(state: PdoState, at: NDArray[np.int64], sync: SyncIndex) -> None:
+        """Which of n SYNCs, by their positions, were answered."""
+        state.answered += len(at)
         told = state.told_type()
         every = UNTOLD if told is None else told
         if state.off or not 2 <= every <= 0xF0:
             return
-        at = sync.before[rows]
-        state.phase.add(every, sync.counter[at], sync.first_ordinal + at)
+        state.phase.add(every, at, sync)
 
     def _due_every(self, bus: int, state: PdoState) -> int | None:
         if state.off:
@@ -349,47 +418,41 @@ class PdoFold:
         passing: _Pass,
         can_id: int,
         state: PdoState,
-        rows: NDArray[np.intp],
+        frames: "_Frames",
         sync: SyncIndex,
     ) -> None:
         """Response and both bounds of the device time (analysis.md section 5)."""
-        block, position = passing.block, sync.before[rows]
-        response = block.frames.t_ns[rows] - sync.t_ns[position]
-        # After a pause of the SYNC a PDO answers one that was not heard.
-        to_other = ~sync.usable[position] & (response > sync.cycle_ns)
-        true = (response >= 0) & ~sync.bundled[position] & ~to_other
-        rows, position, response = rows[true], position[true], response[true]
-        if not len(rows):
-            return
+        position = frames.of(sync.before_by_id)
+        response = frames.of(sync.since_by_id)
+        if sync.any_bundled or not sync.all_usable or int(response.min()) < 0:
+            # After a pause of the SYNC a PDO answers one that was not heard.
+            to_other = ~sync.usable[position] & (response > sync.cycle_ns)
+            true = np.flatnonzero((response >= 0) & ~sync.bundled[position] & ~to_other)
+            if not len(true):
+                return
+            frames, position, response = frames.chosen(true), position[true], response[true]
+        block, rows, seq, t_ns = passing.block, frames.rows, frames.seq, frames.t_ns
         state.response.add(response)
-        seq, t_ns = block.batch.seqs[rows], block.frames.t_ns[rows]
         state.slowest.add(response, seq, t_ns)
         state.late += self._late(passing.bus, state, rows, response, block)
-        low, high = self._device_bounds(passing, rows, position, response, sync)
-        if state.told_type() in _BY_EVENTS:
-            least = waiting = np.full(len(rows), np.nan)
-        else:
-            least, waiting = self._waiting.answers(
-                can_id, state.owner, seq, position, sync, low, high
-            )
+        # Copies: what is kept must not hold on to the columns of the whole block.
+        columns = {"seq": seq.copy(), "t_ns": t_ns.copy(), "response_us": response / 1000}
         if passing.bit_ns is not None:
+            low, high = self._device_bounds(passing, passing.bit_ns, rows, position, response, sync)
             state.device_low.add(low)
             state.device_high.add(high)
-        state.responses.add(
-            {
-                "seq": seq,
-                "t_ns": t_ns,
-                "response_us": response / 1000,
-                "device_low_us": low / 1000,
-                "device_high_us": high / 1000,
-                "device_least_us": least / 1000,
-                "waiting_us": waiting / 1000,
-            }
-        )
+            columns |= {"device_low_us": low / 1000, "device_high_us": high / 1000}
+            if state.told_type() not in _BY_EVENTS:
+                least, waiting = self._waiting.answers(
+                    can_id, state.owner, seq, position, sync, low, high
+                )
+                columns |= {"device_least_us": least / 1000, "waiting_us": waiting / 1000}
+        state.responses.add(columns)
 
     def _device_bounds(
         self,
         passing: _Pass,
+        bit_ns: float,
         rows: NDArray[np.intp],
         position: NDArray[np.int64],
         response: NDArray[np.int64],
@@ -400,17 +463,14 @@ class PdoFold:
         At least: everything since the SYNC, intermissions included, kept the device waiting. At
         most: the bus was idle, and only the frame itself (which has no intermission before its
         end) passed. Both are widened by the step of the stamps and by what these prove to be off
-        beyond it; NaN without a bit rate.
+        beyond it.
         """
-        if passing.bit_ns is None:
-            nothing = np.full(len(rows), np.nan)
-            return nothing, nothing
         block = passing.block
         busy = passing.sent[rows] - sync.bits[position]
         own = block.wire_bits[rows] - INTERMISSION_BITS
         step_ns = self._context.resolution_ns - 1 + self._on_wire.noise_ns(passing.bus)
-        low = np.floor(response - busy * passing.bit_ns) - step_ns
-        high = np.ceil(response - own * passing.bit_ns) + step_ns
+        low = np.floor(response - busy * bit_ns) - step_ns
+        high = np.ceil(response - own * bit_ns) + step_ns
         return np.maximum(low, 0.0), np.maximum(high, 0.0)
 
     def _late(
@@ -429,8 +489,15 @@ class PdoFold:
         return int((response > window_us * 1000).sum()) if window_us else 0
 
 
+def _frames(block: Block, bus: int, can_id: int) -> _Frames:
+    batch, place = block.batch, block.batch.place(bus, can_id)
+    return _Frames(place, batch.rows_by_id[place], batch.seqs_by_id[place], batch.t_ns_by_id[place])
+
+
 def _remote(block: Block, bus: int) -> NDArray[np.intp]:
     """Rows of the remote frames with 11-bit identifiers."""
+    if not block.batch.flags_seen & FrameFlag.REMOTE:
+        return np.zeros(0, np.intp)
     rows = np.flatnonzero(block.batch.remote)
     short = (block.frames.flags[rows] & FrameFlag.EXTENDED) == 0
     found: NDArray[np.intp] = rows[short & (block.frames.bus[rows] == bus)]

@@ -63,9 +63,11 @@ def _us(ns: int | None) -> int | None:
 def responses(row: PdoRow, state: PdoState) -> Responses:
     """The single answers; those of a PDO without device times have none either."""
     columns = state.responses.columns()
-    if row.device_us_low is None:
-        unknown = np.full(len(columns["seq"]), np.nan)
-        columns |= dict.fromkeys(_DEVICE_COLUMNS, unknown)
+    unknown = np.full(len(columns["seq"]), np.nan)
+    unmeasured = row.device_us_low is None
+    device = {
+        name: unknown if unmeasured else columns.get(name, unknown) for name in _DEVICE_COLUMNS
+    }
     counts, edges = state.response.histogram()
     return Responses(
         row.bus,
@@ -75,12 +77,12 @@ def responses(row: PdoRow, state: PdoState) -> Responses:
         columns["seq"],
         columns["t_ns"],
         columns["response_us"],
-        columns["device_low_us"],
-        columns["device_high_us"],
+        device["device_low_us"],
+        device["device_high_us"],
         counts,
         edges / 1000,
-        columns["device_least_us"],
-        columns["waiting_us"],
+        device["device_least_us"],
+        device["waiting_us"],
     )
 
 

@@ -37,10 +37,10 @@ class PdoSpans:
         remote: NDArray[np.intp] = _NO_SEQ,
     ) -> None:
         """Take in the rows of one identifier, and the `seq` of the remote frames that asked for it."""
-        remote = np.concatenate((self._asked.get(can_id, remote[:0]), remote))
-        if len(remote):
+        if len(remote) or can_id in self._asked:
+            remote = np.concatenate((self._asked.get(can_id, remote[:0]), remote))
             self._asked[can_id] = remote[-1:]
-        edges = np.searchsorted(seq, [cut[0] for cut in self._cuts], "right").tolist()
+        edges = seq.searchsorted([cut[0] for cut in self._cuts], "right").tolist()
         for number, (begin, stop) in enumerate(pairwise((0, *edges, len(seq)))):
             if begin == stop:
                 continue

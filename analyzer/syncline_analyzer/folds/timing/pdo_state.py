@@ -67,6 +67,8 @@ class PdoState:
     responses: Thinner = field(default_factory=lambda: Thinner("response_us", MAX_RESPONSES))
     owner: Pdo | None = None
     transmission: Transmission | None = None
+    bound_version: int | None = None
+    """Version of the shadow with which owner and transmission were looked up; see `settled`."""
     changed_seq: int = 0
     """`seq` since which `transmission` holds."""
     sync_cob_id: int = 0x80

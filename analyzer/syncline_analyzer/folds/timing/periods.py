@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.distribution import Distribution
-from syncline_analyzer.folds.timing.extremes import Extremes
+from syncline_analyzer.folds.timing.extremes import Extremes, limits_of
 from syncline_analyzer.results import Jitter
 
 SINGLE = 1.5
@@ -24,8 +24,10 @@ class Periods:
 
     def add(self, periods: Ints, seq: Ints, t_ns: Ints) -> None:
         """Take in periods, none of them negative, with `seq` and stamp of their ends; all (n,)."""
-        self.spread.add(periods)
-        self.extremes.add(periods, seq, t_ns)
+        if len(periods):
+            limits = limits_of(periods)
+            self.spread.add(periods, limits)
+            self.extremes.add(periods, seq, t_ns, limits)
 
     def jitter_us(self, resolution_ns: int) -> Jitter | None:
         """Jitter of the single periods; None without any."""

@@ -6,6 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from syncline_analyzer.folds.timing.sync import SyncIndex
+
 UNTOLD = 240
 """Most n that are inferred from the frames divide it, so n need not be known beforehand."""
 
@@ -34,13 +36,19 @@ class Phase:
     by_counter: NDArray[np.int64] = field(default_factory=_none)
     by_place: NDArray[np.int64] = field(default_factory=_none)
 
-    def add(self, every: int, counter: NDArray[np.int64], place: NDArray[np.int64]) -> None:
-        """Take in the numbers of the SYNCs that were answered; without a counter it is 0."""
+    def add(self, every: int, at: NDArray[np.int64], sync: SyncIndex) -> None:
+        """Take in the positions of the SYNCs that were answered; (n,)."""
         if every != self.every:
             self.every = every
             self.by_counter, self.by_place = np.zeros(every, np.int64), np.zeros(every, np.int64)
-        self.by_counter += np.bincount(counter[counter > 0] % every, minlength=every)
-        self.by_place += np.bincount(place % every, minlength=every)
+        if sync.counted:
+            counter = sync.counter[at]
+            self.by_counter += np.bincount(counter[counter > 0] % every, minlength=every)
+        times = np.bincount(at)
+        shift = sync.first_ordinal % every
+        times = np.concatenate((np.zeros(shift, np.int64), times))
+        times = np.concatenate((times, np.zeros(-len(times) % every, np.int64)))
+        self.by_place += times.reshape(-1, every).sum(axis=0)
 
     def usual(self, every: int, counter_end: int) -> UsualPhase | None:
         """The usual one of n; by the counter where it numbers all and tells n apart.

@@ -13,20 +13,24 @@ class Repeats:
     count: int = 0
     longest: int = 0
     """Frames in a row with the same data, the first of them included."""
-    _last: bytes = b""
+    _last: int | None = None
     _run: int = 0
 
-    def add(self, data: NDArray[np.uint8]) -> None:
-        """Take in the data of frames in order; (n, 8)."""
-        line = np.ascontiguousarray(data).view(np.uint64)[:, 0]
-        same = np.concatenate(([self._last == data[0].tobytes()], line[1:] == line[:-1]))
-        self._last = data[-1].tobytes()
-        self.count += int(np.count_nonzero(same))
-        starts = np.flatnonzero(~same)
-        if not len(starts):
-            self._run += len(same)
+    def add(self, words: NDArray[np.uint64]) -> None:
+        """Take in the eight data bytes of frames in order, at least one, each as one word; (n,)."""
+        same = words[1:] == words[:-1]
+        repeated = int(np.count_nonzero(same))
+        first, self._last = self._last == int(words[0]), int(words[-1])
+        self.count += repeated + first
+        run = self._run * first
+        if repeated == len(same):
+            self._run = run + len(words)
+        elif not repeated:
+            self.longest = max(self.longest, run + 1)
+            self._run = 1
         else:
-            lengths = np.diff(starts, append=len(same))
-            self.longest = max(self.longest, self._run + int(starts[0]), int(lengths.max()))
-            self._run = int(lengths[-1])
+            starts = np.flatnonzero(~same) + 1
+            longest = int((starts[1:] - starts[:-1]).max(initial=0))
+            self.longest = max(self.longest, run + int(starts[0]), longest)
+            self._run = len(words) - int(starts[-1])
         self.longest = max(self.longest, self._run)

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from syncline_analyzer.folds.timing.slips import Spared
 from syncline_analyzer.folds.timing.sync import SyncIndex
 
 MAX_KEPT = 100_000
@@ -176,8 +177,9 @@ class Rhythm:
         """Which frames are the first after their SYNC, by the SYNC's number."""
         if not len(ordinal):
             return np.zeros(0, np.bool_)
-        before = -1 if self._last is None else self._last
-        first: NDArray[np.bool_] = np.diff(ordinal, prepend=before) != 0
+        first = np.empty(len(ordinal), np.bool_)
+        first[0] = ordinal[0] != (-1 if self._last is None else self._last)
+        np.not_equal(ordinal[1:], ordinal[:-1], out=first[1:])
         return first
 
     def beside_answers(
@@ -207,7 +209,7 @@ class Rhythm:
         if not len(ordinal):
             return
         line = ordinal if self._last is None else np.concatenate(([self._last], ordinal))
-        steps = np.minimum(np.diff(line), _MAX_STEP)
+        steps = np.minimum(line[1:] - line[:-1], _MAX_STEP)
         self.steps += np.bincount(steps, minlength=_MAX_STEP + 1)
         self._last = int(ordinal[-1])
 
@@ -216,14 +218,17 @@ class Rhythm:
 
         Fewer do where n is the device's `default`. A period that holds two frames fits none.
         """
-        if self.steps.sum() < LEARN - 1:
+        seen = np.flatnonzero(self.steps)
+        counts = dict(zip(seen.tolist(), self.steps[seen].tolist(), strict=True))
+        total = sum(counts.values())
+        n = max(counts, key=lambda step: (counts[step], -step), default=0)
+        if total < LEARN - 1 or not n:
             return None
-        n = int(np.argmax(self.steps))
-        width = np.minimum(np.arange(_MAX_STEP + 1), n * _OUTAGE_STEPS)
-        share = float(self.steps[n] * n / (self.steps * width).sum())
-        stray = 1.0 - float(self.steps[n::n].sum() / self.steps.sum()) if n else 1.0
+        periods = sum(count * min(step, n * _OUTAGE_STEPS) for step, count in counts.items())
+        share = (counts[n] * n) / periods
+        stray = 1.0 - sum(count for step, count in counts.items() if step % n == 0) / total
         least, most = (SAME_PATTERN, _STRAY) if n != default else (AS_BY_DEFAULT, _STRAY_BY_DEFAULT)
-        share -= self.crowded / float((self.steps * width).sum())
+        share -= self.crowded / periods
         return n if n < _MAX_STEP and share >= least and stray <= most else None
 
     def strays(self, every: int) -> int:
@@ -232,11 +237,11 @@ class Rhythm:
         return int(known.sum() - known[::every].sum())
 
     def evaluate(
-        self, every: int | None, index: SyncIndex, spared: NDArray[np.bool_] | None = None
+        self, every: int | None, index: SyncIndex, spared: Spared | None = None
     ) -> NDArray[np.int64]:
         """Positions of the SYNCs of the block that were due (every n-th) and not answered.
 
-        Those of which `spared` (m + 1,) is True owe nothing.
+        Those that are `spared` owe nothing.
         """
         fresh, self._fresh = self._fresh, np.zeros(0, np.int64)
         if every is None:
@@ -248,13 +253,20 @@ class Rhythm:
                 return fresh
             start, fresh = int(fresh[0]), fresh[1:]
         line = np.concatenate(([start], fresh))
-        ends = np.append(fresh, max(int(line[-1]), index.last_closed) + 1)
+        end = max(int(line[-1]), index.last_closed) + 1
+        if not len(fresh) or int((line[1:] - line[:-1]).max()) <= every:
+            # Nothing is missing between the answers.
+            line = line[-1:]
+        ends = np.append(line[1:], end)
         counts = (ends - line - 1) // every
         hit = counts > 0
+        if not hit.any():
+            self._due = int(line[-1])
+            return np.zeros(0, np.int64)
         missed = np.repeat(line[hit], counts[hit]) + every * _one_based(counts[hit])
         position = missed - index.first_ordinal
         known = position >= index.first
-        usable = index.usable if spared is None else index.usable & ~spared
+        usable = index.usable if spared is None else index.usable & ~spared.mask()
         known[known] = usable[position[known]]
         position = position[known]
         since_ns = _syncs_before(index, position, every) if every > 1 else None

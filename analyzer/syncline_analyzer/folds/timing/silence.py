@@ -113,7 +113,7 @@ class SilenceFold:
     def update(self, block: Block, bus: int) -> None:
         """Take in the frames of one bus of a block."""
         self._told.clear()
-        state = self._buses.setdefault(bus, _Bus())
+        state = self._buses.get(bus) or self._buses.setdefault(bus, _Bus())
         if state.last_ns is None:
             apart = block.apart_ns(bus)
         else:
@@ -334,8 +334,9 @@ def _add_period(state: _Bus, can_id: int, line: _Line) -> None:
     periods = times[1:] - times[:-1]
     if before is not None and len(times):
         periods = np.concatenate((times[:1] - before.t_ns, periods))
-    spread = state.period.setdefault(can_id, Distribution())
-    spread.add(periods if int(periods.min(initial=1)) > 0 else periods[periods > 0])
+    if can_id not in state.period:
+        state.period[can_id] = Distribution()
+    state.period[can_id].add(periods if int(periods.min(initial=1)) > 0 else periods[periods > 0])
     last = _last(before, line, len(line.seq))
     if last is not None:
         state.heard[can_id] = last

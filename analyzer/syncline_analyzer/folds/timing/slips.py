@@ -1,6 +1,7 @@
 """SYNCs that a PDO left out although its frames came as often as ever: a timer of its own sent them."""
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,27 @@ _SINGLE = 1.25
 
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
+
+
+class Spared(NamedTuple):
+    """SYNCs around which a PDO's frames came as often as ever, found when asked for."""
+
+    at: Ints
+    t_ns: Ints
+    before_ns: int | None
+    most_ns: float
+    sync: SyncIndex
+
+    def mask(self) -> Bools:
+        """(m + 1,) which SYNCs, by their position, lie between two frames no further apart."""
+        line = np.concatenate(([self.before_ns or 0], self.t_ns))
+        place = np.concatenate(
+            ([0], np.cumsum(np.bincount(self.at, minlength=len(self.sync.rows) + 1))[:-1])
+        )
+        between = (place < len(self.at)) & ((self.before_ns is not None) | (place > 0))
+        after = line[np.minimum(place + 1, len(line) - 1)]
+        found: Bools = between & (after - line[place] <= self.most_ns)
+        return found
 
 
 @dataclass(slots=True)
@@ -33,26 +55,23 @@ class Slips:
         """Nothing is known of the frame before, as after a gap."""
         self._last_ns, self._open = None, False
 
-    def spared(self, rows: NDArray[np.intp], t_ns: Ints, sync: SyncIndex) -> Bools:
-        """(m + 1,) SYNCs, by their position, around which the frames came as often as ever.
+    def follow(self, at: Ints, t_ns: Ints, sync: SyncIndex) -> "Spared":
+        """Take in the frames of a block.
 
         Args:
-            rows: (k,) rows of the PDO in the block.
-            t_ns: (n,) stamps of the block.
+            at: (k,) position of the SYNC before each frame of the PDO.
+            t_ns: (k,) stamps of these frames.
             sync: the m SYNCs of the block and the one before.
         """
-        known = self._last_ns is not None
-        line = np.concatenate((np.array([self._last_ns or 0]), t_ns[rows]))
-        most_ns = _SINGLE * sync.cycle_ns
-        if self._open and len(rows) and line[1] - line[0] <= most_ns:
-            self.spans.append((int(line[0]), int(line[1])))
-        place = np.concatenate(([0], np.searchsorted(rows, sync.rows)))
-        between = (place < len(rows)) & (known | (place > 0))
-        after = line[np.minimum(place + 1, len(line) - 1)]
-        self._open = (len(rows) == 0 and self._open) or int((place == len(rows)).sum()) > 1
-        self._last_ns = int(line[-1]) if len(rows) else self._last_ns
-        found: Bools = between & (after - line[place] <= most_ns)
-        return found
+        before_ns, most_ns = self._last_ns, _SINGLE * sync.cycle_ns
+        if not len(at):
+            self._open = self._open or len(sync.rows) > 0
+            return Spared(at, t_ns, before_ns, most_ns, sync)
+        if self._open and t_ns[0] - (before_ns or 0) <= most_ns:
+            self.spans.append((before_ns or 0, int(t_ns[0])))
+        self._open = len(sync.rows) - int(at[-1]) > 1
+        self._last_ns = int(t_ns[-1])
+        return Spared(at, t_ns, before_ns, most_ns, sync)
 
     def within(self, t_ns: Ints) -> Bools:
         """(n,) which SYNCs, by their stamps, lie in one of the spans."""

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,8 @@ from syncline_analyzer.results import (
     WorstRow,
 )
 from syncline_analyzer.series import Thinner
+from syncline_analyzer.shadow import Shadow
+from syncline_schemas.batch import FrameFlag
 from syncline_schemas.wire_length import longest_bits
 
 MAX_HOLES = 1000
@@ -83,6 +86,7 @@ class SyncIndex:
         bundled: (m + 1,) True from a SYNC to the next where the stamps are those of a backlog, or the
             clock was set.
         counter: (m + 1,) their counters, 0 for those without one.
+        rows_by_id, t_ns_by_id: (k,) rows and stamps of the frames by identifier, see `IndexedBatch`.
     """
 
     rows: NDArray[np.intp]
@@ -96,6 +100,28 @@ class SyncIndex:
     bundled: NDArray[np.bool_]
     cycle_ns: float
     counter: NDArray[np.int64]
+    rows_by_id: NDArray[np.intp]
+    t_ns_by_id: NDArray[np.int64]
+
+    @cached_property
+    def before_by_id(self) -> NDArray[np.int64]:
+        """(k,) `before` of the frames by identifier."""
+        return self.before.take(self.rows_by_id)
+
+    @cached_property
+    def since_by_id(self) -> NDArray[np.int64]:
+        """(k,) time from the SYNC before to each of the frames by identifier [ns]."""
+        return self.t_ns_by_id - self.t_ns.take(self.before_by_id)
+
+    @cached_property
+    def all_usable(self) -> bool:
+        """Whether silence tells something throughout the block."""
+        return bool(self.usable.all())
+
+    @cached_property
+    def counted(self) -> bool:
+        """Whether any of the SYNCs has a counter."""
+        return bool(self.counter.any())
 
     @property
     def first(self) -> int:
@@ -127,15 +153,39 @@ class SyncIndex:
         """Whether there is anything of a backlog in the block."""
         return bool(self.bundled.any())
 
-    @property
+    @cached_property
     def periods(self) -> NDArray[np.int64]:
         """Times between one SYNC and the next, from position `first` on."""
-        return np.diff(self.t_ns[self.first :])
+        return self.t_ns[self.first + 1 :] - self.t_ns[self.first : -1]
+
+    @cached_property
+    def steady(self) -> bool:
+        """Whether nothing can be missing in any of the periods, nor come at once."""
+        periods = self.periods
+        if not len(periods) or self.any_bundled:
+            return False
+        shortest = int(periods.min())
+        return shortest > 0 and int(periods.max()) <= MISSING * shortest
 
     @property
     def last_closed(self) -> int:
         """Number of the last SYNC that another one follows."""
         return self.first_ordinal + len(self.rows) - 1
+
+
+class _Told(NamedTuple):
+    """Settings of a SYNC as of a block: 1006h [us], and 1019h by then and in the end."""
+
+    version: int | None
+    period_us: int | None
+    overflow_by_now: int | None
+    overflow: int | None
+
+
+def _told_of(shadow: Shadow, bus: int, cob_id: int, seq: int, version: int | None) -> _Told:
+    period = told_period(shadow, bus, cob_id, seq)
+    by_now, end = told_overflow(shadow, bus, cob_id, seq), told_overflow(shadow, bus, cob_id)
+    return _Told(version, *(found[0] if found else None for found in (period, by_now, end)))
 
 
 @dataclass(slots=True)
@@ -150,6 +200,7 @@ class _State:
     missing: int = 0
     bundled: int = 0
     periods: Periods = field(default_factory=Periods)
+    told: _Told = _Told(None, None, None, None)
     pace: SyncPace = field(default_factory=SyncPace)
     counter: SyncCounter = field(default_factory=SyncCounter)
     doubled: Doubled = field(default_factory=Doubled)
@@ -178,28 +229,39 @@ class SyncFold:
         self._states: dict[tuple[int, int], _State] = {}
 
     def update(
-        self, block: Block, bus: int, cob_id: int, sent_bits: NDArray[np.int64]
+        self,
+        block: Block,
+        bus: int,
+        cob_id: int,
+        sent_bits: NDArray[np.int64],
+        version: int | None = None,
     ) -> SyncIndex | None:
-        """Take in a block; `sent_bits` (n,) counts the bits on the bus up to each row's end."""
+        """Take in a block.
+
+        Args:
+            block, bus, cob_id: the frames, and which of them.
+            sent_bits: (n,) bits on the bus up to each row's end.
+            version: of the shadow at the end of the block, see `settled`.
+        """
         rows = block.batch.rows(bus, cob_id)
         key = (bus, cob_id)
         if not len(rows) and key not in self._states:
             return None
-        state = self._states.setdefault(key, _State())
+        state = self._states.get(key) or self._states.setdefault(key, _State())
         index = self._index(block, bus, state, rows, sent_bits)
         in_bundles = bundled(block, bus)
         seq = block.batch.last_seq
-        told = told_period(self._context.shadow, bus, cob_id, seq)
-        state.pace.expect(told[0] if told else None)
+        if version is None or state.told.version != version:
+            state.told = _told_of(self._context.shadow, bus, cob_id, seq, version)
+        told = state.told
+        state.pace.expect(told.period_us)
         self._measure(state, bus, index, in_bundles)
-        by_now = told_overflow(self._context.shadow, bus, cob_id, seq)
-        state.counter.expect(by_now[0] if by_now else None)
-        overflow = told_overflow(self._context.shadow, bus, cob_id)
-        lost = _lost_by_counter(state, index, overflow[0] if overflow else None)
+        state.counter.expect(told.overflow_by_now)
+        lost = _lost_by_counter(state, index, told.overflow)
         unsent = self._missing_by_time(state, bus, index, in_bundles)
         if lost.any():
             unsent = self._missing_by_counter(
-                state, index, lost, unsent, overflow[0] if overflow else None, in_bundles
+                state, index, lost, unsent, told.overflow, in_bundles
             )
         _add_holes(state, index, unsent)
         state.count += len(rows)
@@ -252,8 +314,9 @@ class SyncFold:
         is_sync = np.zeros(len(block.batch), np.int64)
         is_sync[rows] = 1
         t_ns = np.concatenate(([state.last_ns or 0], block.frames.t_ns[rows]))
+        seqs = block.batch.seqs[rows]
         bits = np.concatenate(([state.last_bits], sent_bits[rows]))
-        apart = np.diff(t_ns)
+        apart = t_ns[1:] - t_ns[:-1]
         first = 0 if state.last_ns is not None else 1
         median = _median(state, apart[first:])
         bundled = np.zeros(len(t_ns), np.bool_)
@@ -263,7 +326,8 @@ class SyncFold:
             bundled[1 + each.sync] = True
             if len(state.steps) < MAX_HOLES:
                 state.steps.append(_step(block, self._context.bus_name(bus), each))
-        self._note_errors(state, bus, apart, bits, block.batch.seqs[rows])
+        if block.batch.flags_seen & FrameFlag.ERROR:
+            self._note_errors(state, bus, apart, bits, seqs)
         usable = ~bundled
         if median > 0:
             usable[:-1] &= (apart >= TOO_SHORT * median) & (apart <= PAUSE * median)
@@ -272,13 +336,15 @@ class SyncFold:
             state.count - 1,
             state.last_ns is not None,
             t_ns,
-            np.concatenate(([state.last_seq], block.batch.seqs[rows])),
+            np.concatenate(([state.last_seq], seqs)),
             bits,
             np.cumsum(is_sync),
             usable,
             bundled,
             median,
             _counters(block, state, rows),
+            block.batch.rows_by_id,
+            block.batch.t_ns_by_id,
         )
 
     def _bundled(
@@ -323,43 +389,56 @@ class SyncFold:
         """Periods, and their jitter where the stamps are not those of bundles."""
         if not self._context.timed:
             return
-        true = ~index.bundled[index.first : -1]
-        t_ns, seq = index.t_ns[index.first + 1 :][true], index.seq[index.first + 1 :][true]
-        periods = index.periods[true]
-        forward = periods >= 0
-        if not forward.any():
-            return
-        median = _median(state, periods) if state.period.count else float(np.median(periods))
-        usual = usual_of(periods, median)
-        state.periods.add(periods[forward], seq[forward], t_ns[forward])
-        state.pace.add(periods, usual)
-        state.over_time.add(
-            {"t_ns": t_ns[forward], "value": periods[forward].astype(np.float64) / 1000}
+        t_ns, seq, periods = (
+            index.t_ns[index.first + 1 :],
+            index.seq[index.first + 1 :],
+            index.periods,
         )
+        if index.any_bundled:
+            true = ~index.bundled[index.first : -1]
+            t_ns, seq, periods = t_ns[true], seq[true], periods[true]
+        if not len(periods) or int(periods.max()) < 0:
+            return
+        median = _median_of(state, index, periods)
+        usual = np.full(len(periods), median) if index.steady else usual_of(periods, median)
+        if int(periods.min()) >= 0:
+            ahead, ahead_seq, ahead_ns = periods, seq, t_ns
+        else:
+            forward = periods >= 0
+            ahead, ahead_seq, ahead_ns = periods[forward], seq[forward], t_ns[forward]
+        state.periods.add(ahead, ahead_seq, ahead_ns)
+        state.over_time.add({"t_ns": ahead_ns, "value": ahead.astype(np.float64) / 1000})
+        state.pace.add(periods, usual)
         if not in_bundles:
             state.double.add(t_ns, seq, periods)
             state.doubled.add(seq, periods, usual)
-            self._find_jitter(state, bus, t_ns, seq, periods)
+            self._find_jitter(state, bus, index, t_ns, seq, periods)
 
     def _find_jitter(
         self,
         state: _State,
         bus: int,
+        index: SyncIndex,
         t_ns: NDArray[np.int64],
         seq: NDArray[np.int64],
         periods: NDArray[np.int64],
     ) -> None:
         """Periods off by more than a tenth, a frame in the way, and what the stamps can tell."""
-        median = _median(state, periods)
+        median = _median_of(state, index, periods)
         bitrate = self._context.bitrates.get(self._context.bus_name(bus))
         in_the_way = longest_bits(8, extended=True) * 1e9 / bitrate if bitrate else 0.0
         whole = (periods >= 0) & (periods < MISSING * median)
         if not whole.any():
             return
-        cycles = np.full(len(periods), median)
-        cycles[whole] = cycles_of(periods[whole])
+        if whole.all():
+            cycles = cycles_of(periods)
+        else:
+            cycles = np.full(len(periods), median)
+            cycles[whole] = cycles_of(periods[whole])
         limits = np.maximum(OFF * cycles, max(in_the_way, 3.0 * self._context.resolution_ns))
-        off = whole & (np.abs(periods - cycles) > limits) & ~state.double.within(t_ns)
+        off = whole & (np.abs(periods - cycles) > limits)
+        if off.any():
+            off &= ~state.double.within(t_ns)
         state.unsteady.add(t_ns, seq, periods, off, cycles)
 
     def _missing_by_time(
@@ -371,6 +450,8 @@ class SyncFold:
         in bundles, only those count that the time of many periods has no room for.
         """
         periods = index.periods
+        if index.steady and not in_bundles:
+            return np.zeros(len(periods), np.int64)
         median = _median(state, periods) if self._context.timed else 0.0
         if not len(periods) or not median > 0:
             return np.zeros(len(periods), np.int64)
@@ -474,6 +555,8 @@ def _step(block: Block, bus: str, found: ClockSet) -> ClockStepRow:
 
 def _counters(block: Block, state: _State, rows: NDArray[np.intp]) -> NDArray[np.int64]:
     """(m + 1,) counters of the SYNCs, 0 for those without one."""
+    if not state.last_counter and not block.frames.dlc.take(rows).any():
+        return np.zeros(len(rows) + 1, np.int64)
     counter = np.where(block.frames.dlc[rows] > 0, block.frames.data[rows, 0], 0)
     return np.concatenate(([state.last_counter], counter)).astype(np.int64)
 
@@ -498,8 +581,19 @@ def _median(state: _State, periods: NDArray[np.int64]) -> float:
     return float(np.median(periods)) if len(periods) >= _LEARN else state.period.quantile(0.5)
 
 
+def _median_of(state: _State, index: SyncIndex, periods: NDArray[np.int64]) -> float:
+    """The same of the true periods of a block, where all are true known from its index."""
+    if len(periods) >= _LEARN and len(periods) == len(index.periods):
+        return index.cycle_ns
+    if not state.period.count:
+        return float(np.median(periods))
+    return _median(state, periods)
+
+
 def _add_holes(state: _State, index: SyncIndex, missing: NDArray[np.int64]) -> None:
     """Count what is missing in each period, and keep the first holes."""
+    if not missing.any():
+        return
     state.missing += int(missing.sum())
     t_ns, seq = index.t_ns[index.first :], index.seq[index.first :]
     for at in np.flatnonzero(missing)[: MAX_HOLES - len(state.holes)].tolist():

@@ -42,6 +42,9 @@ class SyncCounter:
             counter: (n,) counters in order, 0 for SYNCs without one.
             told: 1019h, which counts until the frames themselves show where the counter ends.
         """
+        if not counter.any():
+            self._last = 0
+            return np.zeros(len(counter), np.int64)
         line = np.concatenate(([self._last], counter))
         known = (line[:-1] > 0) & (counter > 0)
         apart = np.diff(line)

@@ -340,3 +340,21 @@ def test_a_healthy_capture_stays_healthy_through_python_can(tmp_path: Path) -> N
     assert len(after.nmt_states()) == len(before.nmt_states())
     assert after.analysis.capture.frames == before.analysis.capture.frames
     assert after.analysis.capture.buses == before.analysis.capture.buses
+
+
+@pytest.mark.parametrize(("length", "found"), [(8, {"error.bus_off"}), (4, set()), (0, set())])
+def test_error_frames_of_other_drivers_are_no_classes_of_socketcan(
+    length: int, found: set[str], tmp_path: Path
+) -> None:
+    """40h is bus-off in SocketCAN's eight bytes; PEAK's error frames have four and other bits."""
+    beats = [
+        can.Message(timestamp=START_S + k * 0.01, arbitration_id=0x705, is_extended_id=False,
+                    data=[5])
+        for k in range(200)
+    ]  # fmt: skip
+    error = can.Message(timestamp=START_S + 1, arbitration_id=0x40, is_extended_id=False,
+                        is_error_frame=True, data=bytes(length))  # fmt: skip
+    write(tmp_path / "x.mcap", (*beats[:101], error, *beats[101:]))
+    analysis = open_session(str(tmp_path / "x.mcap")).analysis
+    assert analysis.capture.error_frames == 1
+    assert {each.id for each in analysis.findings} == found

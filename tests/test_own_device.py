@@ -205,3 +205,38 @@ def test_a_capture_explains_itself_where_nobody_has_the_device(
 def test_a_name_that_neither_the_machine_nor_the_capture_knows_is_told() -> None:
     with pytest.raises(DescriptionError, match="no device is called 'generic-407'"):
         BusDescription.loads('[node.5]\ndevice = "generic-407"\n', files={"generic-406.toml": b""})
+
+
+XDD = """<?xml version="1.0" encoding="utf-8"?>
+<ISO15745ProfileContainer xmlns="http://www.canopen.org/xml/1.1"><ISO15745Profile><ProfileBody>
+<DeviceIdentity><vendorName>Acme</vendorName><vendorID>7</vendorID><productName>Gauge</productName>
+<productID>8</productID></DeviceIdentity><ApplicationLayers><CANopenObjectList>
+<CANopenObject index="1800" name="TPDO1" objectType="9" subNumber="3">
+<CANopenSubObject subIndex="00" name="n" objectType="7" dataType="0005" accessType="ro" defaultValue="2"/>
+<CANopenSubObject subIndex="01" name="COB-ID" objectType="7" dataType="0007" accessType="rw"
+ defaultValue="$NODEID+0x3A0"/>
+<CANopenSubObject subIndex="02" name="type" objectType="7" dataType="0005" accessType="rw" defaultValue="255"/>
+</CANopenObject>
+<CANopenObject index="1A00" name="TPDO1 mapping" objectType="9" subNumber="2">
+<CANopenSubObject subIndex="00" name="n" objectType="7" dataType="0005" accessType="rw" defaultValue="1"/>
+<CANopenSubObject subIndex="01" name="1" objectType="7" dataType="0007" accessType="rw" defaultValue="0x21000010"/>
+</CANopenObject>
+<CANopenObject index="2100" name="Pressure in the line" objectType="7" dataType="0003" accessType="ro"
+ PDOmapping="TPDO"/>
+</CANopenObjectList></ApplicationLayers></ProfileBody></ISO15745Profile></ISO15745ProfileContainer>
+"""
+
+
+def test_a_device_by_its_xdd_alone_is_decoded(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """3A5h is no predefined TPDO: only the description binds it to node 5."""
+    path, log = tmp_path / "gauge.xdd", tmp_path / "a.log"
+    path.write_text(XDD, encoding="utf-8")
+    times = [1_700_000_000 + k * 0.1 for k in range(40)]
+    beats = "".join(f"({t:.6f}) can0 705#05\n({t:.6f}) can0 3A5#6400\n" for t in times)
+    log.write_text(beats, encoding="ascii")
+    out = run(capsys, "analyze", str(log), "--device", f"5={path}", "--format", "json")
+    found = json.loads(out)
+    assert [(pdo["cob_id"], pdo["node"]) for pdo in found["pdos"]] == [(0x3A5, 5)]
+    assert [node["device"] for node in found["nodes"] if node["node"] == 5] == ["gauge"]

@@ -21,6 +21,9 @@ _COARSE_BINS = 50 << _MANTISSA_BITS
 
 Floats = NDArray[np.float64]
 _NO_VALUES = np.zeros(0)
+_NO_LIMITS = float("inf"), float("-inf")
+_CANCELLED = 1e-6
+"""Squares that make up a smaller share of those around another value are summed up anew."""
 
 
 class Distribution:
@@ -30,6 +33,8 @@ class Distribution:
         self.count = 0
         self.minimum = float("inf")
         self.maximum = float("-inf")
+        self._fresh = _NO_LIMITS
+        """Least and largest of the values that wait."""
         self._counted = 0
         self._mean = 0.0
         self._squares = 0.0
@@ -51,8 +56,10 @@ class Distribution:
         if not len(values):
             return
         if limits is None:
-            limits = float(np.minimum.reduce(values)), float(np.maximum.reduce(values))
-        self.minimum, self.maximum = min(self.minimum, limits[0]), max(self.maximum, limits[1])
+            limits = np.minimum.reduce(values), np.maximum.reduce(values)
+        low, high = float(limits[0]), float(limits[1])
+        self.minimum, self.maximum = min(self.minimum, low), max(self.maximum, high)
+        self._fresh = min(self._fresh[0], low), max(self._fresh[1], high)
         self.count += len(values)
         self._known.clear()
         self._waiting.append(values.astype(np.float64))
@@ -189,22 +196,29 @@ class Distribution:
 
     def _settle(self) -> None:
         """Put what waits into the bins, many values at a time."""
-        new = self._exact()
-        self._waiting, self._held = [], 0
+        new, (low, high) = self._exact(), self._fresh
+        self._waiting, self._held, self._fresh = [], 0, _NO_LIMITS
         if self._bins is None:
             self._bins = _Bins(new)
-        self._bins.add(new, self.minimum, self.maximum)
-        self._add_moments(new)
+        above = new - self._bins.low
+        self._add_moments(new, self._bins.low, above)
+        self._bins.add(new, above, low, high)
 
-    def _add_moments(self, new: Floats) -> None:
-        """Mean and squares; those of two parts are joined as Chan et al. do (1979)."""
-        mean = float(np.add.reduce(new)) / len(new)
-        before, self._counted = self._counted, self._counted + len(new)
-        apart = mean - self._mean if before else 0.0
-        self._mean = self._mean + apart * len(new) / self._counted if before else mean
-        apart_ns = new - mean
-        self._squares += float(np.add.reduce(np.multiply(apart_ns, apart_ns, out=apart_ns)))
-        self._squares += apart * apart * before * len(new) / self._counted
+    def _add_moments(self, new: Floats, low: float, above: Floats) -> None:
+        """Mean and squares of values that lie so far `above` a low one.
+
+        Those of two parts are joined as Chan et al. do (1979).
+        """
+        more, total = len(new), float(np.add.reduce(above))
+        whole = float(np.dot(above, above))
+        squares = whole - total * total / more
+        if squares < _CANCELLED * whole:
+            apart = above - total / more
+            squares = float(np.dot(apart, apart))
+        before, self._counted = self._counted, self._counted + more
+        off = low + total / more - self._mean
+        self._mean += off * more / self._counted
+        self._squares += squares + off * off * before * more / self._counted
 
 
 def _told(value: float, resolution_ns: int, unit_ns: float) -> float | None:
@@ -249,8 +263,8 @@ class _Bins:
         margin = max(high - low, 1.0)
         top = float(high + margin)
         # Below this a fine bin would be wider than a coarse one.
-        self._low = max(float(low - margin), top / FINE_BINS / RELATIVE_ERROR)
-        self._width = (top - self._low) / FINE_BINS
+        self.low = max(float(low - margin), top / FINE_BINS / RELATIVE_ERROR)
+        self._width = (top - self.low) / FINE_BINS
         self._fine = np.zeros(FINE_BINS, np.int64)
         self._coarse = np.zeros(_COARSE_BINS, np.int64)
         self._all_fine = True
@@ -258,12 +272,11 @@ class _Bins:
         self._cumulated: tuple[Floats, NDArray[np.int64]] | None = None
         """Middles of the bins, and how many values lie up to each, while nothing is added."""
 
-    def add(self, values: Floats, low: float, high: float) -> None:
-        """Take in values, none of which is below `low` or above `high`."""
+    def add(self, values: Floats, above: Floats, low: float, high: float) -> None:
+        """Take in values between `low` and `high`; (n,) `above` the first bin, which is used up."""
         self._cumulated = None
-        place = values - self._low
-        place /= self._width
-        if low < self._low or (high - self._low) / self._width >= FINE_BINS:
+        place = np.divide(above, self._width, out=above)
+        if low < self.low or (high - self.low) / self._width >= FINE_BINS:
             outside = np.flatnonzero((place < 0) | (place >= FINE_BINS))
             place[outside] = 0
             self._fine[0] -= len(outside)
@@ -281,12 +294,12 @@ class _Bins:
                 self._cumulated = value, np.cumsum(weight)
         value, counts = self._cumulated
         at = int(np.searchsorted(counts, number, side="right"))
-        return self._low + (at + 0.5) * self._width if self._all_fine else float(value[at])
+        return self.low + (at + 0.5) * self._width if self._all_fine else float(value[at])
 
     def weighted(self) -> tuple[Floats, NDArray[np.int64]]:
         """Middles of the bins that are not empty, ascending, and their counts."""
         fine, coarse = np.flatnonzero(self._fine), np.flatnonzero(self._coarse)
-        value = np.concatenate([self._low + (fine + 0.5) * self._width, _coarse_middles(coarse)])
+        value = np.concatenate([self.low + (fine + 0.5) * self._width, _coarse_middles(coarse)])
         weight = np.concatenate([self._fine[fine], self._coarse[coarse]])
         order = np.argsort(value, kind="stable")
         return value[order], weight[order]

@@ -1,7 +1,7 @@
 """What one object of a node was over the capture: every change with its source and its reason."""
 
 from bisect import bisect_right
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
@@ -110,10 +110,19 @@ class ObjectHistory:
 
     def add(self, change: Change) -> None:
         """Append a change; the older half goes where there are too many."""
-        self.seqs.append(change.seq)
-        self.changes.append(change)
-        if len(self.seqs) > MAX_CHANGES:
-            del self.seqs[: MAX_CHANGES // 2], self.changes[: MAX_CHANGES // 2]
+        self.extend([change])
+
+    def extend(self, changes: Sequence[Change]) -> None:
+        """Append changes one by one."""
+        begin = 0
+        while begin < len(changes):
+            stop = begin + MAX_CHANGES + 1 - len(self.seqs)
+            part = changes[begin:stop]
+            self.seqs += [change.seq for change in part]
+            self.changes += part
+            if len(self.seqs) > MAX_CHANGES:
+                del self.seqs[: MAX_CHANGES // 2], self.changes[: MAX_CHANGES // 2]
+            begin = stop
 
     def at(self, seq: int | None) -> Known | None:
         """What is known at `seq` (at the end when None)."""

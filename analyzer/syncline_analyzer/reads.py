@@ -1,6 +1,7 @@
 """Reads of one object as columns."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,14 @@ def raw_of(value: Value) -> int:
     """The low 32 bits of a value, of bytes their first four."""
     number = value if isinstance(value, int) else int.from_bytes(value[:4], "little")
     return number & _LOW
+
+
+def raw_values(values: NDArray[Any]) -> NDArray[np.int64]:
+    """The same of many values: (n,) int64, or objects (bytes)."""
+    if values.dtype == object:
+        return np.fromiter(map(raw_of, values.tolist()), np.int64, len(values))
+    raw: NDArray[np.int64] = values & _LOW
+    return raw
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,9 +3,10 @@
 from bisect import bisect_right, insort
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from syncline_analyzer.object_history import (
     MAX_CHANGES,
@@ -17,7 +18,7 @@ from syncline_analyzer.object_history import (
     Span,
     Value,
 )
-from syncline_analyzer.reads import Reads
+from syncline_analyzer.reads import Reads, raw_values
 from syncline_schemas.description import BusDescription
 from syncline_schemas.devices import (
     ABSENT,
@@ -102,6 +103,43 @@ class Shadow:
         if known.source != "sdo-write":
             return
         self._follow_write(bus, node, key, known)
+
+    def learn_columns(
+        self,
+        bus: int,
+        node: int,
+        key: Key,
+        values: NDArray[Any],
+        read: NDArray[np.bool_],
+        seqs: NDArray[np.int64],
+        t_ns: NDArray[np.int64],
+    ) -> None:
+        """Store reads and writes of one object in their order, as `learn` does with each of them.
+
+        Not for objects that tell devices apart, or that change other ones by what a maker says.
+
+        Args:
+            bus, node, key: the object.
+            values: (n,) int64, or objects (bytes); at least one.
+            read: (n,) False for writes.
+            seqs, t_ns: (n,) of the answers.
+        """
+        new = ~read
+        new[1:] |= ~read[:-1] | (values[1:] != values[:-1])
+        if read[0] and not self.repeats(bus, node, key, values[:1].tolist()[0]):
+            new[0] = True
+        elif read[0]:
+            self._note_read_again(bus, node, key, int(seqs[0]))
+        columns = (column[new].tolist() for column in (values, read, seqs, t_ns))
+        told = [
+            Known(value, "sdo-read" if by_read else "sdo-write", seq, at_ns)
+            for value, by_read, seq, at_ns in zip(*columns, strict=True)
+        ]
+        if told:
+            self._add(bus, node, key, told)
+        if len(told) < len(new) and self.is_position(bus, node, key):
+            raw = raw_values(values[~new])
+            self.confirm(bus, node, key, Reads(seqs[~new], t_ns[~new], raw))
 
     def repeats(self, bus: int, node: int, key: Key, value: Value) -> bool:
         """Whether a read of a value only confirms what was read before."""
@@ -349,6 +387,22 @@ class Shadow:
         history.add(Change(seq, known.t_ns or 0, known, reason))
         if not history.unsaved:
             history.keep(seq, known, unsaved=False)
+
+    def _add(self, bus: int, node: int, key: Key, told: Sequence[Known]) -> None:
+        """Store new values of one object, in their order."""
+        history = self._known.setdefault((bus, node), {}).setdefault(key, ObjectHistory())
+        at_once = key in quirks(self.device(bus, node)).stored_at_once
+        changes = []
+        for each in told:
+            seq, cause = each.seq or 0, each.source
+            changes.append(Change(seq, each.t_ns or 0, each, cause))  # type: ignore[arg-type]
+            if cause == "sdo-write":
+                history.keep(seq, history.saved, unsaved=not at_once)
+            if not history.unsaved:
+                history.keep(seq, each, unsaved=False)
+            if key[0] in _COMMUNICATION:
+                self._note(bus, node, seq)
+        history.extend(changes)
 
     def _note(self, bus: int, node: int, seq: int) -> None:
         """Note that a node's communication profile changed."""

@@ -45,7 +45,8 @@ from tests.analyzer.comparison_runs import machine, with_faults
 
 SECRET = b"Z7kQ"
 """What is redacted: as bytes, as text, as hexadecimal digits and as numbers it must not be there."""
-NUMBERS = (int.from_bytes(SECRET, "little"), int.from_bytes(SECRET, "big"))
+_WHOLE = (int.from_bytes(SECRET, "little"), int.from_bytes(SECRET, "big"))
+NUMBERS = (*_WHOLE, *(number & 0x1FFFFFFF for number in _WHOLE))
 
 
 def capture_of(

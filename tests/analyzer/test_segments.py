@@ -206,12 +206,19 @@ def findings(*paths: Path) -> list[tuple[str, int | None, int]]:
     ]
 
 
+@cache
+def healthy_stretch() -> tuple[Run, list[FrameBatch | Gap]]:
+    """A machine on which nothing is wrong."""
+    run = healthy_line(30).start()
+    return run, list(run.stream())
+
+
 def healthy(target: Path, options: RecordOptions, marks: Sequence[int] = ()) -> None:
     """Record a machine on which nothing is wrong; somebody asks for marks at these seconds."""
-    run = healthy_line(40).start()
+    run, stream = healthy_stretch()
     recording = None
     bus = BusInfo(run.scenario.bus_name, 0, run.scenario.bitrate, interface="simulated")
-    for batch in run.stream():
+    for batch in stream:
         assert isinstance(batch, FrameBatch)
         begin_ns = int(batch.t_ns[0])
         recording = recording or Recording(target, [bus], options, start_ns=begin_ns, host="here")
@@ -228,14 +235,14 @@ def healthy(target: Path, options: RecordOptions, marks: Sequence[int] = ()) -> 
 
 
 def described(**more: Any) -> RecordOptions:
-    text = healthy_line(40).start().description_toml
+    text = healthy_stretch()[0].description_toml
     description = BusDescription.loads(text)
     return RecordOptions(description=description, sync=False, recording_id="well", **more)
 
 
 def test_a_healthy_machine_is_not_accused_in_files_of_triggers(tmp_path: Path) -> None:
     around = TriggerPlan(only=True, before_ns=5 * S, after_ns=3 * S)
-    healthy(tmp_path, described(triggers=around), marks=(10, 25))
+    healthy(tmp_path, described(triggers=around), marks=(8, 20))
     paths = sorted(tmp_path.glob("*.mcap"))
     assert len(paths) == 2
     for path in paths:
@@ -243,7 +250,7 @@ def test_a_healthy_machine_is_not_accused_in_files_of_triggers(tmp_path: Path) -
     assert findings(*paths) == []
 
 
-@pytest.mark.parametrize("cut", [0.2, 0.55, 0.999])
+@pytest.mark.parametrize("cut", [0.3, 0.999])
 def test_a_healthy_machine_is_not_accused_in_a_cut_file(tmp_path: Path, cut: float) -> None:
     healthy(tmp_path, described(split=Split(size_bytes=60_000)))
     *_, last = paths = sorted(tmp_path.glob("*.mcap"))

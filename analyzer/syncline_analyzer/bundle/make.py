@@ -178,10 +178,10 @@ def _moved(analysis: Analysis) -> dict[int, set[int]]:
     for transfer in analysis.sdo:
         if transfer.client_cob_id is not None:
             found.setdefault(transfer.node, set()).add(transfer.client_cob_id)
-    for ids in found.values():
-        # The numbers of other services are nobody's own.
-        ids -= {0x000, 0x080, 0x100}
-    return found
+    # Only what was seen: the number of an identifier that nobody sends is a payload. And NMT, SYNC
+    # and TIME are nobody's own.
+    seen = {row.cob_id for row in analysis.bus_shares} - {0x000, 0x080, 0x100}
+    return {node: {can_id for can_id in ids if can_id in seen} for node, ids in found.items()}
 
 
 def _learned_before(facts: Sequence[CaptureFacts]) -> dict[str, str]:

@@ -19,6 +19,7 @@ from syncline_analyzer.readers.source import CaptureSource
 from syncline_analyzer.readers.times import utc_ns
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
 from syncline_schemas.errors import CaptureError
+from syncline_schemas.memory import keep_freed_memory
 
 _HEADER_SIZE: Final = 144
 _CONTAINER: Final = 10
@@ -56,6 +57,7 @@ class BlfReader:
 
     def batches(self) -> Iterator[FrameBatch | Gap]:
         """Batches in file order."""
+        keep_freed_memory()
         source = CaptureSource(self.facts.path)
         try:
             source.read(self._header_size)
@@ -126,6 +128,26 @@ class BlfReader:
 
     def _objects(self, data: bytes) -> tuple[FrameBatch, bytes]:
         """Frames of all whole objects in the data, and the bytes left."""
+        plain = _plain_messages(data)
+        frames = self._plain_frames(plain)
+        rest, left = self._other_objects(data[plain.nbytes :])
+        return FrameBatch.concat([each for each in (frames, rest) if len(each)]), left
+
+    def _plain_frames(self, objects: NDArray[np.void]) -> FrameBatch:
+        """Frames of CAN messages that stand in a row, as a matrix."""
+        columns = _Columns(len(objects), 8)
+        columns.channel[:] = objects["channel"]
+        columns.can_id[:] = objects["id"] & 0x1FFFFFFF
+        columns.flags[:] = _FLAGS_OF_BYTE[objects["flags"]]
+        columns.flags |= ((objects["id"] >> 31) * int(FrameFlag.EXTENDED)).astype(np.uint16)
+        np.minimum(objects["length"], 8, out=columns.dlc)
+        columns.data_count[:] = columns.dlc
+        columns.data_count[(columns.flags & FrameFlag.REMOTE) != 0] = 0
+        columns.data[:] = objects["data"]
+        columns.t_ns[:] = self._stamps(objects["stamp"], objects["unit"] == 1)
+        return self._batch(columns)
+
+    def _other_objects(self, data: bytes) -> tuple[FrameBatch, bytes]:
         at, used = _object_places(data)
         if used < 0:
             self._harm("an object does not start where the one before it ends")
@@ -152,28 +174,73 @@ class BlfReader:
         return self._batch(columns)
 
     def _times(self, view: ByteColumns, at: NDArray[np.intp]) -> NDArray[np.int64]:
-        ten_us = view.u32(at, 16) == 1
+        return self._stamps(view.u64(at, 24).view(np.int64), view.u32(at, 16) == 1)
+
+    def _stamps(self, stamps: NDArray[np.int64], ten_us: NDArray[np.bool_]) -> NDArray[np.int64]:
+        """Times of objects, whose stamps count ns or 10 us."""
         self._steps.update({10_000} if ten_us.any() else set(), {1} if not ten_us.all() else set())
-        stamps = view.u64(at, 24).view(np.int64)
-        return stamps * np.where(ten_us, 10_000, 1) + (self._start_ns or 0)
+        if ten_us.any():
+            stamps = stamps * np.where(ten_us, 10_000, 1)
+        return stamps + (self._start_ns or 0)
 
     def _batch(self, columns: "_Columns") -> FrameBatch:
-        channels, first = np.unique(columns.channel, return_index=True)
+        if len(columns.channel) and not np.any(columns.channel != columns.channel[0]):
+            channels, first = columns.channel[:1], np.zeros(1, np.intp)
+        else:
+            channels, first = np.unique(columns.channel, return_index=True)
         for channel in channels[np.argsort(first)].tolist():
             if channel not in self._bus_of:
                 full = len(self.facts.buses) >= 256
                 self._bus_of[channel] = 255 if full else self.facts.bus_number(str(channel))
         numbers = np.array([self._bus_of[int(channel)] for channel in channels], np.uint8)
         bus = numbers[np.searchsorted(channels, columns.channel)] if len(channels) else columns.dlc
-        keep = np.arange(columns.data.shape[1]) < columns.data_count[:, None]
         return FrameBatch(
             columns.t_ns,
             bus,
             columns.can_id,
             columns.flags,
             columns.dlc,
-            np.where(keep, columns.data, 0).astype(np.uint8),
+            columns.data * _KEPT[columns.data_count, : columns.data.shape[1]],
         )
+
+
+_KEPT: Final = (np.arange(64) < np.arange(65)[:, None]).astype(np.uint8)
+"""(65, 64) 1 for each of the first n bytes."""
+_FLAGS_OF_BYTE: Final = np.array(
+    [(byte & 1) * int(FrameFlag.TX) | (byte >> 7) * int(FrameFlag.REMOTE) for byte in range(256)],
+    np.uint16,
+)
+_PLAIN: Final = np.dtype(
+    [
+        ("signature", "<u4"),
+        ("header", "<u2"),
+        ("version", "<u2"),
+        ("size", "<u4"),
+        ("kind", "<u4"),
+        ("unit", "<u4"),
+        ("client", "<u2"),
+        ("object_version", "<u2"),
+        ("stamp", "<i8"),
+        ("channel", "<u2"),
+        ("flags", "u1"),
+        ("length", "u1"),
+        ("id", "<u4"),
+        ("data", "u1", (8,)),
+    ]
+)
+"""A CAN message, classic, of which most logs consist: an object of 48 bytes."""
+
+
+def _plain_messages(data: bytes) -> NDArray[np.void]:
+    """The CAN messages with which the data begin, as far as nothing else comes between."""
+    objects = np.frombuffer(data, _PLAIN, len(data) // _PLAIN.itemsize)
+    other = (
+        (objects["signature"] != _SIGNATURE)
+        | (objects["size"] != _PLAIN.itemsize)
+        | (objects["header"] != 32)
+        | ((objects["kind"] != _CAN_MESSAGES[0]) & (objects["kind"] != _CAN_MESSAGES[1]))
+    )
+    return objects[: int(np.argmax(other)) if other.any() else len(objects)]
 
 
 class _Columns:

@@ -31,7 +31,15 @@ _FOREIGN_MAGIC = {
     b"BZh": "a bzip2 file",
     b"\xfd7zXZ": "an xz file",
 }
-_BINARY_MAGIC = (_MCAP_MAGIC, ZIP_MAGIC, b"LOGG", PCAPNG_MAGIC, *PCAP_MAGIC, *MF4_MAGIC, *_FOREIGN_MAGIC)
+_BINARY_MAGIC = (
+    _MCAP_MAGIC,
+    ZIP_MAGIC,
+    b"LOGG",
+    PCAPNG_MAGIC,
+    *PCAP_MAGIC,
+    *MF4_MAGIC,
+    *_FOREIGN_MAGIC,
+)
 _LINES_LOOKED_AT = 2000
 
 

@@ -27,6 +27,7 @@ from syncline_analyzer.readers.source import (
     LineSource,
 )
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
+from syncline_schemas.memory import keep_freed_memory
 
 MAX_MATCHERS = 48
 """Layouts kept for one line length."""
@@ -127,6 +128,7 @@ class TextReader:
 
     def batches(self) -> Iterator[FrameBatch | Gap]:
         """Batches in file order, with a Gap between them where frames were lost."""
+        keep_freed_memory()
         source = CaptureSource(self._path)
         try:
             for item in self._read(LineSource(source, self._block_bytes)):
@@ -180,9 +182,9 @@ class TextReader:
         yield from self._deliver(batch, lost)
 
     def _read_known(self, batch: LineBatch, lengths: NDArray[np.intp]) -> NDArray[np.intp]:
-        order = np.argsort(lengths, kind="stable") if len(lengths) else lengths
-        if len(order) and lengths.max() < 1 << 16:
-            order = np.argsort(lengths.astype(np.uint16), kind="stable")
+        short = len(lengths) > 0 and int(lengths.max()) < 1 << 16
+        # Numbers of 16 bits are sorted digit by digit, several times as fast as longer ones.
+        order = np.argsort(lengths.astype(np.uint16) if short else lengths, kind="stable")
         ordered = lengths[order]
         cuts = np.flatnonzero(np.diff(ordered)) + 1
         left = []

@@ -2,6 +2,7 @@
 
 import zlib
 from collections.abc import Iterator
+from io import BufferedReader
 from pathlib import Path
 from typing import BinaryIO, cast
 
@@ -23,6 +24,7 @@ class CaptureSource:
         self.damage: str | None = None
         try:
             self._file = _unpacked(path)
+            self._plain = isinstance(self._file, BufferedReader)
         except OSError as error:
             raise CaptureError(f"{path}: cannot be opened: {error.strerror or error}") from error
 
@@ -35,14 +37,14 @@ class CaptureSource:
                 break
             parts.append(part)
             size -= len(part)
-        return b"".join(parts)
+        return parts[0] if len(parts) == 1 else b"".join(parts)
 
     def _read_once(self, size: int) -> bytes:
         if self.damage is not None:
             return b""
         try:
-            # A large request loses everything before the fault in the same request.
-            return self._file.read(min(size, HEAD_BYTES))
+            # A large request loses everything before a fault of the packing in the same request.
+            return self._file.read(size if self._plain else min(size, HEAD_BYTES))
         except EOFError:
             self.damage = "the packed file ends early"
         except (zlib.error, OSError, ValueError) as error:

@@ -1,6 +1,6 @@
 """Reading a capture: whole, cut off, damaged or rewritten by another tool."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -197,17 +197,25 @@ class CaptureScan:
         if history.add_record(self.facts.metadata_records.get(END_METADATA_NAME, {})):
             return
         with _opened(self.path, []) as file:
-            for raw in self._chunks(file, everything=True):
+            for raw in self._clock_chunks(file):
                 if isinstance(raw, Definition | Document):
                     self._register(raw)
-                elif isinstance(raw, RawChunk) and self._may_hold_clocks(raw):
+                elif isinstance(raw, RawChunk) and self._may_hold_clocks(raw.index):
                     content = open_chunk(raw)
                     if isinstance(content, ChunkContent):
                         self._add_clocks(content, history)
 
-    def _may_hold_clocks(self, raw: RawChunk) -> bool:
+    def _clock_chunks(self, file: RecordFile) -> Iterator[Record]:
+        if self._summary is None:
+            yield from file.records(self._first_chunk)
+            return
+        for place in self._summary.chunks:
+            if self._may_hold_clocks(place.messages()):
+                yield file.chunk_at(place)
+
+    def _may_hold_clocks(self, channels: Iterable[int] | None) -> bool:
         kind = self._channels.kind
-        return raw.index is None or any(kind[channel] == Kind.CLOCK for channel in raw.index)
+        return channels is None or any(kind[channel] == Kind.CLOCK for channel in channels)
 
     def _add_clocks(self, content: ChunkContent, history: ClockHistory) -> None:
         for row in np.flatnonzero(self._channels.kind[content.channel] == Kind.CLOCK).tolist():
@@ -238,21 +246,19 @@ class CaptureScan:
             self._register(record)
         self._first_chunk = file.size
 
-    def _chunks(self, file: RecordFile, *, everything: bool = False) -> Iterator[Record | Unread]:
+    def _chunks(self, file: RecordFile) -> Iterator[Record | Unread]:
         """Chunks in file order and, where no summary told them before, what else is in the file."""
         if self._summary is None:
             yield from file.records(self._first_chunk)
             return
         lag = LagBounds.from_record(self.facts.metadata_records.get(END_METADATA_NAME, {}))
+        if self.repair is not None:
+            lag = None
         last = None
         for place in self._summary.chunks:
-            if everything or self.repair is not None or lag is None:
+            if lag is None or (self._limit is None and self._range.may_hold(place, lag)):
                 yield file.chunk_at(place)
-            elif not self._range.may_hold(place, lag):
-                continue
-            elif self._limit is None:
-                yield file.chunk_at(place)
-            else:
+            elif self._limit is not None:
                 last = last or last_frames(self._summary.chunks, self._channels)
                 unread = self._limit.unread(place, lag, self._channels)
                 yield file.chunk_at(place) if unread is None or place in last else unread

@@ -400,12 +400,13 @@ class AngleFold:
         derived: Derived,
         converter: Converter,
     ) -> None:
-        for jump in derived.speeds.jumps if derived.speeds else ():
-            text = self._jump_text(key, jump.after, converter, int(piece.seq[jump.row]))
+        jumps = derived.speeds.jumps if derived.speeds else []
+        for jump in jumps if state.preset else jumps[: state.room("jump")]:
             limit = converter.scale.max_rpm if isinstance(converter, Encoder) else None
             seq, t_ns = int(piece.seq[jump.row]), int(piece.t_ns[jump.row])
             if state.preset_within(t_ns - jump.span_ns, t_ns):
                 continue
+            text = self._jump_text(key, jump.after, converter, seq) if state.room("jump") else ""
             state.moved("jump", seq, t_ns - jump.span_ns)
             state.note(
                 "jump",
@@ -456,7 +457,7 @@ class AngleFold:
         if isinstance(converter, Tilt) and converter.may_be_zeroed:
             doubtful.append("reference")
         assumed = f"assumed: {', '.join(doubtful)}" if doubtful else "scale as read"
-        for row in starts.tolist():
+        for row in starts[: state.room("out of range")].tolist():
             state.note(
                 "out of range",
                 int(piece.seq[row]),

@@ -1,5 +1,7 @@
 """One angle trace from block to block: its segments, its events and what its row is made of."""
 
+from bisect import bisect_left, insort
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -112,6 +114,10 @@ class TraceState:
     """Samples by COB-ID, or `SDO_SOURCE`."""
     moved_from_ns: dict[int, int] = field(default_factory=dict)
     """Stamp of the sample before a move by the `seq` of the one after."""
+    _moves_ns: list[int] = field(default_factory=list)
+    """Times of the `MOVES` that are kept, ascending ..."""
+    _presets_ns: list[int] = field(default_factory=list)
+    """... and of the presets among them."""
 
     def leapt(self, until: int) -> None:
         """Steps and spikes up to `until` that the speed limit lets pass; each source shows them,
@@ -120,19 +126,27 @@ class TraceState:
         self.ahead = [leap for leap in self.ahead if leap.seq > until]
         for leap in sorted(due, key=lambda leap: leap.seq):
             since_ns = leap.t_ns - leap.span_ns
-            told = [e.t_ns for e in self.events if e.kind in MOVES]
-            if any(since_ns - leap.span_ns <= t_ns <= leap.t_ns for t_ns in told):
+            if _any_within(self._moves_ns, since_ns - leap.span_ns, leap.t_ns):
                 continue
             self.moved(leap.kind, leap.seq, since_ns)
             self.note(leap.kind, leap.seq, leap.t_ns, leap.before, leap.after, _way(leap))
 
     def preset_within(self, start_ns: int, end_ns: int) -> bool:
         """Whether a preset was told in a span; another source may show it a little later."""
-        return any(e.kind == "preset" and start_ns <= e.t_ns <= end_ns for e in self.events)
+        return _any_within(self._presets_ns, start_ns, end_ns)
+
+    def room(self, kind: EventKind) -> int:
+        """How many events of a kind are still kept."""
+        return max(0, MAX_EVENTS - self.noted.get(kind, 0))
+
+    @property
+    def preset(self) -> bool:
+        """Whether any preset was told."""
+        return bool(self._presets_ns)
 
     def moved(self, kind: EventKind, seq: int, since_ns: int) -> None:
         """Remember since when a move that is noted may have happened."""
-        if self.noted.get(kind, 0) < MAX_EVENTS:
+        if self.room(kind):
             self.moved_from_ns[seq] = since_ns
 
     def cut(self, seq: int, t_ns: int, text: str) -> None:
@@ -155,13 +169,16 @@ class TraceState:
         text: str,
     ) -> None:
         """Keep an event, up to the limit of its kind."""
+        if not self.room(kind):
+            return
         self.noted[kind] = self.noted.get(kind, 0) + 1
-        if self.noted[kind] <= MAX_EVENTS:
-            self.events.append(
-                TraceEventRow(
-                    self.bus, self.node, self.object, kind, seq, t_ns, before, after, text
-                )
-            )
+        self.events.append(
+            TraceEventRow(self.bus, self.node, self.object, kind, seq, t_ns, before, after, text)
+        )
+        if kind in MOVES:
+            insort(self._moves_ns, t_ns)
+        if kind == "preset":
+            insort(self._presets_ns, t_ns)
 
     def add(self, piece: Samples, converter: Converter, *, timed: bool) -> Derived:
         """Take in the samples of an unbroken piece."""
@@ -352,3 +369,9 @@ def _rounded(value: float | None) -> float | None:
 
 def _source_name(source: int) -> str:
     return "SDO" if source == SDO_SOURCE else f"{source:03X}h"
+
+
+def _any_within(times_ns: Sequence[int], start_ns: int, end_ns: int) -> bool:
+    """Whether any of some ascending times lies in a span, its ends included."""
+    at = bisect_left(times_ns, start_ns)
+    return at < len(times_ns) and times_ns[at] <= end_ns

@@ -1,26 +1,28 @@
-"""What SDO transfers teach the object-dictionary shadow: of columns only news are looked at."""
+"""What SDO transfers teach the object-dictionary shadow: plain reads in columns, the rest singly."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from heapq import heappop, heappush
+from heapq import heapify, heappop, heappush
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.folds.sdo.channel import SdoChannel
 from syncline_analyzer.folds.sdo.pairs import Plain
-from syncline_analyzer.folds.sdo.values import known_value
-from syncline_analyzer.object_history import Known
-from syncline_analyzer.reads import Reads, raw_of
+from syncline_analyzer.folds.sdo.values import known_value, known_values
+from syncline_analyzer.object_history import Known, Value
 from syncline_analyzer.shadow import Shadow
 from syncline_schemas.canopen.sdo import LOAD_SIGNATURE, SAVE_SIGNATURE
+from syncline_schemas.devices import quirks
 
 STORE, RESTORE = 0x1010, 0x1011
+_PDOS = range(0x1800, 0x1A00)
+_ANY_BIT = 0xFFFFFFFF
 Key = tuple[int, int]
 
 
-@dataclass(frozen=True, slots=True)
-class Lesson:
+class Lesson(NamedTuple):
     """What one transfer tells: a value, or (`data` is None) that the node has no such object."""
 
     place: int
@@ -33,11 +35,16 @@ class Lesson:
     t_ns: int
 
 
+Told = tuple[Lesson, Value | None]
+"""A transfer, and the value that it tells."""
+
+
 class Teacher:
     """Gives the shadow what transfers tell, in the order in which they ended.
 
-    A plain read that brings what the one before it brought changes nothing: only first ones and
-    changed ones are looked at, and those after anything else that may have changed the value.
+    The plain transfers of an object that concern nothing else are taken in as columns: at the end
+    of the stretch, or before anything that concerns the object, too. Of other objects, a plain read
+    that brings what the one before it brought changes nothing and is left out.
     """
 
     def __init__(self, shadow: Shadow) -> None:
@@ -45,28 +52,32 @@ class Teacher:
 
     def teach(
         self, lessons: Sequence[Lesson], plain: Plain, channels: Sequence[SdoChannel]
-    ) -> list[tuple[Lesson, int | bytes | None]]:
+    ) -> list[Told]:
         """Take in a stretch; `lessons` are the transfers that are not plain, by their places.
 
         Returns: these with the values that they tell.
         """
-        shadow, news = self._shadow, _News(plain, channels)
-        told = []
-        for lesson in news.among(lessons):
-            place = lesson.bus, lesson.node
-            if shadow.tells(lesson.key[0]):
-                self._confirm(news, lesson.place)
-            before = shadow.upset, shadow.device(*place)
+        shadow, told = self._shadow, []
+        objects = _Objects(plain, channels)
+        objects.take_singly(self._columnar)
+        waiting = list(reversed(lessons))
+        while (lesson := objects.next(waiting)) is not None:
+            bus, node = lesson.bus, lesson.node
+            if self._concerns_others(bus, node, lesson.key):
+                self._read(objects, objects.of_node(bus, node), lesson.place)
+            else:
+                self._read(objects, objects.of_object(lesson), lesson.place)
+            before = shadow.upset, shadow.device(bus, node)
             value = self.take(lesson)
             told.append((lesson, value))
-            if shadow.upset != before[0] or shadow.device(*place) is not before[1]:
-                news.look_again(lesson.place)
-            elif value is None or not shadow.repeats(*place, lesson.key, value):
-                news.look_at_next(lesson)
-        self._confirm(news, None)
+            if shadow.upset != before[0] or shadow.device(bus, node) is not before[1]:
+                objects.look_again(bus, node, lesson.place, self._columnar)
+            elif value is None or not shadow.repeats(bus, node, lesson.key, value):
+                objects.look_at_next(lesson)
+        self._read(objects, objects.all, None)
         return told
 
-    def take(self, lesson: Lesson) -> int | bytes | None:
+    def take(self, lesson: Lesson) -> Value | None:
         """Take in one transfer; returns the value that it tells."""
         shadow, bus, node = self._shadow, lesson.bus, lesson.node
         if lesson.data is None:
@@ -79,105 +90,150 @@ class Teacher:
         elif lesson.write and index == RESTORE and value == LOAD_SIGNATURE:
             shadow.restore(bus, node, lesson.seq, sub)
         else:
-            known = Known(
-                value, "sdo-write" if lesson.write else "sdo-read", lesson.seq, lesson.t_ns
-            )
+            source = "sdo-write" if lesson.write else "sdo-read"
+            known = Known(value, source, lesson.seq, lesson.t_ns)  # type: ignore[arg-type]
             shadow.learn(bus, node, index, sub, known)
         return value
 
-    def _confirm(self, news: "_News", place: int | None) -> None:
-        """Give the shadow the reads of positions that told nothing new, up to a place."""
-        shadow, plain = self._shadow, news.plain
-        for bus, node, key, rows in news.repeats(place):
-            if not shadow.is_position(bus, node, key):
-                continue
-            device = shadow.device(bus, node)
-            distinct, first, of = np.unique(news.told[rows], return_index=True, return_inverse=True)
-            values = (known_value(device, *key, plain.data(at)) for at in rows[first].tolist())
-            raw = np.fromiter(map(raw_of, values), np.int64, len(distinct))
-            shadow.confirm(bus, node, key, Reads(plain.end_seq[rows], plain.end_ns[rows], raw[of]))
+    def _read(self, objects: "_Objects", which: Sequence["_Object"], place: int | None) -> None:
+        """Take in the columns of objects up to a place."""
+        plain = objects.plain
+        for each in which:
+            rows = each.take(objects.rows_before(place))
+            if len(rows):
+                device = self._shadow.device(each.bus, each.node)
+                values = known_values(device, *each.key, plain.word[rows], plain.size[rows])
+                moments = plain.end_seq[rows], plain.end_ns[rows]
+                told = values, plain.read[rows], *moments
+                self._shadow.learn_columns(each.bus, each.node, each.key, *told)
+
+    def _columnar(self, each: "_Object") -> bool:
+        """Whether transfers of an object concern nothing but the object."""
+        return not self._concerns_others(each.bus, each.node, each.key)
+
+    def _concerns_others(self, bus: int, node: int, key: Key) -> bool:
+        """Whether an object may change what others of its node are, or how they are read."""
+        facts = quirks(self._shadow.device(bus, node))
+        return (
+            self._shadow.tells(key[0])
+            or key[0] in (STORE, RESTORE)
+            or key in facts.reset_writes
+            or key in facts.factory_reset_writes
+            or key in facts.aliases
+            or any(written == key for written, _, _ in facts.side_effects)
+            or (key[1] == 1 and key[0] in _PDOS and facts.pdo_cob_id_mask != _ANY_BIT)
+        )
 
 
-class _News:
-    """Plain transfers by object, and which of them are to be looked at."""
+@dataclass(slots=True)
+class _Object:
+    """Plain transfers of one object: rows (n,) in order; those from `reached` on are to be read."""
+
+    bus: int
+    node: int
+    key: Key
+    rows: NDArray[np.intp]
+    columnar: bool = True
+    reached: int = 0
+
+    def take(self, stop: int) -> NDArray[np.intp]:
+        """The rows before another one that are taken in as columns, each told once."""
+        if not self.columnar:
+            return self.rows[:0]
+        first, self.reached = self.reached, int(np.searchsorted(self.rows, stop))
+        return self.rows[first : self.reached]
+
+
+class _Objects:
+    """The plain transfers of a stretch by object, and those that are looked at one by one."""
 
     def __init__(self, plain: Plain, channels: Sequence[SdoChannel]) -> None:
         self.plain = plain
         owners: dict[Key, int] = {}
-        of = [owners.setdefault((each.bus, each.node), len(owners)) for each in channels]
         self._channels = [(each.bus, each.node) for each in channels]
-        self._owners = list(owners)
-        self._numbers = owners
-        owner = np.array(of, np.int64)[plain.channel]
-        name = owner << 24 | plain.name
-        self._order = order = np.argsort(name, kind="stable")
-        self._names = name[order]
-        self.told = plain.word.astype(np.int64) | plain.size.astype(np.int64) << 32
-        told = self.told[order]
-        same = plain.read[order[1:]] & plain.read[order[:-1]] & (told[1:] == told[:-1])
-        same &= self._names[1:] == self._names[:-1]
-        new = np.ones(len(plain), np.bool_)
-        new[order[1:]] = ~same
-        self._heap: list[int] = np.flatnonzero(new).tolist()
-        self._looked_at = new
-        self._repeated = 0
+        of = [owners.setdefault(each, len(owners)) for each in self._channels]
+        listed = list(owners)
+        name = np.array(of, np.int64)[plain.channel] << 24 | plain.name
+        self._order = np.argsort(name, kind="stable")
+        self._ordered = ordered = name[self._order]
+        cuts = np.flatnonzero(ordered[1:] != ordered[:-1]) + 1
+        names = ordered[[0, *cuts]].tolist() if len(name) else []
+        self.all: list[_Object] = []
+        for each, rows in zip(names, np.split(self._order, cuts), strict=False):
+            bus, node = listed[each >> 24]
+            self.all.append(_Object(bus, node, (each & 0xFFFF, each >> 16 & 0xFF), rows))
+        self._by_name = {(each.bus, each.node, each.key): each for each in self.all}
+        self._by_node: dict[Key, list[_Object]] = {}
+        for each in self.all:
+            self._by_node.setdefault((each.bus, each.node), []).append(each)
+        self._heap: list[int] = []
+        self._last = -1
 
-    def among(self, lessons: Sequence[Lesson]) -> Iterator[Lesson]:
-        """The transfers to look at, those of other kinds among them; more may come meanwhile."""
-        for lesson in lessons:
-            yield from self._up_to(lesson.place)
-            yield lesson
-        yield from self._up_to(None)
+    def of_node(self, bus: int, node: int) -> Sequence[_Object]:
+        """Objects of one node."""
+        return self._by_node.get((bus, node), ())
+
+    def of_object(self, lesson: Lesson) -> Sequence[_Object]:
+        """The object that a transfer names, if it has plain ones."""
+        each = self._by_name.get((lesson.bus, lesson.node, lesson.key))
+        return () if each is None else (each,)
+
+    def take_singly(self, columnar: Callable[[_Object], bool]) -> None:
+        """Choose what is looked at one by one: objects that are not `columnar`."""
+        new = self._news()
+        for each in self.all:
+            each.columnar = columnar(each)
+            if not each.columnar:
+                self._heap += each.rows[new[each.rows]].tolist()
+        heapify(self._heap)
+
+    def next(self, waiting: list[Lesson]) -> Lesson | None:
+        """What comes next: a plain transfer, or the last of `waiting`, which is taken off then."""
+        while self._heap:
+            row = self._heap[0]
+            if waiting and waiting[-1].place < self.plain.answer[row]:
+                break
+            heappop(self._heap)
+            if row != self._last:
+                self._last = row
+                return self._lesson(row)
+        return waiting.pop() if waiting else None
 
     def look_at_next(self, lesson: Lesson) -> None:
         """Look at the next plain transfer of an object after one of its transfers, too."""
-        owner = self._numbers.get((lesson.bus, lesson.node))
-        if owner is None:
-            return
-        name = owner << 24 | lesson.key[1] << 16 | lesson.key[0]
-        first, stop = np.searchsorted(self._names, (name, name + 1))
-        rows = self._order[first:stop]
-        at = int(np.searchsorted(self.plain.answer[rows], lesson.place, "right"))
-        if at < len(rows):
-            self._push(int(rows[at]))
+        for each in self.of_object(lesson):
+            if not each.columnar:
+                self._push_next(each, lesson.place)
 
-    def look_again(self, place: int) -> None:
-        """Look at the next plain transfer of every object after a place, too."""
-        later = self._order[self.plain.answer[self._order] > place]
-        name = self._names[self.plain.answer[self._order] > place]
-        first = np.ones(len(name), np.bool_)
-        first[1:] = name[1:] != name[:-1]
-        for row in later[first].tolist():
-            self._push(row)
+    def look_again(
+        self, bus: int, node: int, place: int, columnar: Callable[[_Object], bool]
+    ) -> None:
+        """Look at the next plain transfer of every object of a node after a place, too."""
+        for each in self.of_node(bus, node):
+            each.columnar = each.columnar and columnar(each)
+            if not each.columnar:
+                self._push_next(each, place)
 
-    def repeats(self, place: int | None) -> Iterator[tuple[int, int, Key, NDArray[np.intp]]]:
-        """By object, the reads before a place (all) that were not looked at, each told once."""
-        upto = len(self.plain)
-        if place is not None:
-            upto = int(np.searchsorted(self.plain.answer, place))
-        first, self._repeated = self._repeated, max(upto, self._repeated)
-        edges = [*np.flatnonzero(self._names[1:] != self._names[:-1]) + 1, len(self._names)]
-        begin = 0
-        for stop in edges if first < upto else ():
-            rows = self._order[begin:stop]
-            rows = rows[(rows >= first) & (rows < upto) & ~self._looked_at[rows]]
-            bus, node = self._owners[int(self._names[begin]) >> 24]
-            name = int(self._names[begin]) & 0xFFFFFF
-            begin = stop
-            if len(rows):
-                yield bus, node, (name & 0xFFFF, name >> 16), rows
+    def rows_before(self, place: int | None) -> int:
+        """Up to which row transfers ended before a place."""
+        answer = self.plain.answer
+        return len(answer) if place is None else int(np.searchsorted(answer, place))
 
-    def _up_to(self, place: int | None) -> Iterator[Lesson]:
-        heap, answer, last = self._heap, self.plain.answer, -1
-        while heap and (place is None or answer[heap[0]] < place):
-            row = heappop(heap)
-            if row != last:
-                yield self._lesson(row)
-            last = row
+    def _news(self) -> NDArray[np.bool_]:
+        """(n,) False for reads that bring what the transfer of the object before, a read, brought."""
+        plain, order = self.plain, self._order
+        told = plain.word.astype(np.int64) | plain.size.astype(np.int64) << 32
+        told = np.where(plain.read, told, -1)[order]
+        same = (told[1:] == told[:-1]) & (told[1:] >= 0)
+        same &= self._ordered[1:] == self._ordered[:-1]
+        new = np.ones(len(plain), np.bool_)
+        new[order[1:]] = ~same
+        return new
 
-    def _push(self, row: int) -> None:
-        self._looked_at[row] = True
-        heappush(self._heap, row)
+    def _push_next(self, each: _Object, place: int) -> None:
+        at = int(np.searchsorted(each.rows, self.rows_before(place + 1)))
+        if at < len(each.rows):
+            heappush(self._heap, int(each.rows[at]))
 
     def _lesson(self, row: int) -> Lesson:
         plain = self.plain

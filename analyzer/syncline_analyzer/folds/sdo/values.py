@@ -1,6 +1,10 @@
 """Data types of objects, and values as the shadow keeps them."""
 
 from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from syncline_schemas.canopen.datatypes import DATA_TYPES, decode_value
 from syncline_schemas.canopen.objects import standard_object
@@ -33,3 +37,38 @@ def known_value(device: Device | None, index: int, sub: int, data: bytes) -> int
     if known is not None or not 0 < len(data) <= 8:
         return data
     return int.from_bytes(data, "little")
+
+
+def known_values(
+    device: Device | None,
+    index: int,
+    sub: int,
+    word: NDArray[np.uint32],
+    size: NDArray[np.uint8],
+) -> NDArray[Any]:
+    """Values of expedited transfers of one object, each as `known_value` tells it.
+
+    Args:
+        device, index, sub: the object.
+        word: (n,) the value, little endian.
+        size: (n,) bytes that the frame states, 0 where it states none and holds four.
+
+    Returns:
+        (n,) int64, or objects (bytes) where the type is none of numbers.
+    """
+    code = type_code(device, index, sub)
+    known = DATA_TYPES.get(code) if code is not None else None
+    length = np.where(size == 0, 4, size).astype(np.int64)
+    value = word.astype(np.int64)
+    if known is None:
+        return value
+    if known.kind not in _NUMBERS or known.bits is None:
+        data = zip(word.astype("<u4").tolist(), length.tolist(), strict=True)
+        held = np.empty(len(word), object)
+        held[:] = [each.to_bytes(4, "little")[:count] for each, count in data]
+        return held
+    low = value & (1 << known.bits) - 1
+    if known.kind == "signed":
+        half = 1 << known.bits - 1
+        low = (low ^ half) - half
+    return np.where(length * 8 < known.bits, value, low)

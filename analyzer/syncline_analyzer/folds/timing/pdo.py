@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.folds.timing.block import UNKNOWN_BITS, Block
+from syncline_analyzer.folds.timing.extremes import limits_of
 from syncline_analyzer.folds.timing.lateness import others_as_late
 from syncline_analyzer.folds.timing.on_wire import OnWire
 from syncline_analyzer.folds.timing.overdue import lacking_after
@@ -432,8 +433,9 @@ class PdoFold:
                 return
             frames, position, response = frames.chosen(true), position[true], response[true]
         block, rows, seq, t_ns = passing.block, frames.rows, frames.seq, frames.t_ns
-        state.response.add(response)
-        state.slowest.add(response, seq, t_ns)
+        limits = limits_of(response)
+        state.response.add(response, limits)
+        state.slowest.add(response, seq, t_ns, limits)
         state.late += self._late(passing.bus, state, rows, response, block)
         # Copies: what is kept must not hold on to the columns of the whole block.
         columns = {"seq": seq.copy(), "t_ns": t_ns.copy(), "response_us": response / 1000}

@@ -141,7 +141,9 @@ class PdoState:
         every = self.rhythm.every(default if isinstance(default, int) else None)
         if every is None or not self.response.count:
             return None
-        return every if _spread(self.response) <= _SMALL_SPREAD * sync_period_ns else None
+        most_ns = _SMALL_SPREAD * sync_period_ns
+        narrow = self.response.maximum - self.response.minimum <= most_ns
+        return every if narrow or _spread(self.response) <= most_ns else None
 
     def cyclic(self) -> bool:
         """Whether its period is steady (analysis.md section 5)."""

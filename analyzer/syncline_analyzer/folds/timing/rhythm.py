@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from syncline_analyzer.folds.timing.extremes import limits_of
 from syncline_analyzer.folds.timing.slips import Spared
 from syncline_analyzer.folds.timing.sync import SyncIndex
 
@@ -162,6 +163,10 @@ class Rhythm:
     _due: int | None = None
     """The last SYNC that was answered, or found missed."""
     _fresh: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+    _kept: tuple[int | None, int, int] | None = None
+    """(default, crowded, n) while all further steps are n: then n stays what was told last."""
+    _longest: tuple[int, int] | None = None
+    """(SYNC from which the fresh ones were counted, longest step among them)."""
 
     def restart(self) -> None:
         """Forget where the pattern stands, not what it was."""
@@ -170,6 +175,7 @@ class Rhythm:
     def relearn(self) -> None:
         """Forget the pattern too."""
         self.restart()
+        self._kept = None
         self.steps[:] = 0
         self.crowded = 0
 
@@ -205,12 +211,20 @@ class Rhythm:
 
     def answered(self, ordinal: NDArray[np.int64]) -> None:
         """Take in the numbers of the SYNCs that were answered, each once."""
-        self._fresh = ordinal
+        self._fresh, self._longest = ordinal, None
         if not len(ordinal):
             return
         line = ordinal if self._last is None else np.concatenate(([self._last], ordinal))
-        steps = np.minimum(line[1:] - line[:-1], _MAX_STEP)
-        self.steps += np.bincount(steps, minlength=_MAX_STEP + 1)
+        if len(line) > 1:
+            steps = line[1:] - line[:-1]
+            least, most = limits_of(steps)
+            if least == most:
+                self.steps[min(least, _MAX_STEP)] += len(steps)
+            else:
+                self.steps += np.bincount(np.minimum(steps, _MAX_STEP), minlength=_MAX_STEP + 1)
+            if self._kept is not None and (least, most) != (self._kept[2], self._kept[2]):
+                self._kept = None
+            self._longest = (int(line[0]), most) if self._last is not None else None
         self._last = int(ordinal[-1])
 
     def every(self, default: int | None = None) -> int | None:
@@ -218,6 +232,12 @@ class Rhythm:
 
         Fewer do where n is the device's `default`. A period that holds two frames fits none.
         """
+        if self._kept is None or self._kept[:2] != (default, self.crowded):
+            n = self._told_every(default)
+            self._kept = None if n is None else (default, self.crowded, n)
+        return self._kept[2] if self._kept is not None else None
+
+    def _told_every(self, default: int | None) -> int | None:
         seen = np.flatnonzero(self.steps)
         counts = dict(zip(seen.tolist(), self.steps[seen].tolist(), strict=True))
         total = sum(counts.values())
@@ -252,12 +272,17 @@ class Rhythm:
             if not len(fresh):
                 return fresh
             start, fresh = int(fresh[0]), fresh[1:]
-        line = np.concatenate(([start], fresh))
-        end = max(int(line[-1]), index.last_closed) + 1
-        if not len(fresh) or int((line[1:] - line[:-1]).max()) <= every:
+        if len(fresh) and self._longest is not None and self._longest[0] == start:
+            whole = self._longest[1] <= every
+        else:
+            line = np.concatenate(([start], fresh))
+            whole = not len(fresh) or int((line[1:] - line[:-1]).max()) <= every
+        if whole:
             # Nothing is missing between the answers.
-            line = line[-1:]
-        ends = np.append(line[1:], end)
+            line = fresh[-1:] if len(fresh) else np.array([start])
+        else:
+            line = np.concatenate(([start], fresh))
+        ends = np.append(line[1:], max(int(line[-1]), index.last_closed) + 1)
         counts = (ends - line - 1) // every
         hit = counts > 0
         if not hit.any():

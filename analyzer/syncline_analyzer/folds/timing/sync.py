@@ -182,6 +182,9 @@ class _Told(NamedTuple):
     overflow: int | None
 
 
+_UNTOLD = _Told(None, None, None, None)
+
+
 def _told_of(shadow: Shadow, bus: int, cob_id: int, seq: int, version: int | None) -> _Told:
     period = told_period(shadow, bus, cob_id, seq)
     by_now, end = told_overflow(shadow, bus, cob_id, seq), told_overflow(shadow, bus, cob_id)
@@ -200,7 +203,7 @@ class _State:
     missing: int = 0
     bundled: int = 0
     periods: Periods = field(default_factory=Periods)
-    told: _Told = _Told(None, None, None, None)
+    told: _Told = _UNTOLD
     pace: SyncPace = field(default_factory=SyncPace)
     counter: SyncCounter = field(default_factory=SyncCounter)
     doubled: Doubled = field(default_factory=Doubled)
@@ -260,9 +263,7 @@ class SyncFold:
         lost = _lost_by_counter(state, index, told.overflow)
         unsent = self._missing_by_time(state, bus, index, in_bundles)
         if lost.any():
-            unsent = self._missing_by_counter(
-                state, index, lost, unsent, told.overflow, in_bundles
-            )
+            unsent = self._missing_by_counter(state, index, lost, unsent, told.overflow, in_bundles)
         _add_holes(state, index, unsent)
         state.count += len(rows)
         if len(rows):

@@ -64,7 +64,7 @@ def _lists(sheet: Sheet) -> Iterator[Fault]:
         section = sheet.section(name)
         if section is None:
             continue
-        keys = [int(key) for key in section.values if key.isdecimal() and len(key) < 7]
+        keys = {int(key) for key in section.values if key.isdecimal() and len(key) < 7}
         hole = next((place for place in range(1, len(keys) + 1) if place not in keys), None)
         if hole is not None:
             text = f"number {hole} is missing among {len(keys)} objects"

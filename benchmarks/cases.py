@@ -4,9 +4,12 @@ Prints one JSON line: frames, wall and CPU seconds of the work itself (imports l
 """
 
 import json
+import os
+import subprocess
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -115,6 +118,35 @@ def convert_syncline(source: Path, out: Path) -> Callable[[], int]:
     return lambda: convert([source], out.with_suffix(".mcap")).frames
 
 
+def convert_to_candump(source: Path, out: Path) -> Callable[[], int]:
+    """Our MCAP -> candump text."""
+    from syncline_analyzer.convert import convert
+
+    return lambda: convert([source], out.with_suffix(".log")).frames
+
+
+def convert_to_candump_mcap(source: Path, out: Path) -> Callable[[], int]:
+    """The same by the official MCAP reader and protobuf, line by line."""
+    from mcap.reader import make_reader
+
+    from syncline_schemas.proto import syncline_pb2
+
+    def work() -> int:
+        count = 0
+        lines = out.with_suffix(".txt").open("w", encoding="ascii")
+        with source.open("rb") as stream, lines:
+            reader = make_reader(stream)
+            for _, _, message in reader.iter_messages(topics=["/can/can0/frames"]):
+                frame = syncline_pb2.Frame.FromString(message.data)
+                seconds, rest = divmod(message.publish_time, 10**9)
+                line = f"({seconds}.{rest // 1000:06}) can0 {frame.can_id:03X}#{frame.data.hex().upper()}"
+                lines.write(line + "\n")
+                count += 1
+        return count
+
+    return work
+
+
 def convert_python_can(source: Path, out: Path) -> Callable[[], int]:
     """candump log -> BLF with python-can's reader and writer."""
     import can
@@ -149,6 +181,47 @@ def analyze_canopen_lens(source: Path, out: Path) -> Callable[[], int]:
     return work
 
 
+def read_syncline(source: Path, out: Path) -> Callable[[], int]:
+    """Our reader alone: every frame as columns, no analysis."""
+    from syncline_analyzer.readers import open_capture
+    from syncline_schemas.batch import FrameBatch
+
+    items = open_capture(source).batches()
+
+    def work() -> int:
+        return sum(len(item) for item in items if isinstance(item, FrameBatch))
+
+    return work
+
+
+def read_syncline_one_thread(source: Path, out: Path) -> Callable[[], int]:
+    """The same without threads that read ahead."""
+    from syncline_schemas.capture import read_ahead
+
+    read_ahead.default_workers = lambda: 1
+    return read_syncline(source, out)
+
+
+def unpack_mcap(source: Path, out: Path) -> Callable[[], int]:
+    """The limit of reading: each chunk read and unpacked by one thread, nothing else."""
+    from syncline_schemas.capture.chunk import decompress
+    from syncline_schemas.capture.record_file import Lost, RecordFile
+
+    def work() -> int:
+        with source.open("rb") as stream:
+            file = RecordFile(stream)
+            summary = file.summary()
+            assert summary is not None
+            assert summary.statistics is not None
+            for place in summary.chunks:
+                raw = file.chunk_at(place)
+                assert not isinstance(raw, Lost)
+                decompress(raw.data, raw.compression, raw.uncompressed_size)
+            return summary.statistics.message_count
+
+    return work
+
+
 def read_python_can(source: Path, out: Path) -> Callable[[], int]:
     """python-can's reader alone, no analysis."""
     import can
@@ -170,6 +243,143 @@ def read_mcap(source: Path, out: Path) -> Callable[[], int]:
             return sum(1 for _ in reader.iter_messages(topics=["/can/can0/frames"]))
 
     return work
+
+
+def stretch_syncline(source: Path, out: Path) -> Callable[[], int]:
+    """Ten seconds out of the middle of our capture: `Session.frames`."""
+    from syncline_analyzer import open_session
+
+    begin, end = _middle(source)
+
+    def work() -> int:
+        return sum(len(batch) for batch in open_session(source).frames(begin, end))
+
+    return work
+
+
+def stretch_mcap(source: Path, out: Path) -> Callable[[], int]:
+    """The same by the official MCAP reader and its index."""
+    from mcap.reader import make_reader
+
+    begin, end = _middle(source)
+
+    def work() -> int:
+        with source.open("rb") as stream:
+            reader = make_reader(stream)
+            topics = ["/can/can0/frames"]
+            return sum(1 for _ in reader.iter_messages(topics, begin, end))
+
+    return work
+
+
+def _middle(source: Path) -> tuple[int, int]:
+    """Ten seconds in the middle of a capture, as `t_ns`."""
+    from syncline_schemas.capture.record_file import RecordFile
+
+    with source.open("rb") as stream:
+        summary = RecordFile(stream).summary()
+    assert summary is not None
+    begin = summary.chunks[len(summary.chunks) // 2].start_ns
+    return begin, begin + 10 * 10**9
+
+
+def write_rrd(source: Path, out: Path) -> Callable[[], int]:
+    """Forty traces of 250,000 samples each as a Rerun recording; frames are samples here."""
+    from dataclasses import replace
+
+    import numpy as np
+
+    from syncline_analyzer import open_session
+    from syncline_analyzer.results import Trace
+    from syncline_analyzer.views.rerun_view import write_rrd as write
+
+    analysis = open_session(source).analysis
+    rng, count = np.random.default_rng(6), 250_000
+
+    def trace(number: int) -> Trace:
+        steps = rng.integers(900_000, 1_100_000, count)
+        value = 180 + 90 * np.sin(np.arange(count) / 5_000 + number) + rng.normal(0, 0.05, count)
+        return Trace(
+            bus="can0",
+            node=1 + number % 4,
+            object=0x600400 + number,
+            name=f"trace {number}",
+            unit="deg",
+            t_ns=analysis.capture.first_ns + np.cumsum(steps),
+            seq=np.arange(count),
+            raw=np.arange(count),
+            value=value,
+            flags=np.zeros(count, np.uint16),
+            segment=np.zeros(count, np.int32),
+        )
+
+    traces = [trace(number) for number in range(40)]
+
+    def work() -> int:
+        write(replace(analysis, trace_data=traces), out.with_suffix(".rrd"))
+        return 40 * count
+
+    return work
+
+
+def process_help(source: Path, out: Path) -> Callable[[], int]:
+    """`syncline --help`, the whole process."""
+    return _process(1, "syncline", "--help")
+
+
+def process_analyze(source: Path, out: Path) -> Callable[[], int]:
+    """`syncline analyze`, the whole process: every fold, table and finding, the summary printed."""
+    return _process(_count(source), "syncline", "analyze", source)
+
+
+def process_canopen_lens(source: Path, out: Path) -> Callable[[], int]:
+    """canopen-lens 0.5.1, the whole process, by its Python interface: its command line is slower."""
+    import importlib.util
+
+    assert importlib.util.find_spec("canopen_lens"), "canopen-lens is not installed"
+    code = (
+        "import sys, canopen_lens; "
+        "log = canopen_lens.open_log(sys.argv[1]); log.incidents(); print(len(log))"
+    )
+    return _process(_count(source), sys.executable, "-c", code, source)
+
+
+def process_tshark(source: Path, out: Path) -> Callable[[], int]:
+    """`tshark -T fields` with seven fields of CANopen, the whole process."""
+    fields = (
+        "frame.time_epoch", "can.id", "canopen.function_code", "canopen.node_id",
+        "canopen.nmt_guard.state", "canopen.sdo.main_idx", "canopen.em.err_code",
+    )  # fmt: skip
+    named = [part for name in fields for part in ("-e", name)]
+    heuristic = ("-d", "can.subdissector,canopen", "-Y", "canopen")
+    return _process(
+        _count(source), "tshark", "-n", "-r", source, *heuristic, "-T", "fields", *named
+    )
+
+
+def _process(frames: int, program: str, *arguments: str | Path) -> Callable[[], int]:
+    """Run a program, of this Python's environment if it is there; its output is thrown away."""
+    beside = Path(sys.executable).parent / program
+    command = [str(beside if beside.exists() else program), *map(str, arguments)]
+
+    def work() -> int:
+        subprocess.run(command, stdout=subprocess.DEVNULL, check=True)
+        return frames
+
+    return work
+
+
+def _count(source: Path) -> int:
+    """Frames of a capture or log: what its summary says, or its lines."""
+    from syncline_schemas.capture.record_file import RecordFile
+
+    if source.suffix != ".mcap":
+        return source.read_bytes().count(b"\n")
+    with source.open("rb") as stream:
+        summary = RecordFile(stream).summary()
+    assert summary is not None
+    assert summary.statistics is not None
+    return summary.statistics.message_count
 
 
 def slcan_syncline(source: Path, out: Path) -> Callable[[], int]:
@@ -262,14 +472,29 @@ def main() -> None:
     name, source, out = sys.argv[1], Path(sys.argv[2]), Path(sys.argv[3])
     case: Case = globals()[name]
     work = case(source, out)
-    wall, cpu = time.perf_counter(), time.process_time()
+    wall, cpu = time.perf_counter(), cpu_s()
     frames = work()
-    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+    wall, cpu = time.perf_counter() - wall, cpu_s() - cpu
     print(json.dumps({"frames": frames, "wall_s": wall, "cpu_s": cpu, "peak_mb": peak_mb()}))
 
 
+def cpu_s() -> float:
+    """CPU time of this process and of those that it has run."""
+    times = os.times()
+    return time.process_time() + times.children_user + times.children_system
+
+
 def peak_mb() -> float | None:
-    """Peak memory of this process alone; `ru_maxrss` would inherit that of the parent."""
+    """Peak memory of this process alone; `ru_maxrss` would inherit that of the parent.
+
+    Where it has run another one, that one's, if it is larger.
+    """
+    with suppress(ImportError):  # Windows tells nothing of them
+        import resource
+
+        children = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
+        if children:
+            return children / 1024
     try:
         status = Path("/proc/self/status").read_text(encoding="ascii")
     except OSError:  # only Linux tells

@@ -6,7 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from syncline_schemas.batch import FrameBatch
+from syncline_schemas.capture.layout import BusInfo, CaptureMetadata
+from syncline_schemas.capture.writer import CaptureWriter
 
+FRAMES_PER_SECOND = 780
 START_NS = 1_760_000_000_000_000_000
 NODES = (1, 2, 3, 4)
 PDO_BYTES = {1: 4, 2: 8, 3: 4, 4: 8}
@@ -65,6 +68,26 @@ def _stamps(
     n = seconds * 1_000_000_000 // period_ns
     jitter = rng.integers(0, max(spread_us, 1), n) + offset_us
     return START_NS + np.arange(n, dtype=np.int64) * period_ns + jitter * MICROSECOND
+
+
+def write_by_python_can(log: Path, path: Path) -> None:
+    """The frames of a candump log in the format of a file's ending, written by python-can."""
+    import can
+
+    with can.LogReader(log) as reader, can.Logger(path) as writer:
+        for message in reader:
+            writer.on_message_received(message)
+
+
+def write_recorded(frames: FrameBatch, path: Path) -> Path:
+    """A capture as the recorder writes it without decoding: a chunk every second."""
+    with path.open("wb") as stream:
+        metadata = CaptureMetadata("0", "benchmark", clock="kernel")
+        writer = CaptureWriter(stream, metadata, [BusInfo("can0", 0, 500_000, clock="kernel")])
+        for start in range(0, len(frames), FRAMES_PER_SECOND):
+            writer.write_chunk(frames[start : start + FRAMES_PER_SECOND])
+        writer.finish()
+    return path
 
 
 def _periodic(

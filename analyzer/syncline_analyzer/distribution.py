@@ -27,10 +27,15 @@ _CANCELLED = 1e-6
 
 
 class Distribution:
-    """Values [ns, not negative] of which count, mean, deviation and extremes are always exact."""
+    """Values [ns, not negative] of which count, mean, deviation and extremes are always exact.
 
-    def __init__(self) -> None:
+    Args:
+        moments: whether mean and deviation will be asked for.
+    """
+
+    def __init__(self, *, moments: bool = True) -> None:
         self.count = 0
+        self._moments = moments
         self.minimum = float("inf")
         self.maximum = float("-inf")
         self._fresh = _NO_LIMITS
@@ -201,7 +206,8 @@ class Distribution:
         if self._bins is None:
             self._bins = _Bins(new)
         above = new - self._bins.low
-        self._add_moments(new, self._bins.low, above)
+        if self._moments:
+            self._add_moments(new, self._bins.low, above)
         self._bins.add(new, above, low, high)
 
     def _add_moments(self, new: Floats, low: float, above: Floats) -> None:
@@ -210,11 +216,11 @@ class Distribution:
         Those of two parts are joined as Chan et al. do (1979).
         """
         more, total = len(new), float(np.add.reduce(above))
-        whole = float(np.dot(above, above))
+        whole = float(np.square(above).sum())
         squares = whole - total * total / more
         if squares < _CANCELLED * whole:
             apart = above - total / more
-            squares = float(np.dot(apart, apart))
+            squares = float(np.square(apart).sum())
         before, self._counted = self._counted, self._counted + more
         off = low + total / more - self._mean
         self._mean += off * more / self._counted

@@ -30,6 +30,7 @@ from syncline_analyzer.results import Analysis
 from syncline_analyzer.shadow import Shadow
 from syncline_schemas.batch import FrameBatch, Gap
 from syncline_schemas.canopen.nmt import NmtState
+from syncline_schemas.capture.read_ahead import read_ahead
 from syncline_schemas.description import BusDescription
 from syncline_schemas.devices import Device, device_from_files
 from syncline_schemas.errors import DescriptionError
@@ -73,7 +74,8 @@ def analyze(
     items = joined(with_deafness(_told_errors(stream, facts, buses)), timed=context.timed)
     rates = BitRates(context, facts, bitrate, data_bitrate)
     batches = BusBatches(timed=context.timed)
-    for item in rates.settled(echoes.marked(items) if context.timed else items):
+    ready = read_ahead(items, _prepared)
+    for item in rates.settled(echoes.marked(ready) if context.timed else ready):
         if isinstance(item, Gap):
             _feed(folds, batches.flush(item.bus))
             for fold in folds:
@@ -168,6 +170,11 @@ def _feed(folds: Iterable[Fold], batches: Iterable[IndexedBatch]) -> None:
     for batch in batches:
         for fold in folds:
             fold.update(batch)
+
+
+def _prepared(item: IndexedBatch | Gap) -> IndexedBatch | Gap:
+    """The item with what the analyses will ask of its frames; made ahead of them, in threads."""
+    return item if isinstance(item, Gap) else item.prepared()
 
 
 def _told_errors(

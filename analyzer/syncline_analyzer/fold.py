@@ -11,8 +11,20 @@ from numpy.typing import NDArray
 from syncline_analyzer.grouping import BUS_SHIFT, REMOTE_KEY, Grouping
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
 from syncline_schemas.canopen.services import SERVICE_OF_ID, Service, service_of
+from syncline_schemas.wire_length import wire_bits
 
 _NOWHERE = slice(0, 0)
+_BY_FRAMES = (
+    "flags_seen",
+    "ascending",
+    "grouped_t_ns",
+    "t_ns_by_id",
+    "seqs_by_id",
+    "words_by_id",
+    "lengths",
+    "wire_bits",
+)
+"""Properties that cost time and depend on nothing but the frames."""
 
 
 class IndexedBatch:
@@ -202,6 +214,22 @@ class IndexedBatch:
             for key, shortest, longest in found
             if not key & REMOTE_KEY
         }
+
+    @cached_property
+    def wire_bits(self) -> NDArray[np.int64]:
+        """(n,) `wire_bits` of the frames [bit]; read only."""
+        bits = wire_bits(self.frames)
+        bits.flags.writeable = False
+        return bits
+
+    def prepared(self) -> "IndexedBatch":
+        """The same, with what follows from the frames alone computed already.
+
+        Frames of several buses are parted before most of it is asked for.
+        """
+        for name in _BY_FRAMES if len(self.buses) == 1 else ("grouped_t_ns",):
+            getattr(self, name)
+        return self
 
     def place(self, bus: int, can_id: int) -> slice:
         """Where in the columns by identifier the data frames of one are."""

@@ -21,6 +21,7 @@ from syncline_schemas.errors import UsageError
 REDACTED_KEY = "redacted"
 """Key of the capture's metadata record."""
 
+_NOTE = ("the payload of ", " was dropped before this analysis (redacted)")
 _RANGE = re.compile(r"(?:0x)?([0-9a-f]{1,8})h?(?:-(?:0x)?([0-9a-f]{1,8})h?)?", re.IGNORECASE)
 _NODE = re.compile(r"node[ :=]?(\d{1,3})", re.IGNORECASE)
 _LAST_ID = 0x1FFFFFFF
@@ -67,6 +68,16 @@ class Redaction:
             return cls.parse(texts)
         except UsageError:
             return cls()
+
+    @classmethod
+    def of_analysis(cls, analysis: Analysis) -> Self:
+        """What an analysis says of its capture's redaction."""
+        texts = [
+            note.removeprefix(_NOTE[0]).removesuffix(_NOTE[1])
+            for note in analysis.capture.notes
+            if note.startswith(_NOTE[0]) and note.endswith(_NOTE[1])
+        ]
+        return cls.of_metadata([{REDACTED_KEY: text} for text in texts])
 
     def __bool__(self) -> bool:
         return bool(self.ranges or self.nodes)
@@ -173,7 +184,7 @@ def without_values(analysis: Analysis, redaction: Redaction) -> Analysis:
         for finding in analysis.findings
         if not _rests_on_payload(finding, redaction, (finding.bus, finding.node) in sensors)
     ]
-    note = f"the payload of {redaction.text} was dropped before this analysis (redacted)"
+    note = f"{_NOTE[0]}{redaction.text}{_NOTE[1]}"
     capture = replace(analysis.capture, notes=[*analysis.capture.notes, note])
     context = [replace(row, values={}) for row in analysis.emcy_context]
     return replace(

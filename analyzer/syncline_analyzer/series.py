@@ -25,10 +25,20 @@ class Thinner:
 
     def add(self, columns: Columns) -> None:
         """Append rows; the arrays are not copied unless they are thinned."""
-        rows = len(columns[self._key])
-        if not rows:
+        if self.stride > 1 and len(columns[self._key]):
+            columns = _thin(columns, self._key, 2 * self.stride)
+        self.add_chosen(columns)
+
+    def chosen(self, key: NDArray[np.float64]) -> NDArray[np.intp]:
+        """Rows that will stay of a block with this key; the others need not be worked out."""
+        if self.stride == 1 or not len(key):
+            return np.arange(len(key))
+        return extreme_rows(key, 2 * self.stride)
+
+    def add_chosen(self, block: Columns) -> None:
+        """Append rows of which only the `chosen` ones are given."""
+        if not len(block[self._key]):
             return
-        block = columns if self.stride == 1 else _thin(columns, self._key, 2 * self.stride)
         self._blocks.append(block)
         self._held += len(block[self._key])
         while self._held > self._limit:

@@ -183,13 +183,16 @@ class Shadow:
 
     def refuse(self, bus: int, node: int, index: int, sub: int) -> None:
         """Note that the node said that it has no such object (abort 0602 0000)."""
-        refused = self._refused.setdefault((bus, node), set())
-        if (index, sub) in refused:
+        if self.is_refused(bus, node, index, sub):
             return
-        refused.add((index, sub))
+        self._refused.setdefault((bus, node), set()).add((index, sub))
         self.version += 1
         if index in self._telling:
             self._identified.pop((bus, node), None)
+
+    def is_refused(self, bus: int, node: int, index: int, sub: int) -> bool:
+        """Whether the node said that it has no such object."""
+        return (index, sub) in self._refused.get((bus, node), ())
 
     def save(self, bus: int, node: int, seq: int, sub: int = 1) -> None:
         """Keep the values at `seq` as those that a reset falls back to (1010h `save`)."""

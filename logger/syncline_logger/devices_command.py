@@ -82,7 +82,7 @@ def _more_files(names: tuple[str, ...]) -> list[Path]:
     from syncline_schemas.devices import is_path
 
     for name in names:
-        if not is_path(name):
+        if not is_path(name) and not Path(name).exists():
             raise UsageError(f"give either a NAME or --check FILE, not both: {name!r} is no file")
     return [Path(name) for name in names]
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from canopen import ObjectDictionary
     from canopen.objectdictionary import ODVariable
 
-__all__ = ["EdsWarning", "LoadedEds", "assumed_value", "load_eds", "variables"]
+__all__ = ["EdsWarning", "LoadedEds", "assumed_value", "load_eds", "read_eds", "variables"]
 
 
 MAX_BYTES = 16 << 20
@@ -86,23 +86,32 @@ def _first(text: EdsText) -> str:
     return f" ({text.warnings[0]})" if text.warnings else ""
 
 
-def _content(source: str | Path | bytes) -> tuple[str, bytes]:
-    if isinstance(source, bytes):
-        where, data = "the EDS file", source[: MAX_BYTES + 1]
-    else:
-        where, data = str(source), _read(Path(source))
-    if len(data) > MAX_BYTES:
-        raise DescriptionError(f"{where} is larger than {MAX_BYTES >> 20} MiB: no EDS file is")
-    return where, data
+def read_eds(path: Path) -> bytes:
+    """Content of a description file.
 
-
-def _read(source: Path) -> bytes:
+    Raises:
+        DescriptionError: it cannot be read, or is larger than any EDS.
+    """
     try:
-        with source.open("rb") as file:
-            return file.read(MAX_BYTES + 1)
+        with path.open("rb") as file:
+            data = file.read(MAX_BYTES + 1)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise DescriptionError(f"{source} cannot be read: {reason}") from error
+        raise DescriptionError(f"{path} cannot be read: {reason}") from error
+    _check_size(str(path), data)
+    return data
+
+
+def _content(source: str | Path | bytes) -> tuple[str, bytes]:
+    if not isinstance(source, bytes):
+        return str(source), read_eds(Path(source))
+    _check_size("the EDS file", source)
+    return "the EDS file", source
+
+
+def _check_size(where: str, data: bytes) -> None:
+    if len(data) > MAX_BYTES:
+        raise DescriptionError(f"{where} is larger than {MAX_BYTES >> 20} MiB: no EDS file is")
 
 
 _NUMBERS = {

@@ -7,7 +7,11 @@ from syncline_schemas.canopen.datatypes import DATA_TYPES
 from syncline_schemas.eds_text import EdsText, Section
 
 VAR, ARRAY, RECORD = 0x7, 0x8, 0x9
-_OBJECT_TYPE_NAMES = {"var": VAR, "array": ARRAY, "record": RECORD, "domain": 0x2}
+DEFTYPE, DEFSTRUCT = 0x5, 0x6
+_OBJECT_TYPE_NAMES = {
+    "var": VAR, "array": ARRAY, "record": RECORD, "domain": 0x2, "deftype": DEFTYPE,
+    "defstruct": DEFSTRUCT,
+}  # fmt: skip
 _TYPE_NAMES = {known.name: code for code, known in DATA_TYPES.items()}
 _OBJECT_TYPES = {0x2, VAR, ARRAY, RECORD}
 DOMAIN = 0x0F
@@ -20,6 +24,8 @@ _GENERAL = {
     "devicecommissioning", "supportedmodules", "connectedmodules", "dynamicchannels", *LISTS,
 }  # fmt: skip
 _MODULE = re.compile(r"(m\d+\w+|tool\d+)")
+_EXPRESSION = 200
+"""Characters of an expression with $NODEID that are read."""
 _ACCESS = {"ro", "wo", "rw", "rwr", "rww", "const"}
 
 Entry = dict[str, str]
@@ -66,8 +72,8 @@ def node_relative(text: str) -> int | None:
     >>> node_relative("$NODEID+0x180"), node_relative("0x200 + $NodeId"), node_relative("384")
     (384, 512, None)
     """
-    bare = re.sub(r"[\s()]", "", text).lower()
-    if "nodeid" not in bare:
+    bare = re.sub(r"[\s()]", "", text[:_EXPRESSION]).lower()
+    if "nodeid" not in bare or len(text) > _EXPRESSION:
         return None
     terms = re.findall(r"([+-]?)([^+-]+)", re.sub(r"\$?nodeid", "$", bare))
     values = [0 if term == "$" else number(sign + term) for sign, term in terms]
@@ -151,14 +157,14 @@ def _object_type(text: EdsText, section: Section, has_entries: bool) -> int:
     if stated and kind is None:
         text.warn(section, f"ObjectType {stated[:30]!r} is no number", "object_type", "objecttype")
     if has_entries and kind not in (ARRAY, RECORD):
-        if kind is not None:
+        if kind not in (None, DEFSTRUCT):
             said = f"ObjectType {stated} has subindexes: taken as a record"
             text.warn(section, said, "object_type_subs", "objecttype")
         return RECORD
     if kind in _OBJECT_TYPES:
         assert kind is not None
         return kind if has_entries or kind not in (ARRAY, RECORD) else _empty(text, section, kind)
-    if kind is not None and kind != 0x5:
+    if kind not in (None, DEFTYPE):
         said = f"ObjectType {stated} is not used here: taken as a variable"
         text.warn(section, said, "object_type", "objecttype")
     return VAR

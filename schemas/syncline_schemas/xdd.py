@@ -1,7 +1,7 @@
 """XDD and XDC files (CiA 311) as the sections of an EDS, so that both are repaired alike."""
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 
 from syncline_schemas.eds_text import EdsText, Section, decoded
 from syncline_schemas.xml_tree import Element, XmlFault, parse_xml
@@ -108,11 +108,13 @@ def _features(root: Element) -> dict[str, str]:
         for rate in ("10", "20", "50", "125", "250", "500", "800", "1000"):
             values[f"baudrate_{rate}"] = str(int(rate in stated))
     for tag, names in _FEATURES.items():
-        element = root.first(tag)
-        for name, key in names.items() if element is not None else ():
-            stated_value = element.get(name) if element is not None else ""
-            values[key] = {"true": "1", "false": "0"}.get(stated_value.lower(), stated_value)
+        if (element := root.first(tag)) is not None:
+            values |= {key: _flag(element.get(name)) for name, key in names.items()}
     return values
+
+
+def _flag(text: str) -> str:
+    return {"true": "1", "false": "0"}.get(text.lower(), text)
 
 
 _FEATURES = {
@@ -155,7 +157,7 @@ class _Objects:
         if len(lists) > 1:
             said = f"{len(lists)} lists of objects: only the first device is taken"
             found.warn(lists[1].line, said, "several_devices")
-        self._list = lists[0] if lists else None
+        self._list = lists[0] if lists else root
         self._found = found
         self._parameters = _named(root.all("parameter"))
         self._templates = _named(root.all("parameterTemplate"))
@@ -164,7 +166,7 @@ class _Objects:
 
     def add(self) -> None:
         """Add a section for each object and sub-object."""
-        for thing in self._list.all("CANopenObject") if self._list is not None else ():
+        for thing in self._list.all("CANopenObject"):
             index = _bare_hex(thing.get("index"))
             self._add(index, thing)
             for part in thing.children:
@@ -245,10 +247,9 @@ def _range(allowed: Element) -> dict[str, str]:
     ranges = [each for each in allowed.children if each.tag == "range"]
     if len(ranges) != 1:
         return {}
-    ends: Iterator[tuple[str, Element | None]] = iter(
-        (("lowlimit", ranges[0].first("minValue")), ("highlimit", ranges[0].first("maxValue")))
-    )
-    return {key: end.get("value") for key, end in ends if end is not None}
+    low, high = ranges[0].first("minValue"), ranges[0].first("maxValue")
+    limits = {"lowlimit": low, "highlimit": high}
+    return {key: end.get("value") for key, end in limits.items() if end is not None}
 
 
 def _bare_hex(text: str) -> str:

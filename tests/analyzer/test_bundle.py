@@ -25,6 +25,7 @@ from syncline_analyzer.bundle.archive import (
 )
 from syncline_analyzer.bundle.make import Case, make_bundle
 from syncline_analyzer.bundle_command import bundle
+from syncline_analyzer.comparison import compare
 from syncline_analyzer.readers import open_capture
 from syncline_analyzer.redaction import Redaction
 from syncline_samples.faults import Emcy, MissedPdos, PowerLoss
@@ -41,7 +42,7 @@ from syncline_schemas.capture.layout import (
 from syncline_schemas.capture.learned import learned_record
 from syncline_schemas.capture.writer import CaptureWriter
 from syncline_schemas.errors import CaptureError, UsageError
-from tests.analyzer.comparison_runs import machine, with_faults
+from tests.analyzer.comparison_runs import golden, machine, with_faults
 
 SECRET = b"Z7kQ"
 """What is redacted: as bytes, as text, as hexadecimal digits and as numbers it must not be there."""
@@ -127,6 +128,12 @@ def bad(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("bad")
     faults = PowerLoss(LIFT, 30.0, 3.0), Emcy(GUIDE, 10.0, 0x7320, 0x21, alarms=1, for_s=2.0)
     return capture_of(folder / "line 3.mcap", with_faults(*faults, MissedPdos(GUIDE, 20.0)))
+
+
+@pytest.fixture(scope="module")
+def healthy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The golden run as a capture."""
+    return capture_of(tmp_path_factory.mktemp("healthy") / "healthy.mcap", machine())
 
 
 def test_bundle_holds_all_that_explains_it(bad: Path, tmp_path: Path) -> None:
@@ -271,13 +278,15 @@ def test_each_identifier_is_redacted_by_itself(tmp_path: Path, ids: str) -> None
         "080",
     ],
 )
-def test_zeros_in_place_of_payloads_accuse_nobody(tmp_path: Path, ids: str) -> None:
-    source = capture_of(tmp_path / "healthy.mcap", machine())
-    path = bundled(tmp_path, source, redact=[ids])
+def test_zeros_in_place_of_payloads_accuse_nobody(healthy: Path, tmp_path: Path, ids: str) -> None:
+    path = bundled(tmp_path, healthy, redact=[ids])
     found = open_session(path).analysis
     assert [f.text for f in found.findings if f.severity != "info"] == []
     assert any("redacted" in note for note in found.capture.notes)
     assert found.capture.extended_frames == 0
+    # Nor do they differ from the capture as it was.
+    compared = compare(golden(), found)
+    assert [row.text for row in compared.rows if row.severity != "info"] == []
     if ids == "181-57F":
         assert found.traces == []
         assert found.pdos
@@ -453,4 +462,10 @@ def test_bundle_of_a_text_log(tmp_path: Path) -> None:
     assert ours.capture.resolution_ns == theirs.capture.resolution_ns
     assert ours.bus_load[0].bitrate == 250_000
     assert [row.heartbeats for row in ours.nodes] == [200]
+    log.write_text(
+        "\n".join([*lines, "(20.5) can0 705#0", f"{SECRET.decode()}?"]), encoding="ascii"
+    )
+    cut = bundled(tmp_path, log, name="cut.zip", redact=["705"])
+    assert b"2 lines could not be read" in members(cut)["README.txt"]
+    assert traces_of(SECRET, cut) == []
     assert replace(ours.nodes[0]) == replace(theirs.nodes[0])

@@ -21,11 +21,12 @@ from syncline_samples.faults import (
     WrongLengthPdos,
 )
 from syncline_samples.fuzz import random_scenario
-from syncline_samples.scenarios import GUIDE, LIFT, PLATFORM
+from syncline_samples.scenarios import GUIDE, LIFT, PLATFORM, lir_stored_heartbeat
 from syncline_samples.sdo_client import read, write
 from syncline_samples.world import Delay
 from syncline_schemas.batch import Gap
 from tests.analyzer.comparison_runs import (
+    PATTERN,
     SECONDS,
     against,
     against_frames,
@@ -98,9 +99,27 @@ def test_node_is_not_seen_where_nothing_of_it_was_due() -> None:
 def test_node_is_not_missing_in_a_gap() -> None:
     """The recorder was blind nearly all the time: what it heard before tells nothing of the rest."""
     case = golden_case()
-    start = case.at(4.0)
-    frames = case.frames[((case.frames.can_id & 0x7F) != LIFT) | (case.frames.t_ns > case.at(44))]
-    assert "node.missing" not in kinds(against_frames(frames, Gap(start, case.at(44.0), "blind")))
+    frames = case.frames[(case.frames.can_id & 0x7F) != LIFT]
+    assert "node.missing" in kinds(against_frames(frames))
+    found = against_frames(frames, Gap(case.at(4.0), case.at(44.5), "blind"))
+    assert "node.missing" not in kinds(found)
+    assert any(row.node == LIFT for row in found.unseen)
+
+
+@pytest.mark.parametrize("cut_s", [1.0, 1.6, 4.9, 5.05])
+def test_capture_that_ends_while_the_machine_starts(cut_s: float) -> None:
+    case = golden_case()
+    assert serious(against_frames(case.frames[case.frames.t_ns < case.at(cut_s)])) == []
+
+
+def test_timer_of_whole_syncs_is_no_other_type() -> None:
+    """200 ms beside a SYNC of 50 ms: without 1800h the frames alone look like every fourth SYNC."""
+    press = lir_stored_heartbeat(3, "lir-ma158k", "press drive", PATTERN, 500)
+    case = make(machine(devices=(press,)))
+    late = case.frames[case.frames.t_ns >= case.at(15.0)]
+    half = analyzed(case.scenario, [late], case.description)
+    assert {row.every for row in half.pdos} != {row.every for row in case.analysis.pdos}
+    assert compare(case.analysis, half).rows == []
 
 
 def test_other_device_under_the_same_number() -> None:
@@ -275,10 +294,7 @@ def test_supervision_that_ends() -> None:
 
 def test_silent_bus_is_not_a_bus_that_was_not_recorded() -> None:
     golden_run = whole(beats(5, 0, 20_000), buses=("can0", "can1"))
-    swapped = whole(
-        [(t, 1, *rest) for t, _, *rest in beats(5, 0, 20_000)],
-        buses=("can0", "can1"),  # type: ignore[misc]
-    )
+    swapped = whole(beats(5, 0, 20_000, bus=1), buses=("can0", "can1"))
     assert "bus.silent" in kinds(compare(golden_run, swapped))
     two = whole([*beats(5, 0, 20_000), *beats(6, 0, 20_000, bus=1)], buses=("can0", "can1"))
     one = whole(beats(5, 0, 20_000), buses=("can0",))
@@ -322,3 +338,23 @@ def test_rates_against_the_binomial_distribution() -> None:
     assert not more_often(13, 10, 0, 10)
     # Ten times the capture, ten times the events: the same rate.
     assert not more_often(100, 1000, 10, 100)
+
+
+def test_moved_pdo_whose_settings_were_not_seen_is_not_gone() -> None:
+    """122h is TPDO2 of node 1 by 1801h:01, which the master writes at the start only."""
+    moved = [
+        (20 * 1_000_000, 0, 0x601, 0, 8, bytes.fromhex("2301180122010000")),
+        (21 * 1_000_000, 0, 0x581, 0, 8, bytes.fromhex("6001180100000000")),
+    ]
+    pdo = every(0x122, 100, 40_000, 20, b"\1\2")
+    sync = every(0x080, 90, 40_000, 20)
+    golden_run = whole(beats(1, 0, 40_000), moved, pdo, sync)
+    assert 0x122 in {row.cob_id for row in golden_run.pdos}
+    later = whole(beats(1, 0, 40_000), pdo, sync)
+    assert 0x122 not in {row.cob_id for row in later.pdos}
+    for pair in ((golden_run, later), (later, golden_run)):
+        found = compare(*pair)
+        assert found.rows == []
+        assert any("122h" in row.subject for row in found.unseen)
+    silent = whole(beats(1, 0, 40_000), moved, sync)
+    assert "pdo.gone" in kinds(compare(golden_run, silent))

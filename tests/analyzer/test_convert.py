@@ -2,6 +2,7 @@
 
 import shutil
 import subprocess
+import sysconfig
 from pathlib import Path
 
 import pytest
@@ -22,6 +23,7 @@ from tests.analyzer.binary_files import sll2
 from tests.analyzer.log_builder import T0_NS, read, rows
 from tests.analyzer.log_frames import FRAMES
 from tests.analyzer.text_files import busmaster
+from tests.logger.capture_contents import doctor_complaints, read_capture
 
 LOG = """(1700000000.000001) can0 123#1122
 (1700000000.000002) can0 20000040#0001020304050607
@@ -209,3 +211,21 @@ def test_a_frame_with_a_contradictory_length_stays_marked(tmp_path: Path) -> Non
     assert rows(read(source)[0])[0][3] == FrameFlag.DLC_INVALID
     result = convert([source], tmp_path / "x.log")
     assert result.lost == {"marks of a contradictory length": 1}
+
+
+def test_a_long_capture_of_ours_satisfies_strangers(tmp_path: Path) -> None:
+    lines = (
+        f"({1_700_000_000 + k // 1000}.{k % 1000:03}000) can{k % 2} {0x181 + k % 5:03X}#{k:08X}\n"
+        for k in range(70_000)
+    )
+    log = tmp_path / "long.log"
+    log.write_text("".join(lines), encoding="ascii")
+    capture = tmp_path / "long.mcap"
+    assert convert([log], capture).frames == 70_000
+    if shutil.which("pymcap-cli", path=sysconfig.get_path("scripts")):
+        assert doctor_complaints(capture) == []
+    contents = read_capture(capture)
+    assert contents.frames("can1") == [
+        (0x181 + k % 5, 0, 4, bytes.fromhex(f"{k:08X}")) for k in range(1, 70_000, 2)
+    ]
+    assert contents.log_times == sorted(contents.log_times)

@@ -1,6 +1,7 @@
 """SDO transfers from frames written by hand after CiA 301 7.2.4.3."""
 
 from binascii import crc_hqx
+from collections.abc import Sequence
 
 import pytest
 from hypothesis import given, settings
@@ -22,7 +23,7 @@ def sdo(*exchange: tuple[str, str], node: int = 5, start_ms: float = 0.0) -> lis
     ]
 
 
-def rows_of(*items: Row | Gap, **options: object) -> list[SdoRow]:
+def rows_of(*items: Row | Gap, **options: object) -> Sequence[SdoRow]:
     return run(*items, **options).analysis.sdo  # type: ignore[arg-type]
 
 

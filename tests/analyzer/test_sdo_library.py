@@ -4,7 +4,7 @@ The library's server knows no block transfers; there the server of the samples a
 """
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import canopen
@@ -38,7 +38,7 @@ class Wire:
         self.rows.append(sdo_frame(len(self.rows) * 400, side, self.node, data))
         (self.server if request else self.client)(data)
 
-    def found(self) -> list[SdoRow]:
+    def found(self) -> Sequence[SdoRow]:
         return fold_table(self.rows).rows
 
 

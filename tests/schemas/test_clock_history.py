@@ -1,6 +1,7 @@
 """Stamps of a recorder whose clock is set while it records, against the true times."""
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -168,3 +169,35 @@ def test_gaps_move_with_log_time() -> None:
     repair = recorder.repair()
     for at in (5 * SECOND, 25 * SECOND):
         assert repair.log_t_ns(recorder.log_ns(at)) == at + TRUE_NS
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    wrong_s=st.integers(-7200, 7200),
+    steps=st.lists(st.tuples(st.integers(1, 29), st.integers(-3600, 3600)), max_size=4),
+    cuts=st.lists(st.integers(1, 33), max_size=3),
+)
+def test_what_files_tell_at_their_end_is_what_their_samples_tell(
+    wrong_s: int, steps: list[tuple[int, int]], cuts: list[int]
+) -> None:
+    recorder = Recorder(wrong_s * SECOND, [(at * SECOND, by * SECOND) for at, by in sorted(steps)])
+    edges = [0, *sorted(cuts), len(recorder.samples)]
+    told = ClockHistory()
+    for begin, end in pairwise(edges):
+        of_file = ClockHistory()
+        for log_ns, sample in recorder.samples[begin:end]:
+            of_file.add(log_ns, sample)
+        assert told.add_record(of_file.to_record()) == (begin < end)
+    history = recorder.history()
+    assert (told.epochs, told.last_utc_ns) == (history.epochs, history.last_utc_ns)
+    assert told.repair() == history.repair()
+
+
+def test_files_tell_nothing_where_their_samples_are_needed() -> None:
+    assert Recorder(0, [], with_new_fields=False).history().to_record() == {}
+    assert ClockHistory().to_record() == {}
+    history = Recorder(0, []).history()
+    history.add(0, syncline_pb2.ClockSample(bus=0, adapter_ns=1, mapped_ns=2, residual_ns=3))
+    assert history.to_record() == {}
+    for broken in ("", "{}", '{"epochs": []}', '{"epochs": [[1]], "last": [1, 2, 3]}', "[1]"):
+        assert not ClockHistory().add_record({"clocks": broken})

@@ -306,6 +306,12 @@ def test_what_is_only_unusual_is_no_fault() -> None:
         assert kinds(text) == set(), by
 
 
+def test_definitions_of_data_types_are_no_faults() -> None:
+    structure = record("0040", (7, ""), (5, "")).replace("ObjectType=0x9", "ObjectType=0x6")
+    simple = variable("0007", 7).replace("ObjectType=0x7", "ObjectType=0x5")
+    assert kinds(SOUND + structure + simple) == set()
+
+
 def test_every_kind_has_a_trigger_and_the_reader_knows_no_other() -> None:
     triggered = {kind for kind, *_ in TRIGGERS}
     elsewhere = {"byte_order_mark", "encoding", "no_parameter", "several_devices",
@@ -325,6 +331,17 @@ def test_places_advice_and_what_the_reader_made_of_it() -> None:
     assert lines[length.line - 1] == "DefaultValue=0x20000010"
     assert lines[access.line - 1] == "AccessType=yes"
     assert access.reading == "taken as rw"
+
+
+def test_a_file_of_any_name_is_checked_by_its_content(tmp_path: Path) -> None:
+    for name, content in (("drive.eds.bak", SOUND), ("drive.xml", XDC)):
+        (tmp_path / name).write_text(content, encoding="utf-8")
+        assert check_file(tmp_path / name).usable
+    assert "cannot be read" in str(check_file(tmp_path).problem)
+    (tmp_path / "drive.txt").write_text("hello", encoding="utf-8")
+    assert f"{tmp_path / 'drive.txt'} holds no object" in str(
+        check_file(tmp_path / "drive.txt").problem
+    )
 
 
 def test_the_worst_comes_first() -> None:

@@ -26,6 +26,7 @@ from syncline_schemas.capture.learned import learned_record
 from syncline_schemas.description import BusDescription
 from syncline_schemas.devices import is_path, load_device
 from syncline_schemas.errors import CaptureError, DescriptionError, UsageError
+from syncline_schemas.wording import counted
 
 LIBRARIES = ("numpy", "mcap", "protobuf", "canopen", "python-can", "pandas", "plotly", "zstandard")
 """Whose versions the manifest states."""
@@ -87,7 +88,7 @@ def make_bundle(case: Case, output: Path, progress: Progress | None = None) -> B
         raise UsageError("--around and --from/--to both say what to keep: give one of them")
     if any(path.resolve() == output.resolve() for path in case.paths):
         raise UsageError(f"{output}: is one of the captures; choose another name")
-    with tempfile.TemporaryDirectory(prefix="syncline-") as folder:
+    with tempfile.TemporaryDirectory(prefix="syncline-", ignore_cleanup_errors=True) as folder:
         return _made(case, output, Path(folder), progress)
 
 
@@ -117,12 +118,25 @@ def _made(case: Case, output: Path, folder: Path, progress: Progress | None) -> 
     written = _capture(case, readers, capture, stretch, redaction, attachments, learned, progress)
     if not written.frames:
         raise UsageError("no frame lies in the part that was asked for")
+    notes += _damage(readers)
     analysis = open_session(capture).analyze(progress)
     analysis = replace(analysis, capture=replace(analysis.capture, files=[CAPTURE]))
     told = _facts(case, stretch, redaction, written, notes)
     members = _members(analysis, told, capture, description, files)
     _write(output, members, told)
     return BundleResult(output, written, [member.name for member in members], notes)
+
+
+def _damage(readers: Sequence[CaptureReader]) -> list[str]:
+    """What could not be read of the captures given, without a word of what stood there."""
+    notes = []
+    for facts in (reader.facts for reader in readers):
+        if facts.damage:
+            notes.append(f"{facts.path.name} is damaged and was read in part")
+        if facts.unparsed_count:
+            lines = counted(facts.unparsed_count, "line")
+            notes.append(f"{facts.path.name}: {lines} could not be read")
+    return notes
 
 
 def _capture(

@@ -30,6 +30,8 @@ def readme(
         "",
         *_cut(facts),
         *_redacted(facts),
+        *(f"Note: {note}." for note in facts["notes"]),
+        *([""] if facts["notes"] else []),
         "The numbers of frames in the report count the frames of capture.mcap, from 0.",
         "",
         "Whether all of it is as it was put in:  syncline bundle --check FILE.zip",

@@ -11,13 +11,15 @@ _DUE = 100.0
 """Frames due, none of which came, before an identifier counts as gone or new; they come in bursts."""
 _CANOPEN = (range(0x101), range(0x581, 0x680), range(0x701, 0x780), range(0x7E4, 0x7E6))
 
-Key = tuple[int | None, bool]
+Key = tuple[int, bool]
 
 
 def identifier_rows(pair: Pair) -> Iterator[ComparisonRow | UnseenRow]:
     """Data frames of nobody known that only one capture has."""
     golden, capture = _others(pair.golden), _others(pair.capture)
-    for key in sorted(golden.keys() ^ capture.keys(), key=str):
+    lone = {key for key in golden if key not in pair.capture.identifiers}
+    lone |= {key for key in capture if key not in pair.golden.identifiers}
+    for key in sorted(lone):
         row = golden.get(key) or capture[key]
         here, there = (pair.golden, pair.capture) if key in golden else (pair.capture, pair.golden)
         code = f"{hex_code(row.cob_id, 8 if row.extended else 3)}"

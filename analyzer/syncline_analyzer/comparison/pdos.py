@@ -7,7 +7,7 @@ from syncline_analyzer.comparison.bus import settled_load
 from syncline_analyzer.comparison.chance import Sample, more_often, shifted, wider
 from syncline_analyzer.comparison.node_presence import ENOUGH
 from syncline_analyzer.comparison.periods import period_words
-from syncline_analyzer.comparison.rows import ComparisonRow, UnseenRow
+from syncline_analyzer.comparison.rows import ComparisonRow, NotSeenIn, UnseenRow
 from syncline_analyzer.comparison.side import Pair, Side, cyclic, rhythmic
 from syncline_analyzer.results import PdoRow
 from syncline_analyzer.views.words import hex_code, number
@@ -50,6 +50,11 @@ def _lone(
     if row.node is not None and row.node not in there.nodes:
         return
     name = pdo_name(pair, row)
+    side: NotSeenIn = "capture" if before else "golden"
+    if (row.cob_id, False) in there.identifiers:
+        why = "the identifier is there, but nothing tells whose PDO it is (its node's settings were not seen)"
+        yield UnseenRow(pair.bus, row.node, name, side, why)
+        return
     ran, runs = here.operational(row.node), there.operational(row.node)
     if not rhythmic(row) or not ran or row.frames / ran * runs < 2 * ENOUGH:
         why = (
@@ -57,7 +62,7 @@ def _lone(
             if not rhythmic(row)
             else "its node was not OPERATIONAL long enough"
         )
-        yield UnseenRow(pair.bus, row.node, name, "capture" if before else "golden", why)
+        yield UnseenRow(pair.bus, row.node, name, side, why)
         return
     count = f"{row.frames:,} in {here.heard}"
     told = [count, "none"] if before else ["none", count]
@@ -184,14 +189,14 @@ def _response(pair: Pair, before: PdoRow, now: PdoRow) -> Iterator[ComparisonRow
             "pdo.response", "warning" if later > 0 else "info", before.node, _subject(before),
             f"{pdo_name(pair, before)} answers a SYNC after {number(capture.median, 'us')}"
             f" ({cause}); golden: {number(golden.median, 'us')}.",
-            *told, capture_seq=_slowest(pair, before), **common,
+            *told, golden_seq=_slowest(pair.golden, before), capture_seq=_slowest(pair.capture, before), **common,
         )  # fmt: skip
     elif (spread := _device_spread(pair, before, now, least)) is not None:
         yield pair.row(
             "jitter", "warning", before.node, _subject(before),
             f"{pdo_name(pair, before)}: on an idle bus the device takes times within {spread[1]} of"
             f" one another from SYNC to PDO; golden: within {spread[0]}.",
-            *told, capture_seq=_slowest(pair, before), **common,
+            *told, golden_seq=_slowest(pair.golden, before), capture_seq=_slowest(pair.capture, before), **common,
         )  # fmt: skip
 
 
@@ -236,8 +241,8 @@ def _free(side: Side, cob_id: int) -> int:
     return next((row.free for row in side.of_bus("lateness") if row.cob_id == cob_id), 0)
 
 
-def _slowest(pair: Pair, row: PdoRow) -> list[int]:
-    found = [each for each in pair.capture.of_bus("worst") if each.cob_id == row.cob_id]
+def _slowest(side: Side, row: PdoRow) -> list[int]:
+    found = [each for each in side.of_bus("worst") if each.cob_id == row.cob_id]
     return [each.seq for each in found if each.quantity == "response"][:5]
 
 

@@ -16,7 +16,7 @@ _MUCH, _ANOTHER = 0.05, 0.2
 """Shares of the period from which on it is serious, for SYNC from the second."""
 _FEW = 10
 """Periods that tell a median."""
-_JITTER = 0.02
+_JITTER = 0.05
 """Scatter below this share of the period is of no concern."""
 
 
@@ -62,6 +62,8 @@ def _lone_sync(
         (before, pair.golden, pair.capture) if before else (now, pair.capture, pair.golden)
     )
     assert row is not None
+    if (cob_id, False) in there.identifiers:
+        return
     if row.count / max(here.extent, 1e-9) * _running(here, there) < 2 * ENOUGH:
         side: NotSeenIn = "capture" if before else "golden"
         yield UnseenRow(pair.bus, None, name, side, "it is too short, or the machine did not run")
@@ -105,7 +107,7 @@ def _period(
             f"{name}: every {number(capture.quantiles.median / 1000, 'ms')}, {off / usual:+.1%};"
             f" golden: every {number(usual / 1000, 'ms')}.",
             *told, golden_value=usual, capture_value=capture.quantiles.median,
-            weight=abs(off) / usual, capture_seq=_worst(pair.capture, now), **common,
+            weight=abs(off) / usual, golden_seq=_worst(pair.golden, before), capture_seq=_worst(pair.capture, now), **common,
         )  # fmt: skip
     elif wider(golden, capture, _JITTER * usual):
         yield pair.row(
@@ -113,7 +115,7 @@ def _period(
             f"{name}: 98 of 100 periods lie within {number(capture.spread_us, 'us')};"
             f" golden: within {number(golden.spread_us, 'us')}.",
             *told, golden_value=golden.spread_us, capture_value=capture.spread_us,
-            weight=capture.spread_us / usual, capture_seq=_worst(pair.capture, now), **common,
+            weight=capture.spread_us / usual, golden_seq=_worst(pair.golden, before), capture_seq=_worst(pair.capture, now), **common,
         )  # fmt: skip
 
 
@@ -149,7 +151,7 @@ def _extreme(
             f" golden: from {number(golden.min, 'us')} to {number(golden.max, 'us')}.",
             period_words(golden), period_words(capture),
             golden_value=golden.max, capture_value=capture.max, unit="us", cob_id=cob_id,
-            capture_seq=_worst(pair.capture, now),
+            golden_seq=_worst(pair.golden, before), capture_seq=_worst(pair.capture, now),
         )  # fmt: skip
 
 

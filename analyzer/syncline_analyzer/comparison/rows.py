@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 from syncline_analyzer.results import SEVERITY_RANK, CaptureRow, Severity
+from syncline_schemas.wording import counted
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -69,7 +70,7 @@ class Comparison:
     capture_heard_s: float | None
 
     def __repr__(self) -> str:
-        return f"<comparison with {len(self.rows)} differences, {len(self.unseen)} not seen>"
+        return f"<comparison: {counted(len(self.rows), 'difference')}, {len(self.unseen)} not seen>"
 
     def to_frame(self) -> "pd.DataFrame":
         """One row per difference, the most serious first; columns are those of `ComparisonRow`."""

@@ -69,6 +69,15 @@ class Side:
         return {row.cob_id: row for row in rows}
 
     @cached_property
+    def identifiers(self) -> dict[tuple[int, bool], int]:
+        """Data frames by identifier, and whether it has 29 bits; whoever may have sent them."""
+        return {
+            (row.cob_id, row.extended): row.frames
+            for row in self.of_bus("bus_shares")
+            if row.cob_id is not None and not row.remote
+        }
+
+    @cached_property
     def guard_requests(self) -> dict[int, int]:
         """Guard requests by node."""
         found: Counter[int] = Counter()

@@ -13,9 +13,10 @@ from syncline_analyzer.comparison.node_states import state_rows
 from syncline_analyzer.comparison.parameters import parameter_rows
 from syncline_analyzer.comparison.pdos import pdo_rows
 from syncline_analyzer.comparison.periods import period_rows
-from syncline_analyzer.comparison.rows import Comparison, ComparisonRow, UnseenRow, rank
+from syncline_analyzer.comparison.rows import Comparison, ComparisonRow, NotSeenIn, UnseenRow, rank
 from syncline_analyzer.comparison.sdo import sdo_rows
 from syncline_analyzer.comparison.side import Pair, Side
+from syncline_analyzer.redaction import Redaction
 from syncline_analyzer.results import Analysis
 
 Row = ComparisonRow | UnseenRow
@@ -48,8 +49,13 @@ def compare(golden: Analysis, capture: Analysis) -> Comparison:
     rows: list[ComparisonRow] = []
     unseen: list[UnseenRow] = []
     pairs = _paired(golden, capture)
+    veiled = [Redaction.of_analysis(each) for each in (golden, capture)]
     for row in (*_lone_buses(golden, capture, pairs), *_all(pairs)):
-        if isinstance(row, ComparisonRow):
+        if isinstance(row, ComparisonRow) and any(_is_veiled(row, each) for each in veiled):
+            side: NotSeenIn = "golden" if _is_veiled(row, veiled[0]) else "capture"
+            reason = "payloads of this node or identifier were redacted"
+            unseen.append(UnseenRow(row.bus, row.node, row.subject, side, reason))
+        elif isinstance(row, ComparisonRow):
             rows.append(row)
         else:
             unseen.append(row)
@@ -57,6 +63,13 @@ def compare(golden: Analysis, capture: Analysis) -> Comparison:
     return Comparison(
         golden.capture, capture.capture, rows, unseen, _heard_s(golden), _heard_s(capture)
     )
+
+
+def _is_veiled(row: ComparisonRow, redaction: Redaction) -> bool:
+    """Whether a difference may come of payloads that were dropped."""
+    services = [base + row.node for base in (0x080, 0x580, 0x600, 0x700)] if row.node else []
+    ids = [*services, *([] if row.cob_id is None else [row.cob_id])]
+    return any(redaction.contains(can_id) for can_id in ids)
 
 
 def _all(pairs: Iterable[Pair]) -> Iterator[Row]:

@@ -182,9 +182,10 @@ def _write_panel(sink: Sink, panel: Panel, analysis: Analysis) -> None:
         if _is_thinned(panel):
             everything = np.arange(len(line.t_ns))
             _write_line(sink, f"{_entity('detail', panel)}/{i}", line, everything)
-    for mark in events.marks(panel.told(analysis)):
-        if mark.name in _ON_PLOTS:
-            _write_marks(sink, f"{root}/{_slug(mark.name)}", mark, panel.markers_height())
+    shown = [mark for mark in events.marks(panel.told(analysis)) if mark.name in _ON_PLOTS]
+    height = panel.markers_height() if shown else 0.0
+    for mark in shown:
+        _write_marks(sink, f"{root}/{_slug(mark.name)}", mark, height)
 
 
 def _write_line(

@@ -79,4 +79,4 @@ def _first_of_run(
     best = pick.reduceat(value, starts)
     run = np.repeat(np.arange(len(starts)), np.diff(np.append(starts, len(value))))
     hits = np.flatnonzero(value == best[run])
-    return hits[np.unique(run[hits], return_index=True)[1]]
+    return hits[np.diff(run[hits], prepend=-1) > 0]

@@ -4,7 +4,7 @@ import difflib
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -70,7 +70,12 @@ def _unknown(name: str, catalog: Iterable[str]) -> str:
 
 def _catalog(folders: tuple[Path, ...]) -> dict[str, Path]:
     """File by device name; a user's file hides a built-in one of the same name."""
-    return {name: DATA / f"{name}.toml" for name in built_in_hallmarks()} | _own(folders)
+    return _built_in() | _own(folders) if folders else _built_in()
+
+
+@cache
+def _built_in() -> dict[str, Path]:
+    return {name: DATA / f"{name}.toml" for name in built_in_hallmarks()}
 
 
 def _own(folders: tuple[Path, ...]) -> dict[str, Path]:
@@ -92,14 +97,12 @@ def hallmarks(folders: tuple[Path, ...] | None = None) -> Iterator[tuple[str, Ha
     catalog = _catalog(user_folders() if folders is None else folders)
     for name, path in catalog.items():
         with suppress(DescriptionError):
-            yield name, _hallmarks(path)
+            yield name, _indexed(path) or Hallmarks.of(_from_path(path))
 
 
-def _hallmarks(path: Path) -> Hallmarks:
-    """Those of a file's device; only a user's file is read for them."""
-    if path.parent == DATA:
-        return built_in_hallmarks()[path.stem]
-    return Hallmarks.of(_from_path(path))
+def _indexed(path: Path) -> Hallmarks | None:
+    """Those of a built-in device; a user's file has to be read for them."""
+    return built_in_hallmarks().get(path.stem) if path.parent == DATA else None
 
 
 def _those(paths: Iterable[Path], fits: Callable[[Mapping[str, Any]], bool]) -> list[Device]:
@@ -107,7 +110,7 @@ def _those(paths: Iterable[Path], fits: Callable[[Mapping[str, Any]], bool]) -> 
     found = []
     for path in paths:
         with suppress(DescriptionError):
-            if fits(_hallmarks(path).identity):
+            if fits((_indexed(path) or _from_path(path)).identity):
                 found.append(_from_path(path))
     return found
 

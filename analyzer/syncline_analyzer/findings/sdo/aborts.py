@@ -3,18 +3,20 @@
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
+import numpy as np
+
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.sdo.groups import (
+    alike,
     evidence,
-    grouped,
     object_words,
     objects_words,
-    timed_out,
+    timed_out_of,
     times,
 )
 from syncline_analyzer.findings.sdo.protocol import TOLD_BY_PROTOCOL
 from syncline_analyzer.findings.sdo.writes import failed_configurations
-from syncline_analyzer.results import Finding, SdoRow
+from syncline_analyzer.results import Finding, SdoRow, SdoTransfers
 from syncline_schemas.canopen.sdo import abort_meaning
 from syncline_schemas.devices import quirks
 from syncline_schemas.wording import counted
@@ -76,14 +78,32 @@ _CAUSES: tuple[tuple[range, str, str], ...] = (
 
 def _aborts(facts: Facts) -> Iterator[Finding]:
     """One finding for all equal refusals of a node, and for all that it does not have."""
-    told = {row.seq for rows in failed_configurations(facts) for row in rows}
-    rows = [
-        row
-        for row in facts.analysis.sdo.aborted
-        if not timed_out(row) and row.abort_code not in TOLD_BY_PROTOCOL and row.seq not in told
-    ]
-    for group in grouped(rows, _kind(facts, rows)):
-        yield _probed(facts, group) if len(set(map(_object, group))) > 1 else _abort(facts, group)
+    for rows, kinds in _groups(facts, _refused(facts)):
+        yield _probed(facts, rows, kinds) if len(kinds) > 1 else _abort(facts, rows)
+
+
+def _refused(facts: Facts) -> SdoTransfers:
+    """Transfers that were refused or broken off, and that no other finding tells."""
+    aborted = facts.analysis.sdo.aborted
+    told = [rows.records["seq"] for rows in (aborted[:0], *failed_configurations(facts))]
+    left = ~np.isin(aborted.records["abort_code"], TOLD_BY_PROTOCOL) & ~timed_out_of(aborted)
+    return aborted.part(left & ~np.isin(aborted.records["seq"], np.concatenate(told)))
+
+
+def _groups(facts: Facts, refused: SdoTransfers) -> Iterator[tuple[SdoTransfers, list[SdoRow]]]:
+    """What goes into one finding, in order of `seq`; and the first of each object and reason."""
+    equal = alike(refused, "object", "direction", "abort_code", "abort_by")
+    first = [refused[int(places[0])] for places in equal]
+    kind = _kind(facts, first)
+    chosen: dict[tuple[Any, ...], list[int]] = {}
+    for number, row in enumerate(first):
+        chosen.setdefault(kind(row), []).append(number)
+    for _, numbers in sorted(chosen.items()):
+        places = np.sort(np.concatenate([equal[number] for number in numbers]))
+        kinds: dict[tuple[Any, ...], SdoRow] = {}
+        for number in numbers:
+            kinds.setdefault(_object(first[number]), first[number])
+        yield refused.part(places), list(kinds.values())
 
 
 def _kind(facts: Facts, rows: Sequence[SdoRow]) -> Callable[[SdoRow], tuple[Any, ...]]:
@@ -114,11 +134,11 @@ def _probes(facts: Facts, row: SdoRow) -> bool:
     return reads and (row.abort_code in PROBING or _normal(facts, row))
 
 
-def _probed(facts: Facts, rows: Sequence[SdoRow]) -> Finding:
-    """Reads of several objects that a node does not have."""
+def _probed(facts: Facts, rows: SdoTransfers, kinds: Sequence[SdoRow]) -> Finding:
+    """Reads of several objects that a node does not have; `kinds` are the first of each."""
     first = rows[0]
-    reasons = list(dict.fromkeys(map(_reason, rows)))
-    count = len({(row.index, row.sub) for row in rows})
+    reasons = list(dict.fromkeys(map(_reason, kinds)))
+    count = len({(row.index, row.sub) for row in kinds})
     return Finding(
         "sdo.abort",
         "info",
@@ -127,7 +147,7 @@ def _probed(facts: Facts, rows: Sequence[SdoRow]) -> Finding:
         first.start_ns,
         rows[-1].end_ns,
         f"{facts.who(first.bus, first.node)} refused {counted(len(rows), 'read')} of"
-        f" {counted(count, 'object')}{_when(facts, rows)}: {objects_words(rows)};"
+        f" {counted(count, 'object')}{_when(facts, rows)}: {objects_words(kinds)};"
         f" {' or '.join(reasons)}.",
         "The client looks for objects that this device does not have or does not let read.",
         "Nothing, if they are optional; else compare the device with the planned one.",
@@ -135,8 +155,8 @@ def _probed(facts: Facts, rows: Sequence[SdoRow]) -> Finding:
     )
 
 
-def _abort(facts: Facts, rows: Sequence[SdoRow]) -> Finding:
-    writes = [row for row in rows if row.direction == "download"]
+def _abort(facts: Facts, rows: SdoTransfers) -> Finding:
+    writes = rows.writes
     judged = writes[0] if writes else rows[0]
     probing = _probes(facts, judged)
     who = facts.who(judged.bus, judged.node)
@@ -170,8 +190,8 @@ def _access(rows: Sequence[SdoRow], writes: Sequence[SdoRow]) -> str:
     if len(writes) < len(rows):
         reads = len(rows) - len(writes)
         return f"{counted(len(writes), 'write')} and {counted(reads, 'read')} of {what}"
-    values = {row.value for row in writes}
-    value = values.pop() if len(values) == 1 else None
+    first = writes[0].value
+    value = first if all(row.value == first for row in writes) else None
     return f"the write of {value} to {what}" if isinstance(value, int) else f"the write of {what}"
 
 

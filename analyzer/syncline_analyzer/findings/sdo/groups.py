@@ -2,7 +2,7 @@
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterable, Iterator
-from itertools import groupby
+from itertools import groupby, islice
 from typing import Any
 
 import numpy as np
@@ -39,7 +39,7 @@ def objects_words(rows: Iterable[SdoRow]) -> str:
 
 def evidence(rows: Iterable[SdoRow]) -> list[int]:
     """`seq` of the first requests."""
-    return [row.seq for row in rows][:MAX_EVIDENCE]
+    return [row.seq for row in islice(rows, MAX_EVIDENCE)]
 
 
 def times(count: int) -> str:
@@ -49,6 +49,18 @@ def times(count: int) -> str:
     ('', ', 3 times')
     """
     return f", {count} times" if count > 1 else ""
+
+
+def alike(transfers: SdoTransfers, *names: str) -> list[NDArray[np.intp]]:
+    """Places of transfers that are equal in these fields of their records, by the first of each."""
+    number = np.zeros(len(transfers), np.int64)
+    for name in names:
+        distinct, of = np.unique(transfers.records[name], return_inverse=True)
+        number = number * len(distinct) + of
+    order = np.argsort(number, kind="stable")
+    cuts = np.flatnonzero(np.diff(number[order])) + 1
+    parts = np.split(order, cuts) if len(order) else []
+    return sorted(parts, key=lambda part: int(part[0]))
 
 
 def grouped(rows: Iterable[SdoRow], key: Callable[[SdoRow], Any]) -> Iterator[list[SdoRow]]:
@@ -82,14 +94,15 @@ def stretches(rows: Iterable[SdoRow], apart_ns: int = TOGETHER_NS) -> Iterator[l
 
 def unanswered_of(transfers: SdoTransfers) -> SdoTransfers:
     """Requests that the server left without an answer, or that the client gave up with an abort."""
-    records = transfers.records
-    gave_up = (records["abort_code"] == TIMED_OUT) & (records["abort_by"] == SIDES.index("client"))
-    return transfers.part(gave_up | (records["result"] == RESULTS.index("no answer")))
+    silent = transfers.records["result"] == RESULTS.index("no answer")
+    return transfers.part(timed_out_of(transfers) | silent)
 
 
-def timed_out(row: SdoRow) -> bool:
-    """Whether the client gave up waiting, with an abort."""
-    return row.abort_code == TIMED_OUT and row.abort_by == "client"
+def timed_out_of(transfers: SdoTransfers) -> NDArray[np.bool_]:
+    """(n,) Whether the client gave up waiting, with an abort."""
+    code, by = (transfers.records[name] for name in ("abort_code", "abort_by"))
+    gave_up: NDArray[np.bool_] = (code == TIMED_OUT) & (by == SIDES.index("client"))
+    return gave_up
 
 
 class History:

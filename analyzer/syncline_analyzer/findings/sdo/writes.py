@@ -6,6 +6,7 @@ from itertools import groupby, pairwise
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.sdo.groups import (
     History,
+    alike,
     by_object,
     evidence,
     grouped,
@@ -14,6 +15,7 @@ from syncline_analyzer.findings.sdo.groups import (
 )
 from syncline_analyzer.findings.stretch import seconds
 from syncline_analyzer.results import Finding, SdoObject, SdoRow, SdoTransfers
+from syncline_analyzer.results.sdo_records import SIDES
 from syncline_schemas.canopen.sdo import SAVE_SIGNATURE, abort_meaning
 from syncline_schemas.devices import Quirks, quirks
 
@@ -34,17 +36,20 @@ KEPT = frozenset(
 _KEPT_SUBS = (2, 3, 5)
 
 
-def failed_configurations(facts: Facts) -> list[list[SdoRow]]:
+def failed_configurations(facts: Facts) -> list[SdoTransfers]:
     """Equal refused writes, tried again and again while the node never became OPERATIONAL."""
-    refused = [row for row in facts.analysis.sdo.writes.aborted if row.abort_by == "server"]
-    groups = grouped(
-        refused,
-        lambda row: (row.bus, row.node, row.index or 0, row.sub or 0, row.abort_code or 0),
-    )
-    return [rows for rows in groups if len(rows) >= ATTEMPTS and _never_ran(facts, rows)]
+    aborted = facts.analysis.sdo.writes.aborted
+    refused = aborted.part(aborted.records["abort_by"] == SIDES.index("server"))
+    groups = map(refused.part, alike(refused, "object", "abort_code"))
+    found = [rows for rows in groups if len(rows) >= ATTEMPTS and _never_ran(facts, rows)]
+    return sorted(found, key=lambda rows: _refusal(rows[0]))
 
 
-def _never_ran(facts: Facts, rows: list[SdoRow]) -> bool:
+def _refusal(row: SdoRow) -> tuple[str, int, int, int, int]:
+    return row.bus, row.node, *_key(row), row.abort_code or 0
+
+
+def _never_ran(facts: Facts, rows: SdoTransfers) -> bool:
     first, last = rows[0], rows[-1]
     states = {
         row.state

@@ -10,6 +10,7 @@ import numpy as np
 from syncline_analyzer.context import Context
 from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.folds.angle.agreement import Agreements, Disagreement
+from syncline_analyzer.folds.angle.cuts import WRITE_NS, Cuts, explained
 from syncline_analyzer.folds.angle.followers import Followers
 from syncline_analyzer.folds.angle.frozen import with_frozen
 from syncline_analyzer.folds.angle.leaps import Leap
@@ -28,10 +29,9 @@ from syncline_analyzer.folds.angle.samples import (
     SampleReader,
     Samples,
     alarm_objects,
-    changes_within,
     joined,
 )
-from syncline_analyzer.folds.angle.scales import Scales, scale_objects
+from syncline_analyzer.folds.angle.scales import Scales
 from syncline_analyzer.folds.angle.shafts import Shafts
 from syncline_analyzer.folds.angle.silence import held_by_design
 from syncline_analyzer.folds.angle.singular import with_singular
@@ -50,8 +50,7 @@ from syncline_analyzer.results import (
     TraceRow,
 )
 from syncline_schemas.batch import Gap
-from syncline_schemas.decoder import decode_nmt
-from syncline_schemas.devices import Device, quirks, standard_jumps
+from syncline_schemas.devices import quirks
 from syncline_schemas.measurement import (
     measured_by,
     sent_in,
@@ -60,13 +59,9 @@ from syncline_schemas.measurement import (
 
 STOOD_COUNTS = 2
 """A value that differs by no more has stood."""
-WRITE_NS = 500_000_000
-"""A jump this near to a write that explains it is the write's doing."""
 HELD_NS = 3_000_000_000
 """So long samples wait: those after them show whether a wire set the position meanwhile."""
 MOST_HELD = 200_000
-_RESETS = (0x81, 0x82)
-_RECENT_WRITES = 1000
 BY_WIRE = "preset by wire"
 
 
@@ -97,9 +92,9 @@ class AngleFold:
         self._bindings = PdoBindings(context.shadow)
         self._reader = SampleReader(context.shadow, self._bindings)
         self._states: dict[Key, TraceState] = {}
-        self._writes: dict[tuple[int, int], deque[Cut]] = {}
         self._seen: dict[int, int] = {}
         self._scales = Scales(context)
+        self._cuts = Cuts(context, self._scales)
         self._poses = Poses(context)
         self._shafts = Shafts(context)
         self._followers = Followers(context)
@@ -156,11 +151,11 @@ class AngleFold:
                     cut_where_lost(state, trace, start_ns, stop_ns)
             tables.traces.append(state.row())
             tables.trace_data.append(trace)
-            writes = list(self._writes.get((bus, node), ()))
+            writes = self._cuts.writes(bus, node)
             own = [t for name, n, t in starts if (name, n) == (state.bus, node)]
             for event in sorted(state.events, key=lambda event: event.seq):
                 since_ns = state.moved_from_ns.get(event.seq, event.t_ns)
-                if not _explained(event, writes) and not _restarted(event, since_ns, own):
+                if not explained(event, writes) and not _restarted(event, since_ns, own):
                     tables.events.append(event)
         tables.events.extend(self._shafts.events())
         tables.followers.extend(self._followers.rows())
@@ -176,7 +171,8 @@ class AngleFold:
             found = with_frozen(self._reader.read(block, bus), self._quantity)
             nodes = {node for _, node, _ in found} | {n for b, n, _ in self._states if b == bus}
             last_seq = block.batch.last_seq
-            cuts = {node: self._cuts(block, bus, node, last_seq) for node in nodes}
+            first = self._seen.get(bus, -1)
+            cuts = {node: self._cuts.within(block, bus, node, first) for node in nodes}
             edges = {node: [cut.seq for cut in cuts[node]] for node in nodes}
             found = with_singular(found, edges, self._scales.converter)
             for key in sorted(set(found) | {k for k in self._states if k[0] == bus}):
@@ -293,7 +289,7 @@ class AngleFold:
 
     def _foresee(self, state: TraceState, key: Key, leaps: Sequence[Leap]) -> None:
         """Remember leaps until their samples are taken in; a preset by wire cuts the trace."""
-        writes = list(self._writes.get(key[:2], ()))
+        writes = self._cuts.writes(*key[:2])
         for leap in leaps:
             state.ahead.append(leap)
             waits = state.held is not None and leap.seq >= state.held.seq[0]
@@ -401,7 +397,8 @@ class AngleFold:
         converter: Converter,
     ) -> None:
         jumps = derived.speeds.jumps if derived.speeds else []
-        for jump in jumps if state.preset else jumps[: state.room("jump")]:
+        room = state.room("jump")
+        for jump in jumps if state.preset and room else jumps[:room]:
             limit = converter.scale.max_rpm if isinstance(converter, Encoder) else None
             seq, t_ns = int(piece.seq[jump.row]), int(piece.t_ns[jump.row])
             if state.preset_within(t_ns - jump.span_ns, t_ns):
@@ -467,37 +464,6 @@ class AngleFold:
                 assumed,
             )
 
-    def _cuts(self, block: Block, bus: int, node: int, last_seq: int) -> list[Cut]:
-        """Everything in a block that cuts the traces of a node."""
-        first = self._seen.get(bus, -1)
-        device = self._context.shadow.device(bus, node)
-        writes = list(self._explaining_writes(bus, node, device, first, last_seq))
-        kept = self._writes.setdefault((bus, node), deque(maxlen=_RECENT_WRITES))
-        kept.extend(writes)
-        shadow = self._context.shadow
-        news = (
-            Cut(seq, 0, "", False)
-            for key in scale_objects(device)
-            for seq in (*shadow.changes(bus, node, *key), *shadow.read_again(bus, node, *key))
-            if first < seq <= last_seq
-        )
-        resets = list(_resets(block, bus, node))
-        self._scales.reset(bus, node, [cut.seq for cut in resets])
-        return sorted([*writes, *news, *resets])
-
-    def _explaining_writes(
-        self, bus: int, node: int, device: Device | None, first: int, last: int
-    ) -> Iterator[Cut]:
-        shadow = self._context.shadow
-        device_type = shadow.number(bus, node, 0x1000) or 0
-        for jump in quirks(device).jumps or standard_jumps(device_type & 0xFFFF):
-            key = (jump.index, jump.sub)
-            for known in changes_within(shadow, bus, node, key, first, last):
-                fits = jump.values is None or known.value in jump.values
-                if known.source == "sdo-write" and fits:
-                    text = f"{jump.text} ({jump.index:04X}h written)"
-                    yield Cut(known.seq or 0, known.t_ns or 0, text, True)
-
 
 def _restarted(event: TraceEventRow, since_ns: int, starts: Sequence[int]) -> bool:
     """Whether the device started anew between the two samples of a jump."""
@@ -509,26 +475,3 @@ def _cut(state: TraceState, cut: Cut) -> None:
         state.gray.rescaled()
     if cut.text:
         state.cut(cut.seq, cut.t_ns, cut.text)
-
-
-def _resets(block: Block, bus: int, node: int) -> Iterator[Cut]:
-    """Reset commands to a node, and boot-ups."""
-    frames, batch = block.frames, block.batch
-    rows = block.batch.rows(bus, 0)
-    if len(rows):
-        nmt = decode_nmt(frames.data[rows], frames.dlc[rows])
-        to_node = nmt.valid & np.isin(nmt.command, _RESETS) & np.isin(nmt.node, (0, node))
-        for row in rows[to_node].tolist():
-            yield Cut(batch.seq(row), int(frames.t_ns[row]), "reset command", False)
-    rows = block.batch.rows(bus, 0x700 + node)
-    if len(rows):
-        state = np.where(frames.dlc[rows] == 1, frames.data[rows, 0], 0xFF)
-        # Some devices go on with empty state bytes after a remote frame: only the first can be a boot-up.
-        boots = (state == 0) & (np.concatenate(([0xFF], state[:-1])) != 0)
-        for row in rows[boots].tolist():
-            yield Cut(batch.seq(row), int(frames.t_ns[row]), "boot-up", False)
-
-
-def _explained(event: TraceEventRow, writes: list[Cut]) -> bool:
-    """Whether a jump is the doing of a write near it."""
-    return event.kind in MOVES and any(abs(w.t_ns - event.t_ns) <= WRITE_NS for w in writes)

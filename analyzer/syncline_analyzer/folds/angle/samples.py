@@ -293,7 +293,8 @@ def joined(parts: list[Samples]) -> Samples:
     if len(parts) == 1:
         return parts[0]
     seq = np.concatenate([part.seq for part in parts])
-    order = np.argsort(seq, kind="stable")
+    in_order = bool((seq[1:] >= seq[:-1]).all())
+    order = slice(None) if in_order else np.argsort(seq, kind="stable")
     bits = max(part.entry.bits for part in parts)
     alike = all(part.bits is None and part.entry.bits == bits for part in parts)
     named = max((part.entry for part in parts), key=lambda entry: bool(entry.name))
@@ -312,7 +313,7 @@ def joined(parts: list[Samples]) -> Samples:
 
 def _marked(
     marks: list[NDArray[np.bool_] | None],
-    order: NDArray[np.intp],
+    order: slice | NDArray[np.intp],
     parts: list[Samples],
 ) -> NDArray[np.bool_] | None:
     if all(mark is None for mark in marks):

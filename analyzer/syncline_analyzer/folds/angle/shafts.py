@@ -1,13 +1,13 @@
 """Two encoders on one shaft: whether they keep telling the same."""
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from syncline_analyzer.context import Context
+from syncline_analyzer.folds.angle.lines import Floats, Integers, Line, Waiting
 from syncline_analyzer.folds.angle.samples import Key, Samples
 from syncline_analyzer.folds.angle.trace import Encoder
 from syncline_analyzer.results import ShaftRow, ShaftTrace, TraceEventRow
@@ -30,81 +30,12 @@ FAR_NS = 1_000_000_000
 FOR_GOOD = 16
 """Samples in a row that must be too far off, over at least `FOR_GOOD_NS`."""
 FOR_GOOD_NS = 500_000_000
-MAX_WAITING = 200_000
-"""Samples of one encoder that wait for the other one."""
 MAX_EVENTS = 1000
 MAX_SAMPLES = 100_000
 """Differences that are kept for plots; beyond, the extremes of runs of them."""
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 _Member = tuple[int, int]
 """(bus number, node)"""
-
-
-class _Line(NamedTuple):
-    """Samples of one encoder, all (n,): `segment` grows where the line breaks, `circle_deg` is
-    what its angle is only known modulo (inf where turns are counted surely)."""
-
-    t_ns: Integers
-    seq: Integers
-    deg: Floats
-    segment: Integers
-    circle_deg: Floats
-
-    def of(self, part: slice) -> "_Line":
-        """Some of the samples."""
-        return _Line(
-            self.t_ns[part],
-            self.seq[part],
-            self.deg[part],
-            self.segment[part],
-            self.circle_deg[part],
-        )
-
-    def followed_by(self, later: "_Line") -> "_Line":
-        """Both, one after the other."""
-        return _Line(
-            np.concatenate((self.t_ns, later.t_ns)),
-            np.concatenate((self.seq, later.seq)),
-            np.concatenate((self.deg, later.deg)),
-            np.concatenate((self.segment, later.segment)),
-            np.concatenate((self.circle_deg, later.circle_deg)),
-        )
-
-
-_NOTHING = _Line(
-    np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0), np.zeros(0, np.int64), np.zeros(0)
-)
-
-
-@dataclass(slots=True)
-class _Encoder:
-    """One encoder's samples that the other one has not reached yet."""
-
-    waiting: _Line = _NOTHING
-    unsure: bool = False
-    segment: int = -1
-    last_ns: int = 0
-    last_deg: float = 0.0
-
-    def add(
-        self, piece: Samples, deg: Floats, segment: int, circle_deg: float, max_rpm: float | None
-    ) -> None:
-        """Take in a piece; turns are not sure any more once a step was too long to tell."""
-        if segment != self.segment:
-            self.segment, self.unsure = segment, False
-            self.last_ns, self.last_deg = int(piece.t_ns[0]), float(deg[0])
-        span = np.diff(piece.t_ns, prepend=self.last_ns)
-        doubtful = np.abs(np.diff(deg, prepend=self.last_deg)) > circle_deg / 4
-        if max_rpm is not None:
-            doubtful |= span * (max_rpm * 6 / 1e9) > circle_deg / 2
-        unsure = np.maximum.accumulate(doubtful) | self.unsure
-        self.unsure = bool(unsure[-1])
-        self.last_ns, self.last_deg = int(piece.t_ns[-1]), float(deg[-1])
-        known = np.where(unsure, circle_deg, np.inf)
-        new = _Line(piece.t_ns, piece.seq, deg, np.full(len(deg), segment, np.int64), known)
-        self.waiting = self.waiting.followed_by(new).of(slice(-MAX_WAITING, None))
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,8 +56,8 @@ class _Pair:
     other: _Member
     ratio: float
     tolerance_deg: float
-    own: _Encoder = field(default_factory=_Encoder)
-    foreign: _Encoder = field(default_factory=_Encoder)
+    own: Waiting = field(default_factory=Waiting)
+    foreign: Waiting = field(default_factory=Waiting)
     object: int = 0
     """index << 8 | sub of what is compared, the first position heard; 0 before."""
     other_object: int = 0
@@ -170,7 +101,7 @@ class _Pair:
         self._compare(lines[0], lines[1], until_ns)
         self.done_ns = until_ns
 
-    def _compare(self, one: _Line, two: _Line, until_ns: int) -> None:
+    def _compare(self, one: Line, two: Line, until_ns: int) -> None:
         """Lay the samples of the encoder with fewer of them against the line of the other one."""
         swap = len(one.t_ns) > len(two.t_ns)
         few, many = (two, one) if swap else (one, two)
@@ -379,7 +310,7 @@ class _Pair:
         self.off.clear()
 
 
-def _speed(line: _Line, t_ns: Integers) -> Floats:
+def _speed(line: Line, t_ns: Integers) -> Floats:
     """Speed [deg / ns] of a line about each of the stamps (n,), over some time: single steps may
     be those of a device that measures less often than it sends."""
     near = [np.searchsorted(line.t_ns, t_ns + away) for away in (-SPEED_NS, SPEED_NS)]

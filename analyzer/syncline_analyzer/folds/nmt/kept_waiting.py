@@ -83,6 +83,8 @@ class _Frames:
 
     def last(self, count: int) -> "_Frames":
         """The last ones."""
+        if len(self.t_ns) == count:
+            return self
         columns = (self.t_ns, self.can_id, self.most_ns, self.least_ns, self.node)
         return _Frames(*(column[-count:].copy() for column in columns))  # type: ignore[arg-type]
 
@@ -114,12 +116,19 @@ class HeartbeatWaits:
         state = self._buses.setdefault(bus, _Bus())
         fresh = self._frames(block, bus, bit_ns)
         begin = len(state.before.t_ns) if state.before is not None else 0
-        frames = fresh.after(state.before)
-        traffic = _Traffic(frames, bit_ns, self._slack_ns(bus))
-        rows = begin + np.flatnonzero(fresh.node > 0)
-        for node in np.unique(frames.node[rows]).tolist():
-            self._judge((bus, node), state, traffic, rows[frames.node[rows] == node])
-        state.before = frames.last(_HELD)
+        beats = np.flatnonzero(fresh.node > 0)
+        late = []
+        for node in np.unique(fresh.node[beats]).tolist():
+            rows = beats[fresh.node[beats] == node]
+            before, off = _overdue(state, node, fresh.t_ns[rows])
+            if off.any():
+                late.append(((bus, node), begin + rows[off], before[off]))
+        if late:
+            traffic = _Traffic(fresh.after(state.before), bit_ns, self._slack_ns(bus))
+            for key, rows, before in late:
+                self._judge(key, traffic, rows, before)
+        whole = fresh if len(fresh.t_ns) >= _HELD else fresh.after(state.before)
+        state.before = whole.last(_HELD)
 
     def gap(self, bus: int | None) -> None:
         """Nothing is known of the frames in a gap."""
@@ -145,20 +154,10 @@ class HeartbeatWaits:
         """What stamps may be off."""
         return self._context.resolution_ns - 1 + self._on_wire.noise_ns(bus)
 
-    def _judge(self, key: NodeKey, state: _Bus, traffic: "_Traffic", rows: Ints) -> None:
-        """Look at the heartbeats of a node before which the bus was full for long."""
-        t_ns = traffic.frames.t_ns[rows]
-        last_ns = state.beat_ns.get(key[1])
-        state.beat_ns[key[1]] = int(t_ns[-1])
-        before = np.concatenate((t_ns[:1] if last_ns is None else [last_ns], t_ns[:-1]))
-        recent = np.concatenate((state.recent_ns.get(key[1], np.zeros(3, np.int64)), t_ns - before))
-        state.recent_ns[key[1]] = recent[-3:]
-        usual = np.minimum(np.minimum(recent[:-3], recent[1:-2]), recent[2:-1])
-        late = t_ns - before > _LONGER * usual
-        if not late.any():
-            return
-        for at in np.flatnonzero(late & traffic.worth(rows, before)).tolist():
-            found = traffic.waited(key[1], int(rows[at]), int(before[at]))
+    def _judge(self, key: NodeKey, traffic: "_Traffic", rows: Ints, before_ns: Ints) -> None:
+        """Look at the late heartbeats of a node before which the bus was full for long."""
+        for at in np.flatnonzero(traffic.worth(rows, before_ns)).tolist():
+            found = traffic.waited(key[1], int(rows[at]), int(before_ns[at]))
             if found is not None:
                 self._keep(key, found)
 
@@ -178,7 +177,7 @@ class HeartbeatWaits:
             at_most = np.where(block.error[places], _ERROR_BITS, bits) * bit_ns
             most = np.where(unknown, at_most, most)
         return _Frames(
-            frames.t_ns.astype(np.int64),
+            frames.t_ns.astype(np.int64, copy=False),
             frames.can_id.astype(np.int64),
             most,
             least,
@@ -331,12 +330,24 @@ def _told(kept: KeptWaiting) -> str:
 
 def _beating(frames: FrameBatch) -> NDArray[np.int16]:
     """(n,) node of each message of error control, negative for a request, 0 for other frames."""
-    can_id = frames.can_id.astype(np.int64)
-    place = (can_id > FIRST_ID) & (can_id <= FIRST_ID + MAX_NODE)
-    place &= (frames.flags & _NO_HEARTBEAT) == 0
-    remote = (frames.flags & FrameFlag.REMOTE) != 0
-    node = np.where(remote, FIRST_ID - can_id, np.where(frames.dlc == 1, can_id - FIRST_ID, 0))
-    return np.where(place, node, 0).astype(np.int16)
+    node = np.zeros(len(frames), np.int16)
+    rows = np.flatnonzero((frames.can_id > FIRST_ID) & (frames.can_id <= FIRST_ID + MAX_NODE))
+    rows = rows[(frames.flags[rows] & _NO_HEARTBEAT) == 0]
+    sender = frames.can_id[rows].astype(np.int16) - FIRST_ID
+    remote = (frames.flags[rows] & FrameFlag.REMOTE) != 0
+    node[rows] = np.where(remote, -sender, np.where(frames.dlc[rows] == 1, sender, 0))
+    return node
+
+
+def _overdue(state: _Bus, node: int, t_ns: Ints) -> tuple[Ints, Bools]:
+    """(n,) time of the heartbeat before each of a node's, and whether it is longer ago than usual."""
+    last_ns = state.beat_ns.get(node)
+    state.beat_ns[node] = int(t_ns[-1])
+    before = np.concatenate((t_ns[:1] if last_ns is None else [last_ns], t_ns[:-1]))
+    recent = np.concatenate((state.recent_ns.get(node, np.zeros(3, np.int64)), t_ns - before))
+    state.recent_ns[node] = recent[-3:]
+    usual = np.minimum(np.minimum(recent[:-3], recent[1:-2]), recent[2:-1])
+    return before, t_ns - before > _LONGER * usual
 
 
 def _longest(can_id: Ints, wire_ns: Floats) -> tuple[int, ...]:

@@ -1,6 +1,6 @@
 """What SDO transfers teach the object-dictionary shadow: plain reads in columns, the rest singly."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from heapq import heapify, heappop, heappush
 from typing import NamedTuple
@@ -60,19 +60,20 @@ class Teacher:
         shadow, told = self._shadow, []
         objects = _Objects(plain, channels)
         objects.take_singly(self._columnar)
-        waiting = list(reversed(lessons))
-        while (lesson := objects.next(waiting)) is not None:
+        for lesson, plain_one in objects.among(lessons):
             bus, node = lesson.bus, lesson.node
-            if self._concerns_others(bus, node, lesson.key):
-                self._read(objects, objects.of_node(bus, node), lesson.place)
-            else:
+            if not self._concerns_others(bus, node, lesson.key):
                 self._read(objects, objects.of_object(lesson), lesson.place)
+            elif not self._confirms(lesson):
+                self._read(objects, objects.of_node(bus, node), lesson.place)
             before = shadow.upset, shadow.device(bus, node)
             value = self.take(lesson)
             told.append((lesson, value))
             if shadow.upset != before[0] or shadow.device(bus, node) is not before[1]:
                 objects.look_again(bus, node, lesson.place, self._columnar)
-            elif value is None or not shadow.repeats(bus, node, lesson.key, value):
+            elif not (
+                plain_one and value is not None and shadow.repeats(bus, node, lesson.key, value)
+            ):
                 objects.look_at_next(lesson)
         self._read(objects, objects.all, None)
         return told
@@ -98,14 +99,23 @@ class Teacher:
     def _read(self, objects: "_Objects", which: Sequence["_Object"], place: int | None) -> None:
         """Take in the columns of objects up to a place."""
         plain = objects.plain
+        stop = objects.rows_before(place)
         for each in which:
-            rows = each.take(objects.rows_before(place))
+            rows = each.take(stop)
             if len(rows):
                 device = self._shadow.device(each.bus, each.node)
                 values = known_values(device, *each.key, plain.word[rows], plain.size[rows])
                 moments = plain.end_seq[rows], plain.end_ns[rows]
                 told = values, plain.read[rows], *moments
                 self._shadow.learn_columns(each.bus, each.node, each.key, *told)
+
+    def _confirms(self, lesson: Lesson) -> bool:
+        """Whether a transfer only tells what is known."""
+        shadow, bus, node = self._shadow, lesson.bus, lesson.node
+        if lesson.data is None:
+            return shadow.is_refused(bus, node, *lesson.key)
+        value = known_value(shadow.device(bus, node), *lesson.key, lesson.data)
+        return not lesson.write and shadow.repeats(bus, node, lesson.key, value)
 
     def _columnar(self, each: "_Object") -> bool:
         """Whether transfers of an object concern nothing but the object."""
@@ -140,7 +150,7 @@ class _Object:
         """The rows before another one that are taken in as columns, each told once."""
         if not self.columnar:
             return self.rows[:0]
-        first, self.reached = self.reached, int(np.searchsorted(self.rows, stop))
+        first, self.reached = self.reached, int(self.rows.searchsorted(stop))
         return self.rows[first : self.reached]
 
 
@@ -166,6 +176,7 @@ class _Objects:
         self._by_node: dict[Key, list[_Object]] = {}
         for each in self.all:
             self._by_node.setdefault((each.bus, each.node), []).append(each)
+        self._new = self._news()
         self._heap: list[int] = []
         self._last = -1
 
@@ -180,24 +191,17 @@ class _Objects:
 
     def take_singly(self, columnar: Callable[[_Object], bool]) -> None:
         """Choose what is looked at one by one: objects that are not `columnar`."""
-        new = self._news()
         for each in self.all:
-            each.columnar = columnar(each)
-            if not each.columnar:
-                self._heap += each.rows[new[each.rows]].tolist()
+            if not columnar(each):
+                self._take_singly(each)
         heapify(self._heap)
 
-    def next(self, waiting: list[Lesson]) -> Lesson | None:
-        """What comes next: a plain transfer, or the last of `waiting`, which is taken off then."""
-        while self._heap:
-            row = self._heap[0]
-            if waiting and waiting[-1].place < self.plain.answer[row]:
-                break
-            heappop(self._heap)
-            if row != self._last:
-                self._last = row
-                return self._lesson(row)
-        return waiting.pop() if waiting else None
+    def among(self, lessons: Sequence[Lesson]) -> Iterator[tuple[Lesson, bool]]:
+        """What is looked at one by one, in order, and whether it is plain; more may come meanwhile."""
+        for lesson in lessons:
+            yield from self._up_to(lesson.place)
+            yield lesson, False
+        yield from self._up_to(None)
 
     def look_at_next(self, lesson: Lesson) -> None:
         """Look at the next plain transfer of an object after one of its transfers, too."""
@@ -210,14 +214,16 @@ class _Objects:
     ) -> None:
         """Look at the next plain transfer of every object of a node after a place, too."""
         for each in self.of_node(bus, node):
-            each.columnar = each.columnar and columnar(each)
+            if each.columnar and not columnar(each):
+                self._take_singly(each)
+                heapify(self._heap)
             if not each.columnar:
                 self._push_next(each, place)
 
     def rows_before(self, place: int | None) -> int:
         """Up to which row transfers ended before a place."""
         answer = self.plain.answer
-        return len(answer) if place is None else int(np.searchsorted(answer, place))
+        return len(answer) if place is None else int(answer.searchsorted(place))
 
     def _news(self) -> NDArray[np.bool_]:
         """(n,) False for reads that bring what the transfer of the object before, a read, brought."""
@@ -230,8 +236,22 @@ class _Objects:
         new[order[1:]] = ~same
         return new
 
+    def _up_to(self, place: int | None) -> Iterator[tuple[Lesson, bool]]:
+        """Plain transfers before a place that are to be looked at."""
+        while self._heap and self._heap[0] < self.rows_before(place):
+            row = heappop(self._heap)
+            if row != self._last:
+                self._last = row
+                yield self._lesson(row), True
+
+    def _take_singly(self, each: _Object) -> None:
+        """From what is reached of an object on, look at its news one by one."""
+        rows = each.rows[each.reached :]
+        each.columnar = False
+        self._heap += rows[self._new[rows]].tolist()
+
     def _push_next(self, each: _Object, place: int) -> None:
-        at = int(np.searchsorted(each.rows, self.rows_before(place + 1)))
+        at = int(each.rows.searchsorted(self.rows_before(place + 1)))
         if at < len(each.rows):
             heappush(self._heap, int(each.rows[at]))
 

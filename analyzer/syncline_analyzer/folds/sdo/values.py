@@ -62,11 +62,13 @@ def known_values(
     value = word.astype(np.int64)
     if known is None:
         return value
-    if known.kind not in _NUMBERS or known.bits is None:
+    if known.kind not in _NUMBERS:
         data = zip(word.astype("<u4").tolist(), length.tolist(), strict=True)
         held = np.empty(len(word), object)
         held[:] = [each.to_bytes(4, "little")[:count] for each, count in data]
         return held
+    if known.bits is None or known.bits > 32:
+        return value
     low = value & (1 << known.bits) - 1
     if known.kind == "signed":
         half = 1 << known.bits - 1

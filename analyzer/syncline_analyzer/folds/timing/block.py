@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from syncline_analyzer.echo import COPY
 from syncline_analyzer.fold import IndexedBatch
 from syncline_schemas.batch import FrameBatch, FrameFlag
-from syncline_schemas.wire_length import data_phase_bits, longest_bits, wire_bits
+from syncline_schemas.wire_length import data_phase_bits, longest_bits
 
 BLOCK_FRAMES = 1 << 16
 """Frames that make a block worth its fixed cost, and enough of them to learn a rhythm from."""
@@ -76,9 +76,9 @@ class Block:
         Exact; 0 for errors, and for what the recorder wrote down twice. The part of it in
         `data_phase_bits` passed at the data bit rate, and faster than at the nominal one.
         """
-        bits = wire_bits(self.frames)
+        bits = self.batch.wire_bits
         if self.batch.flags_seen & FrameFlag.FD:
-            bits += self.data_phase_bits
+            bits = bits + self.data_phase_bits
         return self._but_copies(bits)
 
     @cached_property
@@ -90,7 +90,7 @@ class Block:
 
     def _but_copies(self, bits: NDArray[np.int64]) -> NDArray[np.int64]:
         if self.batch.flags_seen & COPY:
-            bits[(self.frames.flags & COPY) != 0] = 0
+            return np.where((self.frames.flags & COPY) != 0, 0, bits)
         return bits
 
     def wire_ns(

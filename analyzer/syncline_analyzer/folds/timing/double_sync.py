@@ -41,12 +41,14 @@ class DoubleSync:
         """Take in periods in order, each with the stamp and `seq` of its end."""
         if len(periods) < MIN_PAIRS:
             return
-        runs = self._runs(periods)
-        self._learn(periods, runs)
         least = int(periods.min())
         if int(periods.max()) - least <= _SAME * least:
             # Equal periods from end to end: nothing comes between the beats.
+            if len(periods) > MIN_PAIRS:
+                self._learn(periods, [(0, len(periods))])
             return
+        runs = self._runs(periods)
+        self._learn(periods, runs)
         pairs = periods[1:] + periods[:-1]
         even = np.abs(np.diff(pairs, append=pairs[-1])) <= _SAME * pairs
         doubled = even & (np.abs(periods[1:] - pairs / 2) > _APART * pairs)

@@ -1,5 +1,6 @@
 """How long a bus was busy without a pause, and its fullest moment."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -131,21 +132,71 @@ class Busy:
         self._recent_ns, self._recent_wire_ns = end_ns[late:], wire_ns[late:]
         self._recent_soon = soon[late:]
         since = (end_ns - self._begun_ns).astype(np.float64)
-        ends = np.concatenate([since[known:], since - wire_ns + BURST_NS])
+        busy = np.cumsum(wire_ns)
+        ends = self._ends(since, wire_ns, busy, known, soon)
         ends = ends[(ends >= BURST_NS) & (ends <= since[-1])]
         if soon.any():
             ends = ends[_possible(ends, since, soon)]
         if not len(ends):
             return
-        busy = np.cumsum(wire_ns)
         # Knots of the busy time over time: it grows while a frame is on the wire.
-        knots = np.maximum.accumulate(np.stack([since - wire_ns, since], axis=1).reshape(-1))
-        levels = np.stack([busy - wire_ns, busy], axis=1).reshape(-1)
+        starts = since - wire_ns
+        np.maximum(starts[1:], since[:-1], out=starts[1:])
+        knots, levels = _alternating(starts, since), _alternating(busy - wire_ns, busy)
         carried = np.interp(ends, knots, levels) - np.interp(ends - BURST_NS, knots, levels)
         fullest = int(np.argmax(carried))
         share = min(1.0, float(carried[fullest]) / BURST_NS)
         if self.burst is None or share > self.burst[0]:
             self.burst = share, self._begun_ns + round(float(ends[fullest])) - BURST_NS
+
+    def _ends(
+        self,
+        since: Floats,
+        wire_ns: Floats,
+        busy: Floats,
+        known: int,
+        soon: NDArray[np.bool_],
+    ) -> Floats:
+        """(w,) ends of the windows that may be the fullest, of those from row `known` on.
+
+        A window that ends with a frame carries no more than the frames that end in it, and no less
+        than these without the first; one that ends between two frames no more than one frame more
+        than the window that ends with the former.
+        """
+        longest = float(wire_ns.max())
+        best = self.burst[0] * BURST_NS if self.burst is not None else 0.0
+        # Fewer frames than this cannot carry more than the fullest window so far.
+        count = max(1, math.ceil((best - longest) / longest) if longest else 1)
+        if count > len(since):
+            return np.zeros(0)
+        rows = np.flatnonzero(since[count - 1 :] - since[: len(since) - count + 1] < BURST_NS)
+        rows += count - 1
+        before = np.searchsorted(since, since[rows] - BURST_NS, "right") - 1
+        most = busy[rows] - np.where(before >= 0, busy[before], 0.0)
+        sure = (rows >= known) & (since[rows] >= BURST_NS)
+        if soon.any():
+            sure &= _possible(since[rows], since, soon)
+        least = max(best, float(most[sure].max(initial=0.0)) - longest)
+        chosen = most >= least - longest
+        rows, before = rows[chosen], before[chosen]
+        # Windows that begin with a frame and end behind one of these rows, before the next frame.
+        next_ns = since[np.minimum(rows + 1, len(since) - 1)]
+        stop = np.searchsorted(since, next_ns - BURST_NS + longest, "right")
+        begins = np.zeros(len(since) + 1, np.int64)
+        np.add.at(begins, np.maximum(before, 0), 1)
+        np.add.at(begins, np.maximum(stop, np.maximum(before, 0)), -1)
+        starting = np.flatnonzero(np.cumsum(begins) > 0)
+        starting = starting[starting < len(since)]
+        return np.concatenate(
+            [since[rows[rows >= known]], since[starting] - wire_ns[starting] + BURST_NS]
+        )
+
+
+def _alternating(first: Floats, second: Floats) -> Floats:
+    """(2n,) the values of both by turns."""
+    both = np.empty(2 * len(first))
+    both[::2], both[1::2] = first, second
+    return both
 
 
 def _possible(ends: Floats, since: Floats, soon: NDArray[np.bool_]) -> NDArray[np.bool_]:

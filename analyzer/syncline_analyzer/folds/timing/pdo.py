@@ -11,9 +11,11 @@ from syncline_analyzer.folds.timing.extremes import limits_of
 from syncline_analyzer.folds.timing.lateness import others_as_late
 from syncline_analyzer.folds.timing.on_wire import OnWire
 from syncline_analyzer.folds.timing.overdue import lacking_after
+from syncline_analyzer.folds.timing.pdo_frames import PdoFrames
 from syncline_analyzer.folds.timing.pdo_state import Pause, PdoState
 from syncline_analyzer.folds.timing.phase import UNTOLD, Phase
-from syncline_analyzer.folds.timing.sync import SyncFold, SyncIndex
+from syncline_analyzer.folds.timing.sync import SyncFold
+from syncline_analyzer.folds.timing.sync_index import SyncIndex
 from syncline_analyzer.folds.timing.waiting_fold import WaitingFold
 from syncline_analyzer.pdo_binding import PdoBindings, Transmission, settled
 from syncline_schemas.batch import FrameFlag
@@ -40,37 +42,6 @@ class _Pass:
     sent: NDArray[np.int64]
     bit_ns: float | None
     syncs: dict[int, SyncIndex | None]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Frames:
-    """Frames of one PDO in a block: (n,) rows, `seq` and stamps, and where they stand.
-
-    `place` is that in the columns by identifier; views of these are all that a plain block needs.
-    """
-
-    place: slice | NDArray[np.intp]
-    rows: NDArray[np.intp]
-    seq: NDArray[np.int64]
-    t_ns: NDArray[np.int64]
-
-    def of(self, column: NDArray[np.int64]) -> NDArray[np.int64]:
-        """(n,) a column by identifier."""
-        return column[self.place]
-
-    def since(self, first: int) -> "_Frames":
-        """All but the first ones of a whole block."""
-        assert isinstance(self.place, slice)
-        if not first:
-            return self
-        place = slice(self.place.start + first, self.place.stop)
-        return _Frames(place, self.rows[first:], self.seq[first:], self.t_ns[first:])
-
-    def chosen(self, which: NDArray[np.intp]) -> "_Frames":
-        """Some of them."""
-        place = self.place
-        chosen = which + place.start if isinstance(place, slice) else place[which]
-        return _Frames(chosen, self.rows[which], self.seq[which], self.t_ns[which])
 
 
 class PdoFold:
@@ -116,7 +87,7 @@ class PdoFold:
         passing = _Pass(block, bus, sent, bit_ns, syncs)
         self._waiting.begin(block, bus, passing.bit_ns)
         for can_id, state in self._states_of(bus):
-            frames = _frames(block, bus, can_id)
+            frames = PdoFrames.in_block(block, bus, can_id)
             if len(frames.rows):
                 self._follow(block, state, frames, syncs.get(state.sync_cob_id))
             asked = state.requested.follow(frames.rows, requests[can_id])
@@ -239,7 +210,7 @@ class PdoFold:
             state.changed_seq = first_seq
 
     def _follow(
-        self, block: Block, state: PdoState, frames: "_Frames", sync: SyncIndex | None
+        self, block: Block, state: PdoState, frames: PdoFrames, sync: SyncIndex | None
     ) -> None:
         """Periods of the identifier, SYNC or not; those in a backlog of SYNCs are none."""
         t_ns, seq, rows = frames.t_ns, frames.seq, frames.rows
@@ -340,7 +311,7 @@ class PdoFold:
         passing: _Pass,
         can_id: int,
         state: PdoState,
-        frames: "_Frames",
+        frames: PdoFrames,
         asked: NDArray[np.bool_],
     ) -> None:
         """Pair the PDOs of a block with the SYNCs before them; those `asked` for prove less."""
@@ -419,7 +390,7 @@ class PdoFold:
         passing: _Pass,
         can_id: int,
         state: PdoState,
-        frames: "_Frames",
+        frames: PdoFrames,
         sync: SyncIndex,
     ) -> None:
         """Response and both bounds of the device time (analysis.md section 5)."""
@@ -437,19 +408,23 @@ class PdoFold:
         state.response.add(response, limits)
         state.slowest.add(response, seq, t_ns, limits)
         state.late += self._late(passing.bus, state, rows, response, block)
+        kept = state.responses.chosen(response.astype(np.float64))
         # Copies: what is kept must not hold on to the columns of the whole block.
-        columns = {"seq": seq.copy(), "t_ns": t_ns.copy(), "response_us": response / 1000}
+        columns = {"seq": seq[kept], "t_ns": t_ns[kept], "response_us": response[kept] / 1000}
         if passing.bit_ns is not None:
             low, high = self._device_bounds(passing, passing.bit_ns, rows, position, response, sync)
             state.device_low.add(low)
             state.device_high.add(high)
-            columns |= {"device_low_us": low / 1000, "device_high_us": high / 1000}
+            columns |= {"device_low_us": low[kept] / 1000, "device_high_us": high[kept] / 1000}
             if state.told_type() not in _BY_EVENTS:
                 least, waiting = self._waiting.answers(
                     can_id, state.owner, seq, position, sync, low, high
                 )
-                columns |= {"device_least_us": least / 1000, "waiting_us": waiting / 1000}
-        state.responses.add(columns)
+                columns |= {
+                    "device_least_us": least[kept] / 1000,
+                    "waiting_us": waiting[kept] / 1000,
+                }
+        state.responses.add_chosen(columns)
 
     def _device_bounds(
         self,
@@ -489,11 +464,6 @@ class PdoFold:
         seq = block.batch.seq(rows[-1])
         window_us = self._context.shadow.number(bus, state.owner.node, 0x1007, 0, seq)
         return int((response > window_us * 1000).sum()) if window_us else 0
-
-
-def _frames(block: Block, bus: int, can_id: int) -> _Frames:
-    batch, place = block.batch, block.batch.place(bus, can_id)
-    return _Frames(place, batch.rows_by_id[place], batch.seqs_by_id[place], batch.t_ns_by_id[place])
 
 
 def _remote(block: Block, bus: int) -> NDArray[np.intp]:

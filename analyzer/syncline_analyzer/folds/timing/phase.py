@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from syncline_analyzer.folds.timing.sync import SyncIndex
+from syncline_analyzer.folds.timing.sync_index import SyncIndex
 
 UNTOLD = 240
 """Most n that are inferred from the frames divide it, so n need not be known beforehand."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from syncline_analyzer.folds.timing.extremes import limits_of
 from syncline_analyzer.folds.timing.slips import Spared
-from syncline_analyzer.folds.timing.sync import SyncIndex
+from syncline_analyzer.folds.timing.sync_index import SyncIndex
 
 MAX_KEPT = 100_000
 """Missed moments kept one by one; beyond, only stretches of them."""

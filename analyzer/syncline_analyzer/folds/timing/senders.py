@@ -3,7 +3,7 @@
 The predefined connection set tells what nothing else does.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,16 +69,22 @@ class Senders:
     def nodes(self, frames: FrameBatch, bus: int, seq: int) -> NDArray[np.int16]:
         """(n,) sender of each frame of a bus as of `seq`; `UNKNOWN` for 29-bit and FD frames."""
         self._bindings.refresh(bus)
-        remote = (frames.flags & FrameFlag.REMOTE) != 0
-        place = (frames.can_id & 0x7FF) | np.where(remote, np.uint32(_REMOTE), np.uint32(0))
-        plain = (frames.flags & _NO_SERVICE) == 0
+        kinds = int(np.bitwise_or.reduce(frames.flags, initial=0))
+        place: NDArray[np.integer[Any]] = frames.can_id
+        plain = None
+        if kinds & (_NO_SERVICE | FrameFlag.REMOTE):
+            remote = (frames.flags & FrameFlag.REMOTE) != 0
+            place = (place & 0x7FF) | np.where(remote, np.uint32(_REMOTE), np.uint32(0))
+            plain = (frames.flags & _NO_SERVICE) == 0
         node = np.full(2 * _REMOTE, UNKNOWN, np.int16)
-        keys = np.flatnonzero(np.bincount(place[plain], minlength=len(node))).tolist()
+        told = place if plain is None else place[plain]
+        keys = np.flatnonzero(np.bincount(told, minlength=len(node))).tolist()
         spoken = {key % _NODES for key in keys if key < _REMOTE and SERVICE_OF_ID[key] in _SPOKEN}
         self._heard.setdefault(bus, set()).update(spoken)
         for key in keys:
             node[key] = self.of(bus, key & 0x7FF, seq, remote=key >= _REMOTE).node
-        return np.where(plain, node[place], np.int16(UNKNOWN))
+        sender = node.take(place)
+        return sender if plain is None else np.where(plain, sender, np.int16(UNKNOWN))
 
     def of(self, bus: int, can_id: int, seq: int | None = None, *, remote: bool = False) -> Sender:
         """Sender of one 11-bit identifier as of `seq`, by default in the end."""

@@ -85,7 +85,7 @@ class ForwardStep(NamedTuple):
 class _Bus:
     last_ns: int | None = None
     last_seq: int = 0
-    apart: Distribution = field(default_factory=Distribution)
+    apart: Distribution = field(default_factory=lambda: Distribution(moments=False))
     heard: dict[int, Last] = field(default_factory=dict)
     period: dict[int, Distribution] = field(default_factory=dict)
     silences: list[Silence] = field(default_factory=list)
@@ -335,7 +335,7 @@ def _add_period(state: _Bus, can_id: int, line: _Line) -> None:
     if before is not None and len(times):
         periods = np.concatenate((times[:1] - before.t_ns, periods))
     if can_id not in state.period:
-        state.period[can_id] = Distribution()
+        state.period[can_id] = Distribution(moments=False)
     state.period[can_id].add(periods if int(periods.min(initial=1)) > 0 else periods[periods > 0])
     last = _last(before, line, len(line.seq))
     if last is not None:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from syncline_analyzer.folds.timing.sync import SyncIndex
+from syncline_analyzer.folds.timing.sync_index import SyncIndex
 
 _SINGLE = 1.25
 """Frames no further apart than this many SYNC periods have none missing between them."""

@@ -47,6 +47,9 @@ def rank(frames: FrameBatch) -> Ints:
 
     Returns: (n,) int64.
     """
+    kinds = int(np.bitwise_or.reduce(frames.flags, initial=0))
+    if not kinds & (FrameFlag.EXTENDED | FrameFlag.REMOTE):
+        return frames.can_id.astype(np.int64) << 21
     extended = (frames.flags & FrameFlag.EXTENDED) != 0
     remote = ((frames.flags & FrameFlag.REMOTE) != 0).astype(np.int64)
     can_id = frames.can_id.astype(np.int64)
@@ -116,9 +119,12 @@ class Arbitration:
         self._wire_ns = wire_ns
         self.bit_ns = bit_ns
         self._step_ns = resolution_ns - 1
-        self._apart_ns = np.diff(self.end_ns, prepend=np.nan)
+        self._apart_ns = np.empty_like(self.end_ns)
+        self._apart_ns[:1] = np.nan
+        np.subtract(self.end_ns[1:], self.end_ns[:-1], out=self._apart_ns[1:])
         self._spare_ns = self._apart_ns - wire_ns
         self.noise_ns = noise_ns
+        self._rows_of: dict[int, Ints] = {}
 
     @property
     def slack_ns(self) -> float:
@@ -228,16 +234,31 @@ class Arbitration:
         idle = self._last_idle[rows]
         if sender in (MASTER, UNKNOWN):
             return idle
-        weaker = self.rank > can_rank
-        own = self.sender == sender
-        others = weaker & self._proves & ~own
-        proof = np.flatnonzero(others & (self._sender_before != sender))
+        every, ranks, senders, before = self._proof
+        others = (ranks > can_rank) & (senders != sender) & (before != sender)
+        proof = every[np.flatnonzero(others)]
         if not len(proof):
             return idle
         last = _last(proof, rows, "right" if itself else "left")
-        in_line = _last(np.flatnonzero(weaker & own), rows, "left")
+        own = self._sent_by(sender)
+        in_line = _last(own[self.rank[own] > can_rank], rows, "left")
         found: Ints = np.maximum(np.where(last > in_line, last, -1), idle)
         return found
+
+    @cached_property
+    def _proof(self) -> tuple[Ints, Ints, NDArray[np.int16], NDArray[np.int16]]:
+        """(p,) rows that were started behind another frame, with rank, sender and sender before.
+
+        Where the bus was idle before a row, that alone tells all that it could.
+        """
+        rows = np.flatnonzero(self._proves & ~self.idle)
+        return rows, self.rank[rows], self.sender[rows], self._sender_before[rows]
+
+    def _sent_by(self, sender: int) -> Ints:
+        """Rows of one sender."""
+        if sender not in self._rows_of:
+            self._rows_of[sender] = np.flatnonzero(self.sender == sender)
+        return self._rows_of[sender]
 
 
 def close_ns(t_ns: Ints, wire_ns: Floats, bit_ns: float) -> Floats:

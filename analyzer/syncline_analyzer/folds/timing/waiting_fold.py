@@ -8,7 +8,7 @@ from syncline_analyzer.folds.timing.block import Block
 from syncline_analyzer.folds.timing.delays import Delays
 from syncline_analyzer.folds.timing.on_wire import OnWire
 from syncline_analyzer.folds.timing.senders import Senders
-from syncline_analyzer.folds.timing.sync import SyncIndex
+from syncline_analyzer.folds.timing.sync_index import SyncIndex
 from syncline_analyzer.folds.timing.tables import TimingTables
 from syncline_analyzer.folds.timing.waiting import MASTER, Arbitration, rank
 from syncline_analyzer.folds.timing.waiting_bus import BusBlock, Carried, sender_of

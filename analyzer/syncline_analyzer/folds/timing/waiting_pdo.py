@@ -119,15 +119,16 @@ class Waits:
     def add(self, block: BusBlock, answers: Answers) -> None:
         """Take in the answers of a block."""
         ready, known = answers.ready, answers.ready.known
-        least_ns = ready.least_ns[known]
-        self._add_beside_sdo(least_ns, answers.beside_sdo[known])
+        chosen = slice(None) if known.all() else np.flatnonzero(known)
+        least_ns = ready.least_ns[chosen]
+        self._add_beside_sdo(least_ns, answers.beside_sdo[chosen])
         self.least.add(least_ns)
-        self.waiting.add(ready.waiting_ns[known])
-        self.free.add(ready.least_ns[known & ready.free])
+        self.waiting.add(ready.waiting_ns[chosen])
+        self.free.add(ready.least_ns[np.flatnonzero(known & ready.free)])
         self.waited += int(np.count_nonzero(known & (ready.first < answers.rows)))
         self.shown += int(np.count_nonzero(known & answers.shown))
-        self.own_ns = max(self.own_ns, float(np.nanmax(answers.own_ns, initial=0.0)))
-        self.most_ns = max(self.most_ns, float(np.max(answers.most_ns[known], initial=0.0)))
+        self.own_ns = max(self.own_ns, float(np.fmax.reduce(answers.own_ns, initial=0.0)))
+        self.most_ns = max(self.most_ns, float(np.max(answers.most_ns[chosen], initial=0.0)))
         self._add_late(block, answers)
         self._add_worst(block, answers)
 
@@ -284,16 +285,23 @@ class Waits:
     def _add_worst(self, block: BusBlock, answers: Answers) -> None:
         known = np.flatnonzero(answers.ready.known)
         for column, kept, key in (
-            (answers.response_ns[known].astype(np.float64), self.slowest, "response_us"),
-            (answers.ready.waiting_ns[known], self.longest, "waiting_us"),
+            (answers.response_ns, self.slowest, "response_us"),
+            (answers.ready.waiting_ns, self.longest, "waiting_us"),
         ):
             least = getattr(kept[-1], key) * 1000 if len(kept) == WORST else 0.0
+            if not float(np.fmax.reduce(column, initial=0)) > least:
+                continue
+            column = column[known].astype(np.float64)
             better = np.flatnonzero(column > least)
             if not len(better):
                 continue
             order = np.argsort(-column[better], kind="stable")[:WORST]
             made = {row.seq: row for row in (*self.slowest, *self.longest)}
-            for at in known[better[order]].tolist():
+            before = [getattr(row, key) for row in kept]
+            for place, at in enumerate(known[better[order]].tolist()):
+                value = float(column[better[order[place]]]) / 1000
+                if place + sum(each >= value for each in before) >= WORST:
+                    break
                 row = made.get(int(block.seq[answers.rows[at]]))
                 kept.append(row or self._wait_row(block, answers, at))
             kept.sort(key=lambda row: -getattr(row, key))

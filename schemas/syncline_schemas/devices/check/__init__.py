@@ -12,7 +12,7 @@ from syncline_schemas.devices.check.objects import object_faults
 from syncline_schemas.devices.check.pdos import pdo_faults
 from syncline_schemas.devices.check.sheet import Fault as Fault
 from syncline_schemas.devices.check.sheet import Sheet, of_warning
-from syncline_schemas.eds import load_eds
+from syncline_schemas.eds import LoadedEds, load_eds, read_eds, variables
 from syncline_schemas.errors import DescriptionError
 from syncline_schemas.xdd import looks_like_xml
 
@@ -45,16 +45,29 @@ class FileCheck:
 
 
 def check_file(path: str | Path) -> FileCheck:
-    """Check an EDS, DCF, XDD, XDC or device TOML file; never raises for what is in the file."""
+    """Check an EDS, DCF, XDD, XDC or device TOML file; never raises for what is in the file.
+
+    What has none of their endings is taken for an EDS or XDD by its content.
+    """
     path = Path(path)
     try:
-        device = load_device(path.absolute())
+        if path.suffix.lower() == ".toml":
+            return _check_pair(path)
+        data = read_eds(path)
+        loaded = load_eds(data)
     except DescriptionError as error:
-        return FileCheck(path, "", 0, (), str(error))
-    eds = [name for name in device.files if name.lower().endswith(EDS_SUFFIXES)]
-    faults = check_eds(device.files[eds[0]], Path(eds[0]).suffix) if eds else ()
-    file = Path(eds[0]).name if eds else path.name
-    return FileCheck(path, device.title, len(device.facts), faults, file=file)
+        problem = str(error).replace("the EDS file", str(path), 1)
+        return FileCheck(path, "", 0, (), problem)
+    title = loaded.info.get("deviceinfo.productname") or path.stem
+    count = sum(1 for _ in variables(loaded.od))
+    return FileCheck(path, title, count, _faults(loaded, data, path.suffix), file=path.name)
+
+
+def _check_pair(path: Path) -> FileCheck:
+    device = load_device(path.absolute())
+    name = next(each for each in device.files if each.lower().endswith(EDS_SUFFIXES))
+    faults = check_eds(device.files[name], Path(name).suffix)
+    return FileCheck(path, device.title, len(device.facts), faults, file=Path(name).name)
 
 
 def check_eds(data: bytes, suffix: str = "") -> tuple[Fault, ...]:
@@ -65,7 +78,10 @@ def check_eds(data: bytes, suffix: str = "") -> tuple[Fault, ...]:
     Raises:
         DescriptionError: nothing in it can be used.
     """
-    loaded = load_eds(data)
+    return _faults(load_eds(data), data, suffix)
+
+
+def _faults(loaded: LoadedEds, data: bytes, suffix: str) -> tuple[Fault, ...]:
     sheet = Sheet(loaded, suffix, is_xml=looks_like_xml(data))
     found = [of_warning(warning) for warning in loaded.warnings]
     found += [*general_faults(sheet), *object_faults(sheet), *pdo_faults(sheet)]

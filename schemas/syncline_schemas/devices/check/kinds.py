@@ -194,7 +194,7 @@ KINDS: dict[str, FaultKind] = {
     ),
     "mapping_length": FaultKind(
         "error", "write the length of the object's data type in the last two digits, like ...20 for "
-        "32 bits", "cut to the mapped bits",
+        "32 bits", "the mapped bits are read, with the sign of the data type",
     ),
     "mapping_too_long": FaultKind("error", "map 64 bits at most: a PDO has 8 bytes"),
     "mapping_count": FaultKind("warning", "let subindex 0 say how many entries are mapped"),
@@ -207,7 +207,9 @@ KINDS: dict[str, FaultKind] = {
     "mapping_granularity": FaultKind(
         "note", "map multiples of the granularity, or lower Granularity in [DeviceInfo]"
     ),
-    "dummy_tpdo": FaultKind("error", "dummies pad RPDOs only: map an object of the device"),
+    "dummy_tpdo": FaultKind(
+        "error", "dummies pad RPDOs only: map an object of the device", "the bits are skipped"
+    ),
     "dummy_forbidden": FaultKind(
         "warning", "write 1 for this data type in [DummyUsage], or do not map it",
         "the bits are skipped",

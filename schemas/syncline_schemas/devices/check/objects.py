@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 from syncline_schemas.canopen.datatypes import DATA_TYPES, type_name
 from syncline_schemas.canopen.objects import standard_object
-from syncline_schemas.devices.check.sheet import Fault, Sheet
+from syncline_schemas.devices.check.sheet import Fault, Sheet, fault
 
 _MANDATORY = {0x1000: "device type", 0x1001: "error register"}
 _READ_ONLY = (0x1000, 0x1001, 0x1018)
@@ -37,13 +37,14 @@ def _mandatory(sheet: Sheet) -> Iterator[Fault]:
     for index, name in _MANDATORY.items():
         if not sheet.has(index):
             text = f"mandatory object {index:04X}h ({name}) is missing"
-            yield sheet.general("mandatory", "MandatoryObjects", text)
+            yield fault("mandatory", "file", None, text)
     if not sheet.has(0x1018):
-        text = "mandatory object 1018h (identity) is missing"
-        yield sheet.general("identity_missing", "MandatoryObjects", text)
+        yield fault(
+            "identity_missing", "file", None, "mandatory object 1018h (identity) is missing"
+        )
     if not sheet.has(0x1017) and not (sheet.has(0x100C) and sheet.has(0x100D)):
         text = "neither heartbeat (1017h) nor node guarding (100Ch, 100Dh) is described"
-        yield sheet.general("error_control", "OptionalObjects", text)
+        yield fault("error_control", "file", None, text)
 
 
 def _identity(sheet: Sheet) -> Iterator[Fault]:

@@ -1,7 +1,8 @@
 """The manifest of a recording: which files it has, which it had, and what is in them."""
 
 import json
-from dataclasses import asdict, dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
 from typing import Any, Literal, Self, TypeVar, get_args, get_origin, get_type_hints
 
 SCHEMA = "syncline.recording/1"
@@ -25,6 +26,12 @@ class MarkNote:
     t_ns: int
     reason: str
     begin_ns: int | None = None
+
+    def reaches_before(self, other: Self) -> bool:
+        """Whether it keeps earlier segments that the other one does not."""
+        if self.begin_ns is None or other.begin_ns is None:
+            return other.begin_ns is None
+        return self.begin_ns < other.begin_ns
 
 
 @dataclass(slots=True)
@@ -105,12 +112,14 @@ class Manifest:
     def spread_marks(self) -> bool:
         """Mark the earlier segments that a mark keeps; whether there was one without a mark."""
         changed = False
-        for marked in self.segments:
-            for note in marked.marks:
-                for segment in self.segments:
-                    if segment.segment < marked.segment and segment.is_kept_by(note):
-                        segment.mark(note)
-                        changed = True
+        farthest: MarkNote | None = None
+        for segment in sorted(self.segments, key=lambda each: each.segment, reverse=True):
+            if farthest is not None and segment.is_kept_by(farthest):
+                segment.mark(farthest)
+                changed = True
+            for note in segment.marks:
+                if farthest is None or note.reaches_before(farthest):
+                    farthest = note
         return changed
 
     def delete(self, segment: Segment, now_ns: int, why: str) -> None:
@@ -125,8 +134,11 @@ class Manifest:
         del self.deletions[:-KEPT_DELETIONS]
 
     def to_json(self) -> str:
-        """The manifest as text."""
-        return json.dumps({"schema": SCHEMA} | asdict(self), indent=1) + "\n"
+        """The manifest as text, a line per segment: there may be tens of thousands."""
+        values = {name: getattr(self, name) for name in _OWN_FIELDS}
+        head = json.dumps({"schema": SCHEMA} | values | {"deletions": _rows(self.deletions)})
+        lines = ",\n".join(map(json.dumps, map(_row, self.segments)))
+        return f'{head[:-1]},\n"segments": [\n{lines}\n]}}\n'
 
     @classmethod
     def from_json(cls, text: str) -> Self | None:
@@ -142,6 +154,22 @@ class Manifest:
             return None
         made.segments, made.deletions = segments, deletions
         return made if _is_name(made.recording_id) else None
+
+
+_OWN_FIELDS = [each.name for each in fields(Manifest) if each.name not in ("segments", "deletions")]
+_ROW_FIELDS = {kind: [each.name for each in fields(kind)] for kind in (Segment, Deletion, MarkNote)}
+
+
+def _row(noted: Segment | Deletion | MarkNote) -> dict[str, Any]:
+    """The fields by name, without the copies that `asdict` makes of all that is in them."""
+    row = {name: getattr(noted, name) for name in _ROW_FIELDS[type(noted)]}
+    if isinstance(noted, Segment):
+        row["marks"] = _rows(noted.marks)
+    return row
+
+
+def _rows(noted: Sequence[Deletion] | Sequence[MarkNote]) -> list[dict[str, Any]]:
+    return [_row(each) for each in noted]
 
 
 def _segment(values: dict[str, Any]) -> Segment:
@@ -166,12 +194,17 @@ def _made(kind: type[T], values: dict[str, Any]) -> T:
 
     Raises TypeError or ValueError where a value is none of the field's type.
     """
-    hints = get_type_hints(kind)
+    hints = _HINTS[kind]
     known = {name: value for name, value in values.items() if name in hints}
     for name, value in known.items():
         if not _fits(value, hints[name]):
             raise ValueError(f"{name} is {value!r}")
     return kind(**known)
+
+
+_HINTS: dict[type, dict[str, Any]] = {
+    kind: get_type_hints(kind) for kind in (Manifest, Segment, Deletion, MarkNote)
+}
 
 
 def _fits(value: object, hint: Any) -> bool:

@@ -1,6 +1,7 @@
 """The recorder's own log: what happened to it, in a file of bounded size."""
 
 import logging
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from logging.handlers import RotatingFileHandler
@@ -15,11 +16,45 @@ ROOT = "syncline"
 logging.getLogger(ROOT).addHandler(logging.NullHandler())
 
 
-class _QuietHandler(RotatingFileHandler):
-    """A full disk is no reason to stop recording, nor to fill the journal with tracebacks."""
+LAST_LINES_S = 2.0
+"""How long the end waits for a log file that stands still."""
+
+
+class _LogFile(RotatingFileHandler):
+    """A file that may be full or stand still (a disk that hangs, a pipe that nobody reads).
+
+    Neither is a reason to stop recording, nor to go on for ever. logging's own lock is never held
+    while something is written: logging takes it at the end of the process, whatever it costs.
+    """
+
+    def __init__(self, path: Path, size: int, keep: int) -> None:
+        self._writing = threading.Lock()
+        self._given_up = False
+        super().__init__(path, maxBytes=size, backupCount=keep, encoding="utf-8")
+
+    def handle(self, record: logging.LogRecord) -> bool:
+        """Write a line; one at a time."""
+        with self._writing:
+            self.emit(record)
+        return True
 
     def handleError(self, record: logging.LogRecord) -> None:
-        """Lose the line."""
+        """Lose the line: no reason to fill the journal with tracebacks."""
+
+    def flush(self) -> None:
+        """Nothing waits unless the file stands still; then nothing helps."""
+        if self.stream and not self._given_up:
+            self.stream.flush()
+
+    def close(self) -> None:
+        """Close the file after the line that is being written; leave it alone if that hangs."""
+        if self._given_up or not self._writing.acquire(timeout=LAST_LINES_S):
+            self._given_up = True
+            return
+        try:
+            super().close()
+        finally:
+            self._writing.release()
 
 
 class _Formatter(logging.Formatter):
@@ -43,7 +78,7 @@ def own_log(path: Path | None, size: int, keep: int) -> Iterator[None]:
     logger = logging.getLogger(ROOT)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handler = _QuietHandler(path, maxBytes=size, backupCount=keep, encoding="utf-8")
+        handler = _LogFile(path, size, keep)
     except OSError as error:
         raise UsageError(f"--log {path}: cannot be written: {error.strerror or error}") from error
     handler.setFormatter(_Formatter("%(asctime)s %(levelname)s %(message)s"))

@@ -403,7 +403,8 @@ class LiveRecorder:
             gap = Gap(loss.first_ns, loss.last_ns + 1, reason, loss.frames, loss.bus)
             self._recording.add_gap(gap, loss.log_ns)
             count = "" if loss.frames is None else f"; {counted(loss.frames, 'frame')} lost"
-            self._recording.add_status(loss.bus, loss.log_ns, f"{reason}{count}")
+            text = f"{reason}{count}"
+            self._recording.add_status(loss.bus, loss.log_ns, text, noted=True)
 
     def _submit(
         self, worker: DecodeWorker, frames: FrameBatch, log_ns: NDArray[np.int64], now_ns: int

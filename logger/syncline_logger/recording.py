@@ -238,11 +238,14 @@ class Recording:
         self.conditions[bus].clock_residual_ns = knot.residual_ns
         self._messages.add(CLOCK_CHANNEL, log_ns, knot_message(bus, knot, reading))
 
-    def add_status(self, bus: int, log_ns: int, text: str = "") -> None:
-        """Note a bus's state and counters; `text` says what changed."""
+    def add_status(self, bus: int, log_ns: int, text: str = "", *, noted: bool = False) -> None:
+        """Note a bus's state and counters; `text` says what changed.
+
+        noted: the note of a gap says it already, and who adds up the own log must not meet it twice.
+        """
         channel = status_channel(self._buses[bus].name)
         self._messages.add(channel, log_ns, self.conditions[bus].message(text))
-        if text:
+        if text and not noted:
             self._tell(Note(log_ns, text, self._buses[bus].name))
         if text and len(self._problems) < MAX_KEPT:
             self._problems.append(f"{self._buses[bus].name}: {text}")

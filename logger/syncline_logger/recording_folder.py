@@ -1,7 +1,8 @@
 """The folder of a recorder: what it recorded there, by the manifests and the files themselves."""
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,6 +22,10 @@ _OWN_NAME = re.compile(r"\d{8}T\d{6}Z_(?P<id>[^_]+)(?:_(?P<segment>\d{4,}))?(?:\
 """Names that a recorder gives; a file that somebody renamed is not its own any more."""
 RECOVERING = ".recovering"
 """Ending of a regular file that is being made of a cut one."""
+SHORT_MANIFEST_CHARS = 100_000
+"""Manifests up to this length, some 500 files, are written with every change."""
+MANIFEST_CHARS_PER_S = 20_000
+"""How much is written of longer ones: less than 2 GB a day, whatever the number of files."""
 
 
 def _is_left_over(name: str) -> bool:
@@ -46,7 +51,10 @@ class RecordingFolder:
     recordings: list[Manifest] = field(default_factory=list)
     busy: set[str] = field(default_factory=set)
     running: str | None = None
+    elapsed_ns: Callable[[], int] = time.monotonic_ns
     _unsaved: dict[str, Manifest] = field(default_factory=dict)
+    _due_ns: dict[str, int] = field(default_factory=dict)
+    """When a long manifest may be written again, by recording."""
 
     def load(self) -> None:
         """Look at what is there; manifests that are missing are made anew from the files."""
@@ -74,18 +82,32 @@ class RecordingFolder:
         self.running = manifest.recording_id
 
     def save(self, manifest: Manifest) -> None:
-        """Write a manifest; what the disk refuses is written with the next one."""
+        """Write a manifest; what the disk refuses is written with the next one.
+
+        A long one of a recording that runs is written seldom: a kill costs nothing but the look at
+        the files that it does not name.
+        """
         self._unsaved[manifest.recording_id] = manifest
         for each in list(self._unsaved.values()):
-            target = self.path / each.file_name
+            if each.end_ns is None and self.elapsed_ns() < self._due_ns.get(each.recording_id, 0):
+                continue
             try:
-                if each.segments or each.recording_id == self.running:
-                    self.disk.write_text(target, each.to_json())
-                else:
-                    self.disk.remove(target)
-                del self._unsaved[each.recording_id]
+                self._write(each)
             except OSError:
                 return
+            del self._unsaved[each.recording_id]
+
+    def _write(self, manifest: Manifest) -> None:
+        """Put a manifest beside its files, or take it away with the last of them. Raises OSError."""
+        target = self.path / manifest.file_name
+        if not manifest.segments and manifest.recording_id != self.running:
+            self.disk.remove(target)
+            return
+        text = manifest.to_json()
+        self.disk.write_text(target, text)
+        if len(text) > SHORT_MANIFEST_CHARS:
+            pause_ns = len(text) * 1_000_000_000 // MANIFEST_CHARS_PER_S
+            self._due_ns[manifest.recording_id] = self.elapsed_ns() + pause_ns
 
     def unfinished(self) -> Iterator[tuple[Manifest, Segment]]:
         """Segments of earlier recordings that have no end."""

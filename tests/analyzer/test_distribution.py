@@ -174,3 +174,40 @@ def test_a_thinner_keeps_everything_up_to_its_limit_and_every_peak_beyond() -> N
     assert {33_333, 44_444} <= set(columns["row"].tolist())
     assert (np.diff(columns["row"]) > 0).all()
     np.testing.assert_array_equal(value[columns["row"]], columns["value"])
+
+
+def test_the_deviation_is_right_far_from_the_first_values() -> None:
+    """A SYNC of 10 ms that is set to 10 s: the squares around the old period say nothing then."""
+    rng = np.random.default_rng(3)
+    first = rng.normal(1e7, 10, EXACT_LIMIT + 1).round()
+    then = rng.normal(1e10, 10, 200 * EXACT_LIMIT).round()
+    made = distribution(np.concatenate([first, then]), EXACT_LIMIT + 1)
+    alone = Distribution()
+    alone.add(first)
+    alone.add(np.full(1, 1e10))
+    assert made.std == pytest.approx(np.concatenate([first, then]).std(), rel=1e-12)
+    assert alone.std == pytest.approx(np.append(first, 1e10).std(), rel=1e-12)
+
+
+def test_a_column_that_some_blocks_lack_is_not_a_number_there() -> None:
+    thinner = Thinner("value", 100)
+    thinner.add({"value": np.arange(3.0)})
+    thinner.add({"value": np.arange(2.0), "bound": np.array([7.0, 8.0])})
+    columns = thinner.columns()
+    assert columns["value"].tolist() == [0, 1, 2, 0, 1]
+    assert np.isnan(columns["bound"][:3]).all()
+    assert columns["bound"][3:].tolist() == [7, 8]
+
+
+@given(st.integers(1, 60), st.integers(0, 2**32))
+@settings(max_examples=30, deadline=None)
+def test_rows_chosen_beforehand_are_those_that_stay(blocks: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    whole, chosen = Thinner("value", 50), Thinner("value", 50)
+    for _ in range(blocks):
+        value = rng.integers(0, 20, rng.integers(0, 40)).astype(np.float64)
+        whole.add({"value": value})
+        chosen.add_chosen({"value": value[chosen.chosen(value)]})
+    assert whole.columns().keys() == chosen.columns().keys()
+    for name, column in whole.columns().items():
+        assert column.tolist() == chosen.columns()[name].tolist()

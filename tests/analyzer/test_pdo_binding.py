@@ -3,7 +3,7 @@
 import pytest
 
 from syncline_analyzer.context import Context
-from syncline_analyzer.pdo_binding import PdoBindings
+from syncline_analyzer.pdo_binding import PdoBindings, settled
 from syncline_schemas.description import BusDescription
 from tests.analyzer.timing_builder import context, learn
 
@@ -169,3 +169,14 @@ def test_turns_are_new_values_only() -> None:
     made = bindings(ctx)
     assert made.turns(0, 0, 100) == [10, 30, 50, 60]
     assert made.turns(0, 10, 30) == [30]
+
+
+def test_settings_are_settled_where_nothing_changes_behind() -> None:
+    ctx = context()
+    learn(ctx, 5, 0x1800, 2, 0xFF, seq=100)
+    version = settled(ctx.shadow, 0, 100)
+    assert version is not None
+    assert settled(ctx.shadow, 0, 99) is None
+    learn(ctx, 6, 0x1800, 2, 1, seq=200)
+    assert settled(ctx.shadow, 0, 100) is None
+    assert settled(ctx.shadow, 0, 200) not in (None, version)

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from syncline_logger.manifest import Manifest, MarkNote, Segment
+from syncline_logger.recording_folder import RecordingFolder
 from tests.logger.store_runs import Run, S, files_of, numbers_in
 
 
@@ -88,3 +89,51 @@ def test_a_folder_of_broken_files_keeps_no_recorder_from_starting(
     run = Run(tmp_path, recording_id="new", resumes=True, start_ns=before.now_ns + S).step(2)
     run.finish()
     assert numbers_in(*(p for p in files_of(tmp_path) if "_new" in p.name)) == list(range(200))
+
+
+def a_month(segments: int) -> Manifest:
+    """A recording of many files of a minute, each sixtieth with a mark that reaches back three."""
+    made = Manifest("month", buses=["a"])
+    for n in range(segments):
+        made.segments.append(Segment(n, f"{n}.mcap", "closed", n * 60 * S, (n + 1) * 60 * S))
+        if n % 60 == 0:
+            made.segments[n].mark(MarkNote(n * 60 * S, "trigger", (n - 3) * 60 * S + 1))
+    return made
+
+
+def test_marks_reach_back_over_many_files() -> None:
+    made = a_month(600)
+    assert made.spread_marks()
+    assert [n for n in range(600) if made.segments[n].marks] == [
+        n for n in range(598) if n % 60 in (57, 58, 59, 0)
+    ][:-1]
+    assert not made.spread_marks()
+
+
+def test_the_mark_that_reaches_farthest_counts() -> None:
+    made = Manifest("id")
+    made.segments = [Segment(n, f"{n}.mcap", "closed", n * S, (n + 1) * S) for n in range(6)]
+    made.segments[4].mark(MarkNote(4 * S, "far", 2 * S))
+    made.segments[5].mark(MarkNote(5 * S, "near", 5 * S))
+    made.spread_marks()
+    assert [bool(each.marks) for each in made.segments] == [False, True, True, True, True, True]
+
+
+def test_a_long_manifest_is_written_seldom_and_whole_at_the_end(tmp_path: Path) -> None:
+    now_ns = 0
+    folder = RecordingFolder(tmp_path, "here", elapsed_ns=lambda: now_ns)
+    made = a_month(1000)
+    folder.add(made)
+    written = []
+    for n in range(100):
+        made.segments.append(Segment(1000 + n, f"{1000 + n}.mcap"))
+        folder.save(made)
+        text = (tmp_path / "month.json").read_text(encoding="utf-8")
+        read = Manifest.from_json(text)
+        assert read is not None
+        written.append(len(read.segments))
+        now_ns += S
+    assert 5 < len(set(written)) < 20
+    made.end_ns = now_ns
+    folder.save(made)
+    assert Manifest.from_json((tmp_path / "month.json").read_text(encoding="utf-8")) == made

@@ -1,15 +1,20 @@
 """What happens to a running recording, as its own log tells it."""
 
+import re
+import threading
 from pathlib import Path
 
 import numpy as np
 
+from syncline_logger.batcher import FrameBuffer
 from syncline_logger.bus_condition import BusCondition
 from syncline_logger.live_status import LiveStatus
 from syncline_logger.notes import Note, gap_text
 from syncline_logger.record_options import RecordOptions
+from syncline_logger.recorder import record
 from syncline_logger.recording import Recording
 from syncline_logger.segments import Split
+from syncline_logger.source import SourceFacts
 from syncline_schemas.batch import FrameBatch, Gap
 from syncline_schemas.capture.layout import BusInfo
 
@@ -107,3 +112,44 @@ def test_everything_that_happens_to_a_recording_is_noted(tmp_path: Path) -> None
         (11, False, f"closed {tmp_path / first}.mcap: 1 frame, 0.0 MB"),
         (12, False, f"closed {tmp_path / second}.mcap: 1 frame, 0.0 MB"),
     ]
+
+
+class Loses:
+    """A source that loses frames twice, of which once the number is not known."""
+
+    def __init__(self, stop: threading.Event) -> None:
+        self.facts = SourceFacts("a", "virtual", "one")
+        self._stop = stop
+
+    def open(self) -> None:
+        pass
+
+    def read(self, buffer: FrameBuffer, bus: int, timeout_s: float) -> int:
+        if not self._stop.is_set():
+            buffer.lose(bus, 36, "line", T0, T0 + S)
+            buffer.lose(bus, None, "closed", T0 + 2 * S, T0 + 3 * S)
+            self._stop.set()
+        return 0
+
+    def fileno(self) -> None:
+        return None
+
+    def close(self) -> None:
+        pass
+
+
+def test_a_loss_is_noted_once_with_its_number(tmp_path: Path) -> None:
+    """Who adds up the own log gets what was lost."""
+    stop, notes = threading.Event(), list[Note]()
+    result = record(
+        [Loses(stop)],
+        tmp_path,
+        RecordOptions(decode=False),
+        stop=stop,
+        on_note=notes.append,
+    )
+    texts = [note.text for note in notes if note.bus]
+    assert len(texts) == len([note for note in notes if note.serious]) == 2
+    assert sum(int(n) for text in texts for n in re.findall(r"(\d+) frames lost", text)) == 36
+    assert result.lost_frames == 36
+    assert [text for text in result.problems if "36 frames lost" in text], "and stands in the capture"

@@ -2,15 +2,18 @@
 
 import contextlib
 import json
+import logging
 import os
 import signal
 import subprocess
 import threading
 import time
+import weakref
 from pathlib import Path
 
 import pytest
 
+from syncline_logger import own_log as own_log_module
 from syncline_logger import record_outputs
 from syncline_logger.aside import MOST_WAITING, Aside
 from syncline_logger.batcher import FrameBuffer
@@ -107,6 +110,61 @@ def test_an_output_that_stands_still_holds_up_nothing(
     assert "stopped: " in (tmp_path / "x.log").read_text(encoding="utf-8")
 
 
+class StandsStill:
+    """A log file on a disk that hangs."""
+
+    def __init__(self) -> None:
+        self.asked, self.goes_on = threading.Event(), threading.Event()
+
+    def write(self, text: str) -> None:
+        self.asked.set()
+        self.goes_on.wait()
+
+    def seek(self, *_: int) -> None:
+        self.write("")
+
+    def tell(self) -> int:
+        return 0
+
+    def flush(self) -> None:
+        self.write("")
+
+    def close(self) -> None:
+        self.write("")
+
+
+def own_handlers() -> list[logging.FileHandler]:
+    handlers = logging.getLogger("syncline").handlers
+    return [each for each in handlers if isinstance(each, logging.FileHandler)]
+
+
+def test_a_log_that_stands_still_does_not_hold_up_the_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(record_outputs, "LAST_OUTPUTS_S", 0.1)
+    monkeypatch.setattr(own_log_module, "LAST_LINES_S", 0.1)
+    file = StandsStill()
+
+    def run() -> None:
+        with own_log(tmp_path / "x.log", 10_000, 1), RecordOutputs(Silent()) as outputs:
+            (handler,) = own_handlers()
+            handler.stream.close()
+            handler.stream = file  # type: ignore[assignment]
+            outputs.status(status(bus(frames=1)))
+            outputs.started(Path("a.mcap"))
+            file.asked.wait()
+        logging.shutdown([weakref.ref(handler)])  # what Python does at the end of a process
+
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    thread.join(60)
+    ended = not thread.is_alive()
+    file.goes_on.set()
+    thread.join(60)
+    assert ended
+    assert own_handlers() == []
+
+
 def test_what_is_left_out_is_counted(caplog: pytest.LogCaptureFixture) -> None:
     goes_on, did = threading.Event(), []
     aside = Aside(most=2)
@@ -172,16 +230,21 @@ def test_a_reader_of_stdout_that_goes_away_ends_nothing(tmp_path: Path) -> None:
     assert stop["reason"] == "time is over"
 
 
+def fill(pipe: int) -> None:
+    """Make the next byte wait."""
+    os.set_blocking(pipe, False)
+    for size in (4096, 1):
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                os.write(pipe, bytes(size))
+    os.set_blocking(pipe, True)
+
+
 @pytest.mark.skipif(os.name != "posix", reason="needs signals and pipes that block")
 def test_a_reader_of_stdout_that_does_not_read_holds_up_nothing(tmp_path: Path) -> None:
     """As `syncline record ... | less` after a while: the pipe is full."""
     reader, writer = os.pipe()
-    os.set_blocking(writer, False)
-    for size in (4096, 1):
-        with contextlib.suppress(BlockingIOError):
-            while True:
-                os.write(writer, bytes(size))
-    os.set_blocking(writer, True)
+    fill(writer)
     words = ["--status-period", "1ms", "--log", str(tmp_path / "x.log")]
     with recording_process(tmp_path, writer, *words) as child:
         while not (tmp_path / "x.mcap").exists() and child.poll() is None:
@@ -196,3 +259,23 @@ def test_a_reader_of_stdout_that_does_not_read_holds_up_nothing(tmp_path: Path) 
     assert "Fatal" not in errors
     assert read_capture(tmp_path / "x.mcap").metadata["syncline.stop"]["reason"] == "stopped"
     assert "stopped: 0 frames" in (tmp_path / "x.log").read_text(encoding="utf-8")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs signals and pipes that block")
+def test_a_log_that_nobody_reads_does_not_hold_up_the_stop(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "log")
+    pipe = os.open(tmp_path / "log", os.O_RDWR)
+    fill(pipe)
+    words = ["--log", str(tmp_path / "log")]
+    with recording_process(tmp_path, subprocess.DEVNULL, *words) as child:
+        while not (tmp_path / "x.mcap").exists() and child.poll() is None:
+            time.sleep(0.01)
+        child.send_signal(signal.SIGTERM)
+        try:
+            _, errors = child.communicate(timeout=120)
+        finally:
+            child.kill()
+            os.close(pipe)
+    assert child.returncode == 0, errors
+    assert b"Fatal" not in errors
+    assert b"x.mcap: 0 frames" in errors

@@ -397,6 +397,7 @@ def test_damage_before_the_adapter_is_lost_is_told() -> None:
     source.read(buffer, 0, 0.1)
     assert buffer.take().losses == []
     source._refusals = 9
-    with pytest.raises(SourceError, match="reset"):
+    words = r"^bus 'a' \(slcan x\): lost: the adapter was reset$"
+    with pytest.raises(SourceError, match=words):
         source.read(buffer, 0, 0.1)
     assert sorted(loss.where for loss in buffer.take().losses) == ["closed", "line"]

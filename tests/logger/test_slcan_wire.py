@@ -167,6 +167,56 @@ def test_answers_are_no_frames() -> None:
     assert (lines.acknowledged, lines.refused, lines.garbage) == (1, 1, 0)
 
 
+@pytest.mark.parametrize(
+    "line",
+    [
+        b"F1122334455667788",
+        b"v1858001122334455667788",
+        b"v0800",
+        b"v7050",
+        b"V00001234811223344556677881234",
+        b"s1008",
+        b"s1852AABB",
+        b"e1852AABB",
+        b"e0",
+        b"e2a",
+        b"FF",
+        b"F0",
+        b"FG0",
+        b"F000",
+        b"N",
+        b"NA12345",
+        b"z1",
+    ],
+)
+def test_a_damaged_frame_is_no_answer_by_its_first_letter(line: bytes) -> None:
+    """A bit of the letter turned over, or a head that was lost: the frame is told as lost."""
+    lines = read(b"t0800\r" + line + b"\rt0800\r")
+    assert (len(lines.frames), lines.answers) == (2, [])
+    assert (lines.garbage, lines.garbage_frames) == (1, 1)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [b"F00", b"Fff", b"V1013", b"VL2K0", b"NA123", b"z", b"Z", b"sa000000", b"e1a", b"e3abB"],
+)
+def test_a_whole_answer_costs_nothing(line: bytes) -> None:
+    lines = read(b"t0800\r" + line + b"\rt0800\r")
+    assert (len(lines.frames), lines.garbage_frames) == (2, 0)
+    assert [answer for _, answer in lines.answers] == [line]
+
+
+@given(st.lists(st.tuples(frame_lines(stamps=False), st.integers(0, 7)), min_size=1, max_size=12))
+@settings(deadline=None)
+def test_with_one_bit_of_its_letter_turned_over_every_frame_is_told_or_read(
+    parts: list[tuple[bytes, int]],
+) -> None:
+    lines = [bytes([line[0] ^ 1 << bit]) + line[1:] for line, bit in parts]
+    got = read(b"".join(lines))
+    assert len(got.frames) + got.garbage_frames >= len(lines)
+    assert got.answers == []
+
+
 def test_bytes_without_an_end_do_not_pile_up() -> None:
     reader = LineReader()
     garbage = sum(reader.feed(b"y" * 1000).garbage for _ in range(50))

@@ -141,12 +141,12 @@ class SlcanSource:
             self._check_channel(buffer, bus)
             self._ask_status(self._port)
             pieces, times = self._collect(self._port, timeout_s)
+        except SourceError:  # which is an OSError too
+            self._damage.tell(buffer, bus)
+            raise
         except OSError as error:
             self._damage.tell(buffer, bus)
             raise SourceError(self._what_failed("lost", error)) from error
-        except SourceError:
-            self._damage.tell(buffer, bus)
-            raise
         count = self.take(pieces, times, buffer, bus) if pieces else 0
         self._damage.tell(buffer, bus, self._clock.now_ns() if timeout_s else None)
         return count

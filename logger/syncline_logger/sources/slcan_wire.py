@@ -9,6 +9,7 @@ the end of these is the error state indicator. `x` is CANDapter's `T`. `s` and `
 controller's state and errors (Linux, drivers/net/can/slcan).
 """
 
+import re
 from dataclasses import dataclass, field, replace
 from enum import IntFlag
 
@@ -48,7 +49,7 @@ class Lines:
             before counted as negative positions.
         stamp: (n,) int64, the adapter's stamp as it stands there; NO_STAMP where there is none.
         stamp_digits: (n,) uint8, hexadecimal digits of the stamp: 0, 4 or 8.
-        answers: lines that are no frames and begin with a letter of an answer, with their position.
+        answers: lines that have the whole shape of an answer, with their position.
         acknowledged: empty lines: commands that the adapter took.
         refused: BELs: commands that it did not take.
         garbage: lines that are nothing known, and frames whose digits are damaged.
@@ -128,9 +129,10 @@ _FLAGS_OF = np.full(256, _NO_FRAME, np.uint16)
 _FLAGS_OF[[ord(letter) for letter in _FLAGS]] = list(_FLAGS.values())
 _STARTS = np.zeros(256, np.bool_)
 _STARTS[list(b"tTrRx")] = True
-_LONGEST_ANSWER = np.zeros(256, np.int64)
-_LONGEST_ANSWER[list(b"FVvNse")] = 64
-_LONGEST_ANSWER[list(b"zZ")] = 1
+_MAY_ANSWER = np.zeros(256, np.bool_)
+_MAY_ANSWER[list(b"FVNzZse")] = True
+_ANSWER = re.compile(rb"F[0-9A-Fa-f]{2}|[VN][0-9A-Za-z]{4}|[zZ]")
+"""LAWICEL CANUSB manual 1.0. Its `v` is never asked for, and is a SYNC with one bit turned over."""
 
 _NIBBLE = np.full(256, 0xFF, np.uint8)
 _NIBBLE[list(b"0123456789")] = np.arange(10)
@@ -170,7 +172,11 @@ def _read(
     for group in groups:
         taken[group.row] = True
     other = np.flatnonzero(~taken & (length > 0))
-    answers = other[length[other] <= _LONGEST_ANSWER[letter[other]]]
+    whole = [
+        is_answer(plain[begins[row] : ends[row]].tobytes()) if _MAY_ANSWER[letter[row]] else False
+        for row in other.tolist()
+    ]
+    answers = other[np.array(whole, np.bool_)]
     garbage = np.setdiff1d(other, answers, assume_unique=True)
     damaged = [plain[begins[row] : ends[row]] for row in garbage.tolist()]
     group = _joined(groups)
@@ -304,6 +310,15 @@ _EMPTY = _Group(
     np.zeros(0, np.int64),
     np.zeros(0, np.uint8),
 )
+
+
+def is_answer(line: bytes) -> bool:
+    """Whether a line is all that an adapter answers or tells, and no rest of a frame.
+
+    >>> is_answer(b"F09"), is_answer(b"sb256256"), is_answer(b"F1122334455667788")
+    (True, True, False)
+    """
+    return _ANSWER.fullmatch(line) is not None or error_frame(line) is not None
 
 
 def status_of(answer: bytes) -> Status | None:

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 
 from syncline_analyzer.capture import CaptureFacts, CaptureReader
 from syncline_schemas.batch import FrameBatch, Gap
+from syncline_schemas.capture.layout import FOLLOWS_KEY
 
 Place = tuple[str, int]
 """Recording id and segment number."""
@@ -20,7 +21,7 @@ class SegmentChain:
         """Batches of all segments, without anything between those that follow each other."""
         last_ns, expected = None, self._segments[0][0]
         for number, reader in self._segments:
-            missing = number - expected
+            missing = 0 if _follows(reader) == expected - 1 else number - expected
             for item in reader.batches():
                 start_ns = _start_ns(item)
                 if missing and start_ns is not None and last_ns is not None and last_ns < start_ns:
@@ -75,6 +76,12 @@ def _start_ns(item: FrameBatch | Gap) -> int | None:
     if isinstance(item, Gap):
         return item.start_ns
     return int(item.t_ns[0]) if len(item) else None
+
+
+def _follows(reader: CaptureReader) -> int | None:
+    """The segment before this one, as the file says where numbers between were never used."""
+    number = reader.facts.metadata.get(FOLLOWS_KEY, "")
+    return int(number) if number.isdecimal() else None
 
 
 def _number(segment: tuple[int, CaptureReader]) -> int:

@@ -19,6 +19,7 @@ from syncline_logger.waiting_room import WaitingRoom
 from syncline_schemas.batch import Gap
 from syncline_schemas.capture.chunk import ZSTD_LEVEL
 from syncline_schemas.capture.layout import (
+    FOLLOWS_KEY,
     MARK_METADATA_NAME,
     Attachment,
     BusInfo,
@@ -103,7 +104,8 @@ class CaptureStore:
         self.waiting = WaitingRoom()
         self.trouble: DiskTrouble | None = None
         self.notes: list[str] = []
-        self.file_count = self._number = self._closed_bytes = 0
+        self.file_count = self._number = self._closed_bytes = self._closed_frames = 0
+        self._follows = -1
         self._open: _Open | None = None
         self._marks: list[MarkNote] = []
         self._kept_until_ns = 0
@@ -130,6 +132,11 @@ class CaptureStore:
     def bytes_written(self) -> int:
         """Of all files of the recording."""
         return self._closed_bytes + (self._open.file.bytes_written if self._open else 0)
+
+    @property
+    def frames_written(self) -> int:
+        """In all files of the recording."""
+        return self._closed_frames + (self._open.file.frames if self._open else 0)
 
     def attach(self, attachment: Attachment) -> None:
         """Attach a file to this segment and all that follow."""
@@ -230,6 +237,7 @@ class CaptureStore:
         """Write a content; a new file begins with the clocks that are in force. Raises OSError."""
         whole = self._clocks.before(content) if file.start_ns is None else content
         file.write(whole.frames, whole.log_ns, whole.blocks)
+        self._follows = self._number - 1
         self._clocks.note(knots_of(content))
 
     def _go_on(self, start_ns: int, now_ns: int) -> None:
@@ -260,11 +268,14 @@ class CaptureStore:
         plan = self._plan
         path = plan.names.written(self._number, start_ns)
         kept = self._kept_for if start_ns < self._kept_until_ns else None
+        about = replace(plan.metadata, segment=self._number, created_ns=start_ns)
+        if self._number > self._follows + 1 > 0:
+            about = replace(about, extra={**about.extra, FOLLOWS_KEY: str(self._follows)})
         try:
             plan.names.folder.mkdir(parents=True, exist_ok=True)
             file = CaptureFile(
                 path,
-                replace(plan.metadata, segment=self._number, created_ns=start_ns),
+                about,
                 plan.buses,
                 attachments=list(self._attachments.values()),
                 metadata=self._metadata | ({MARK_METADATA_NAME: _record(kept)} if kept else {}),
@@ -275,12 +286,14 @@ class CaptureStore:
             )
         except FileExistsError:
             # A file that could not be taken away, or a stranger's: the next number is free.
-            self._number += self._number > 0
+            self._number += self._number > 0 or self.trouble is not None
             raise
         segment = Segment(self._number, path.name, marks=[kept] if kept else [])
         self._manifest.segments.append(segment)
         self._number += 1
         self.path = path
+        if not self.file_count and self.trouble is not None:
+            self.first_path = path
         plan.tell(f"writing {path}")
         self._save()
         return _Open(file, segment)
@@ -307,6 +320,9 @@ class CaptureStore:
         self._plan.tell(f"left {last.file.path} without its end: {_contents(last.segment)}")
         if last.file.start_ns is None:
             self._manifest.segments.remove(last.segment)
+            self._marks += last.segment.marks
+            if not last.file.path.exists():
+                self._number = last.segment.segment
         else:
             self._cut.append((self._manifest.recording_id, last.segment))
         if self._open is last:
@@ -324,6 +340,7 @@ class CaptureStore:
         self._described_ran_ns = self._running.ran_ns
         self.file_count += file.start_ns is not None
         self._closed_bytes += segment.bytes
+        self._closed_frames += segment.frames
 
     def _fail(self, error: OSError, last: _Open, now_ns: int) -> None:
         """The disk refused: leave the file as it is; a new one is tried later."""

@@ -69,6 +69,7 @@ class LoadedConfig:
             only what can be used.
         buses: the [[bus]] tables.
         places: how each of them is called where something is wrong with it.
+        names_buses: whether there is a `bus` at all, right or wrong.
         problems: everything that is wrong, each with file, key and what to write.
     """
 
@@ -77,6 +78,7 @@ class LoadedConfig:
     buses: tuple[BusTable, ...]
     problems: tuple[str, ...]
     places: tuple[str, ...] = ()
+    names_buses: bool = False
 
     def place(self, key: str, number: int | None = None) -> str:
         """Where a key stands that holds for a bus: in its table, else above all of them."""
@@ -97,7 +99,12 @@ def load_config(path: Path, parameters: Sequence[click.Parameter]) -> LoadedConf
     reader = _Reader(path, parameters)
     reader.read(content)
     return LoadedConfig(
-        path, reader.values, tuple(reader.buses), tuple(reader.problems), tuple(reader.places)
+        path,
+        reader.values,
+        tuple(reader.buses),
+        tuple(reader.problems),
+        tuple(reader.places),
+        "bus" in content,
     )
 
 

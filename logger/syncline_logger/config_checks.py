@@ -11,17 +11,18 @@ from syncline_schemas.wording import counted
 
 if TYPE_CHECKING:
     from syncline_logger.record_command import Wanted
+    from syncline_logger.source import Source
 
 Problem = tuple[str, str]
 """Key of an option, as `logger.toml` has it, and what is wrong with it."""
 
 LEAST_BIT_RATE = 5_000
-MOST_BIT_RATE = 1_000_000
-MOST_DATA_BIT_RATE = 20_000_000
+MOST_BIT_RATE = {"bitrate": 1_000_000, "data_bitrate": 20_000_000}
 LEAST_BYTES = {"ring_size": 1_000_000, "split_size": 10_000, "log_size": 1_000}
 """Less is a slip of the pen: a unit that was forgotten."""
 LEAST_KEEP_BYTES = 1_000_000
 LEAST_FLUSH_NS = 10_000_000
+MOST_FLUSH_NS = 60_000_000_000
 CLASSIC_TIMING = ("f_clock", "brp", "tseg1", "tseg2", "sjw")
 FD_TIMING = (
     "f_clock",
@@ -52,15 +53,22 @@ def wrong_with_bus(bus: BusOptions) -> Iterator[Problem]:
             "data_bitrate",
             f"bus '{bus.name}': a data bit rate is for CAN FD alone; say fd too, or leave it out",
         )
-    for key, rate, most in (
-        ("bitrate", bus.bitrate, MOST_BIT_RATE),
-        ("data_bitrate", bus.data_bitrate, MOST_DATA_BIT_RATE),
-    ):
-        if rate is not None and not LEAST_BIT_RATE <= rate <= most:
-            example = rate * 1000 if LEAST_BIT_RATE <= rate * 1000 <= most else 500_000
+    for key, rate in (("bitrate", bus.bitrate), ("data_bitrate", bus.data_bitrate)):
+        if rate is not None and not _is_rate(key, rate):
+            example = rate * 1000 if _is_rate(key, rate * 1000) else 500_000
             yield key, f"{rate} is no bit rate in bit/s; write {example}"
     if bus.timing:
         yield from (("timing", text) for text in _of_timing(bus))
+
+
+def wrong_with_source(source: "Source") -> Iterator[Problem]:
+    """Of a bus that no adapter of its kind can do."""
+    from syncline_logger.sources.slcan import SlcanSource, unknown_rates
+
+    if isinstance(source, SlcanSource):
+        for key, rate, text in unknown_rates(source.facts):
+            if _is_rate(key, rate):
+                yield key, f"{text}; write one of them"
 
 
 def wrong_with_buses(buses: Sequence[BusOptions]) -> Iterator[tuple[int, str, str]]:
@@ -118,6 +126,10 @@ def _why_not_writable(folder: Path) -> str:
         return f"nothing can be written in {folder}: {error.strerror or error}"
 
 
+def _is_rate(key: str, rate: int) -> bool:
+    return LEAST_BIT_RATE <= rate <= MOST_BIT_RATE[key]
+
+
 def _of_timing(bus: BusOptions) -> Iterator[str]:
     keys = set(bus.timing)
     needed = FD_TIMING if keys & set(FD_TIMING[1:]) else CLASSIC_TIMING
@@ -148,6 +160,8 @@ def _of_sizes(wanted: "Wanted") -> Iterator[Problem]:
         yield "keep", f"less than {LEAST_KEEP_BYTES} bytes; write a unit, like 8GB"
     if wanted.flush_ns < LEAST_FLUSH_NS:
         yield "flush", "less than 10ms wears out the disk for nothing; write 1s"
+    if wanted.flush_ns > MOST_FLUSH_NS:
+        yield "flush", "more than 1m: all of it is lost when the power goes; write 1s or 10s"
 
 
 def _of_room(wanted: "Wanted") -> Iterator[Problem]:

@@ -299,7 +299,7 @@ def _run(plan: "RecordPlan") -> None:
             asked=requests.poll,
             status_period_ns=wanted.status_period_ns or view.period_ns,
         )
-    say_result(result)
+    say_result(result, triggered_only=wanted.triggered_only)
 
 
 def _folder(output: Path) -> Path:

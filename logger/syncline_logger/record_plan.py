@@ -22,6 +22,7 @@ from syncline_logger.config_checks import (
     wrong_with_bus,
     wrong_with_buses,
     wrong_with_paths,
+    wrong_with_source,
 )
 from syncline_logger.record_options import RecordOptions
 from syncline_logger.retention import Keep
@@ -91,13 +92,15 @@ def plan_recording(
     buses = [_with_bit_rates(bus, known) for bus in buses]
     # Without an interface in a file that is told already.
     unread = config is not None and bool(config.problems) and not config.values
-    told = unread or (config is not None and bool(config.buses))
+    told = unread or (config is not None and config.names_buses)
     sources: list[Source] = []
     for number, bus in enumerate(buses):
         problems.number = number if from_file else None
         if bus.interface or not told:
-            make = partial(source_of, bus)
-            sources += filter(None, [problems.attempt("interface", make, None)])
+            source = problems.attempt("interface", partial(source_of, bus), None)
+            sources += [source] if source else []
+            for key, text in wrong_with_source(source) if source else ():
+                problems.add(key, text)
         for key, text in wrong_with_bus(bus):
             problems.add(key, text)
     for number, key, text in wrong_with_buses(buses):

@@ -43,8 +43,8 @@ class RecordView:
         self._show(snapshot)
 
 
-def say_result(result: "RecordResult") -> None:
-    """Words about a finished recording."""
+def say_result(result: "RecordResult", *, triggered_only: bool = False) -> None:
+    """Words about a finished recording, of which only what lies around triggers may be written."""
     from syncline_schemas.wording import counted
 
     for problem in result.problems:
@@ -55,7 +55,11 @@ def say_result(result: "RecordResult") -> None:
     frames, gaps = counted(result.frame_count, "frame"), counted(result.gap_count, "gap")
     lost = f", {counted(result.lost_frames, 'frame')} lost" if result.lost_frames else ""
     more = f" and {counted(result.files - 1, 'more file')}" if result.files > 1 else ""
-    click.echo(f"{result.path}{more}: {frames}, {gaps}{lost}", err=True)
+    where = f"{result.path}{more}"
+    if triggered_only:
+        where = where if result.files else "nothing was written"
+        frames = f"{result.frames_written} of {frames} received"
+    click.echo(f"{where}: {frames}, {gaps}{lost}", err=True)
 
 
 def mention_cut_files(folder: Path) -> None:

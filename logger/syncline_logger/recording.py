@@ -72,7 +72,8 @@ class RecordResult:
     Attributes:
         path: the file, or the first of several; it may have been deleted to make room.
         files: how many there were.
-        frames: by bus name.
+        frames: received, by bus name.
+        frames_written: in all files; fewer than were received where only triggers are written.
         lost_frames: known to be lost, all buses together.
         gap_count: stretches in which a bus was not heard; `gaps` holds the first thousand.
         problems: words on what was not decoded and what changed, each with its bus's name; the
@@ -86,6 +87,7 @@ class RecordResult:
     gaps: list[Gap]
     problems: list[str]
     bytes_written: int
+    frames_written: int
     files: int = 1
 
     @property
@@ -422,6 +424,7 @@ class Recording:
             gaps=list(self._gaps),
             problems=list(self._problems),
             bytes_written=self.store.bytes_written,
+            frames_written=self.store.frames_written,
             files=self.store.file_count,
         )
 

@@ -60,7 +60,8 @@ def second_bus(case: Case, random: Random) -> Iterator[str]:
     place[order] = np.arange(len(order))
     for name in ("nodes", "nmt_commands", "nmt_states", "sync", "pdos", "emcy", "errors", "sdo"):
         mine = [row for row in getattr(merged, name) if row.bus == "can0"]
-        yield from unlike(f"second bus: {name}", placed(getattr(case.analysis, name), place), mine)
+        alone = list(getattr(case.analysis, name))
+        yield from unlike(f"second bus: {name}", placed(alone, place), mine)
     mine = [finding for finding in merged.findings if finding.bus != "can1"]
     yield from unlike("second bus: findings", placed(case.analysis.findings, place), mine)
 

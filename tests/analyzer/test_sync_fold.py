@@ -49,6 +49,13 @@ def test_one_sync_is_missing_per_whole_median() -> None:
     ]
 
 
+def test_a_clock_that_is_set_back_later_makes_up_for_no_missing_sync() -> None:
+    times = without(regular(200, 10 * MS), 50, 51)
+    times[150:] = [t - 900 * MS for t in times[150:]]
+    tables = timing(context(), FrameBatch.from_rows(syncs(times)))
+    assert [(h.missing, h.evidence) for h in tables.holes] == [(2, [49, 50])]
+
+
 def test_a_period_below_one_and_a_half_medians_misses_nothing() -> None:
     times = regular(50, 10 * MS)
     times[30:] = [t + 4_900_000 for t in times[30:]]

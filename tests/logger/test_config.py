@@ -45,6 +45,7 @@ def check(folder: Path, text: str, *words: str) -> tuple[int, list[str]]:
     return done.returncode, (done.stdout + done.stderr).splitlines()
 
 
+SLCAN_BUS = '[[bus]]\ninterface = "slcan"\nchannel = "/dev/ttyACM9"\n'
 ONE_BUS = '[[bus]]\ninterface = "virtual"\nchannel = "a"\n'
 
 
@@ -219,11 +220,22 @@ def test_a_mistake(tmp_path: Path, text: str, said: str) -> None:
         ('log = "x.prom"\nprometheus = "x.prom"\n' + ONE_BUS, "are the same file"),
         ('device = ["500=x"]\n' + ONE_BUS, "is not NODE=NAME_OR_EDS"),
         ('output = "x"\n', "no bus is given"),
+        ('flush = "1h"\n' + ONE_BUS, "flush: more than 1m: all of it is lost when the power goes"),
+        (
+            SLCAN_BUS + "bitrate = 123456\n",
+            "bus 1: bitrate: slcan adapters know no bit rate of 123456 bit/s; they know 10000,",
+        ),
+        (
+            SLCAN_BUS + "bitrate = 500000\nfd = true\ndata_bitrate = 3000000\n",
+            "bus 1: data_bitrate: slcan adapters know no data bit rate of 3000000 bit/s",
+        ),
+        (SLCAN_BUS + "bitrate = 500\n", "bus 1: bitrate: 500 is no bit rate in bit/s"),
+        ('output = "x"\nbus = [1, 2]\n', "bus: write each bus as a table"),
     ],
 )
 def test_a_contradiction(tmp_path: Path, text: str, said: str) -> None:
     code, lines = check(tmp_path, text)
-    assert code == 2
+    assert (code, len(lines)) == (2, 1)
     assert said in lines[0]
 
 

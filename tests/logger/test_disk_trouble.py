@@ -10,6 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from syncline_analyzer.merge import Merge
+from syncline_analyzer.readers.mcap import McapReader
 from syncline_logger import waiting_room
 from syncline_logger.finishing import finish_file
 from syncline_logger.manifest import Manifest
@@ -344,3 +346,30 @@ def test_an_event_waits_in_the_ring_while_the_disk_refuses(
     told = json.loads(next(tmp_path.glob("*.json")).read_text(encoding="utf-8"))
     assert told["lost_frames"] == gone
     assert [bool(gap.lost_frames) for gap in gaps_in(*paths)] == [True] * loses
+
+
+@pytest.mark.parametrize("kept_files", [0, 1, 2])
+def test_tries_that_wrote_nothing_are_no_missing_segments(tmp_path: Path, kept_files: int) -> None:
+    """A disk with room for the head of a file only; some such files cannot be taken away."""
+    disk = FailingDisk()
+    run = Run(tmp_path, disk=disk, per_step=10).step(3)
+    tries, synced = 0, False
+
+    def refuse(what: str, path: Path) -> int:
+        nonlocal tries, synced
+        if what == "create":
+            tries, synced = tries + 1, False
+        refused = what == "write" and synced or what == "remove" and tries <= kept_files
+        synced = synced or what == "sync"
+        return FULL if refused else 0
+
+    disk.refusal = refuse
+    run.step(20)
+    disk.refusal = lambda what, path: 0
+    run.step(60).finish()
+    files = [path for path in files_of(tmp_path) if numbers_in(path)]
+    assert tries > 3
+    for found in (files, files_of(tmp_path)):
+        merged = list(Merge([McapReader(path) for path in found]).stream())
+        assert [each for each in merged if isinstance(each, Gap)] == []
+    assert numbers_in(*files) == list(range(run.sent))

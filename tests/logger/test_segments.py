@@ -112,6 +112,7 @@ def test_the_manifest_tells_of_every_segment(tmp_path: Path) -> None:
     assert [each["file"] for each in manifest["segments"]] == [path.name for path in files]
     assert [each["bytes"] for each in manifest["segments"]] == [p.stat().st_size for p in files]
     assert sum(each["frames"] for each in manifest["segments"]) == result.frame_count == 2000
+    assert result.frames_written == 2000
     assert {each["state"] for each in manifest["segments"]} == {"closed"}
     assert (manifest["reason"], manifest["end_ns"]) == ("stopped", run.now_ns)
     assert all(

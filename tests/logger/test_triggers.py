@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from syncline_logger.record_options import RecordOptions
+from syncline_logger.record_view import say_result
 from syncline_logger.recorder import record_batches
 from syncline_logger.recording import Recording
 from syncline_logger.segments import Split
@@ -153,6 +154,30 @@ def test_an_event_holds_what_lies_around_its_triggers_and_says_why(tmp_path: Pat
     assert [node for _, _, node in marks(first)] == [5, 6]
     ids = [scanned(path)[1].facts.metadata.recording_id for path in (first, second)]  # type: ignore[union-attr]
     assert ids == ["run-0000", "run-0001"]
+
+
+def test_the_result_tells_what_the_files_hold_and_what_was_received(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    frames = batch(beats(5, 0, 100), emcy(30), emcy(70), emcy(99))
+    around = {"before_ns": 5 * S, "after_ns": 3 * S}
+    settings = options("emcy", only=True, **around)
+    result = record_batches([frames], [BusInfo("a", 0)], tmp_path, settings)
+    held = sum(len(scanned(path)[0]) for path in tmp_path.glob("*.mcap"))
+    assert held < len(frames) == result.frame_count
+    say_result(result, triggered_only=True)
+    told = f"{result.path} and 2 more files: {held} of {len(frames)} frames received, 0 gaps\n"
+    assert capsys.readouterr().err == told
+
+
+def test_the_result_of_no_trigger_names_no_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    frames, settings = batch(beats(5, 0, 20)), options("emcy", only=True)
+    result = record_batches([frames], [BusInfo("a", 0)], tmp_path, settings)
+    say_result(result, triggered_only=True)
+    told = f"nothing was written: 0 of {len(frames)} frames received, 0 gaps\n"
+    assert capsys.readouterr().err == told
 
 
 def test_an_event_at_the_end_and_at_the_beginning(tmp_path: Path) -> None:

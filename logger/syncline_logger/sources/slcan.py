@@ -5,7 +5,7 @@ import os
 import re
 import select
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import accumulate
 from typing import TYPE_CHECKING
@@ -196,21 +196,9 @@ class SlcanSource:
 
     def _settings(self) -> list[str]:
         """The commands that set the bit rates."""
-        options, commands = self._options, []
-        if options.bitrate is not None:
-            commands.append(self._command_for("bit rate", options.bitrate, BITRATES))
-        if options.fd and options.data_bitrate is not None:
-            data_rate = options.data_bitrate
-            commands.append(self._command_for("data bit rate", data_rate, DATA_BITRATES))
-        return commands
-
-    def _command_for(self, what: str, rate: int, commands: Mapping[int, str]) -> str:
-        if rate not in commands:
-            raise SourceError(
-                f"bus '{self.facts.name}': slcan adapters know no {what} of {rate} bit/s;"
-                f" they know {', '.join(map(str, commands))}"
-            )
-        return commands[rate]
+        for _, _, text in unknown_rates(self.facts):
+            raise SourceError(f"bus '{self.facts.name}': {text}")
+        return [commands[rate] for _, _, rate, commands in _rates(self.facts)]
 
     def _opened_port(self) -> "SerialBase":
         try:
@@ -415,6 +403,21 @@ class SlcanSource:
     def _what_failed(self, what: str, error: Exception) -> str:
         reason = str(error).strip() or type(error).__name__
         return f"bus '{self.facts.name}' (slcan {self.facts.channel}): {what}: {reason}"
+
+
+def unknown_rates(facts: SourceFacts) -> Iterator[tuple[str, int, str]]:
+    """Option, bit rate and words for each rate that slcan has no command for."""
+    for key, what, rate, commands in _rates(facts):
+        if rate not in commands:
+            known = ", ".join(map(str, commands))
+            yield key, rate, f"slcan adapters know no {what} of {rate} bit/s; they know {known}"
+
+
+def _rates(facts: SourceFacts) -> Iterator[tuple[str, str, int, Mapping[int, str]]]:
+    if facts.bitrate is not None:
+        yield "bitrate", "bit rate", facts.bitrate, BITRATES
+    if facts.data_bitrate is not None:
+        yield "data_bitrate", "data bit rate", facts.data_bitrate, DATA_BITRATES
 
 
 def why_not_native(options: BusOptions) -> str:

@@ -60,7 +60,7 @@ class EventStore:
         self._events = 0
         self._wanted: MarkNote | None = None
         """The trigger of an event that could not be begun yet."""
-        self._closed_bytes = self._closed_files = 0
+        self._closed_bytes = self._closed_files = self._closed_frames = 0
         self._lost: dict[int, int] = {}
         self._no_room = WaitingRoom()
         self.notes: list[str] = []
@@ -78,6 +78,11 @@ class EventStore:
     def bytes_written(self) -> int:
         """Of all files of all events."""
         return self._closed_bytes + (self._store.bytes_written if self._store else 0)
+
+    @property
+    def frames_written(self) -> int:
+        """In all files of all events."""
+        return self._closed_frames + (self._store.frames_written if self._store else 0)
 
     @property
     def file_count(self) -> int:
@@ -248,6 +253,7 @@ class EventStore:
         self._lost = dict(self._store.waiting.lost_frames)
         self._no_room.lost_frames |= self._lost
         self._closed_bytes += self._store.bytes_written
+        self._closed_frames += self._store.frames_written
         self._closed_files += self._store.file_count
         self.first_path = self.first_path if self._events > 1 else self._store.first_path
         self._store = None

@@ -353,6 +353,8 @@ class SyncFold:
         median = _median(state, periods) if self._context.timed else 0.0
         if not len(periods) or not median > 0:
             return np.zeros(len(periods), np.int64)
+        # A clock that was set back makes up for nothing that is missing before it.
+        periods = np.where(periods < 0, round(median), periods)
         bitrate = self._context.bitrates.get(self._context.bus_name(bus))
         bits = np.diff(index.bits[index.first :])
         waits = catching_up(periods, bits, median, 1e9 / bitrate if bitrate else 0.0)

@@ -1,15 +1,17 @@
 """Several captures as one stream: files in time order, buses told apart, gaps between segments."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from itertools import chain
 
 import numpy as np
 
 from syncline_analyzer.capture import CaptureReader
 from syncline_analyzer.clock_repair import repair_clocks
-from syncline_analyzer.segments import chained
+from syncline_analyzer.segments import chained, last_place
 from syncline_schemas.batch import FrameBatch, Gap
 from syncline_schemas.capture.gap_message import DID_NOT_RUN
+from syncline_schemas.capture.layout import AFTER_KEY
 from syncline_schemas.errors import UsageError
 
 BETWEEN_FILES = "between two files of the session"
@@ -23,8 +25,10 @@ class _Open:
     items: Iterator[FrameBatch | Gap]
     head: FrameBatch | Gap | None
     bus_map: dict[int, int]
-    pause: Gap | None = None
-    """The stretch before the file in which, as it says, its recorder did not run."""
+    before: list[Gap] = field(default_factory=list)
+    """What the file says of the time before it: the recorder did not run, or could not write."""
+    place: str = ""
+    """Of its last segment."""
 
     @property
     def next_ns(self) -> int:
@@ -34,10 +38,45 @@ class _Open:
 
     def begin(self) -> None:
         """Find the first item; what the file says of the time before it is no part of it."""
+        self.place = last_place(self.reader)
+        leading: list[FrameBatch | Gap] = []
         self.advance()
-        while isinstance(self.head, Gap) and self.head.reason == DID_NOT_RUN:
-            self.pause = self.head
+        while isinstance(self.head, Gap):
+            leading.append(self.head)
             self.advance()
+        ends = [n + 1 for n, gap in enumerate(leading) if self._is_before(gap)]
+        cut = max(ends, default=0)
+        self.before = [gap for gap in leading[:cut] if isinstance(gap, Gap)]
+        head = [] if self.head is None else [self.head]
+        self.items = chain(leading[cut:], head, self.items)
+        self.advance()
+
+    def _is_before(self, item: FrameBatch | Gap) -> bool:
+        created = self.reader.facts.metadata.get("created_ns", "")
+        begun_ns = int(created) if created.isdecimal() else 0
+        return isinstance(item, Gap) and (item.reason == DID_NOT_RUN or item.end_ns <= begun_ns)
+
+    def told(self, bus: int, last_ns: int, *, directly: bool) -> Iterator[Gap]:
+        """What lies between the last frame of a bus before the file and the file.
+
+        directly: nothing but what the file tells of; else somebody else may have been blind too.
+        """
+        told = [gap for gap in self.before if gap.bus in (None, bus)]
+        pauses = [gap for gap in told if gap.reason == DID_NOT_RUN]
+        reason = DID_NOT_RUN if pauses else BETWEEN_FILES
+        directly = directly and bool(pauses)
+        at_ns = last_ns
+        for gap in told if directly else [each for each in told if each not in pauses]:
+            start_ns = max(gap.start_ns, at_ns)
+            if pauses and gap is pauses[-1]:
+                at_ns = start_ns
+                break
+            if start_ns > at_ns and not directly:
+                yield Gap(at_ns, start_ns, reason)
+            at_ns = max(gap.end_ns, start_ns)
+            yield replace(gap, start_ns=start_ns, end_ns=at_ns)
+        if self.next_ns > at_ns:
+            yield Gap(at_ns, self.next_ns, reason)
 
     def advance(self) -> None:
         self.head = next((item for item in self.items if isinstance(item, Gap) or len(item)), None)
@@ -68,6 +107,7 @@ class Merge:
                 " files: analyze it alone"
             )
         self._last_ns: dict[int, int] = {}
+        self._last_place: dict[int, str] = {}
         self.first_ns = min((s.next_ns for s in self._open if s.head is not None), default=None)
 
     def stream(self) -> Iterator[FrameBatch | Gap]:
@@ -91,8 +131,10 @@ class Merge:
             mapped = self._map_bus(source, number, taken)
             last_ns = self._last_ns.get(mapped)
             if last_ns is not None and source.next_ns > last_ns:
-                reason = source.pause.reason if source.pause else BETWEEN_FILES
-                yield Gap(last_ns, source.next_ns, reason, None, mapped)
+                follows = source.reader.facts.metadata.get(AFTER_KEY)
+                directly = bool(follows) and follows == self._last_place.get(mapped)
+                for gap in source.told(number, last_ns, directly=directly):
+                    yield replace(gap, bus=mapped)
 
     def _map_bus(self, source: _Open, number: int, taken: set[int]) -> int:
         if number not in source.bus_map:
@@ -130,4 +172,5 @@ class Merge:
             mapped = self._map_bus(source, int(number), set())
             table[number] = mapped
             self._last_ns[mapped] = int(batch.t_ns[-1])
+            self._last_place[mapped] = source.place
         return replace(batch, bus=table[batch.bus])

@@ -16,6 +16,7 @@ class SegmentChain:
     def __init__(self, segments: Sequence[tuple[int, CaptureReader]]) -> None:
         self._segments = segments
         self.facts: CaptureFacts = segments[0][1].facts
+        self.last = segments[-1][1]
 
     def batches(self) -> Iterator[FrameBatch | Gap]:
         """Batches of all segments, without anything between those that follow each other."""
@@ -76,6 +77,13 @@ def _start_ns(item: FrameBatch | Gap) -> int | None:
     if isinstance(item, Gap):
         return item.start_ns
     return int(item.t_ns[0]) if len(item) else None
+
+
+def last_place(reader: CaptureReader) -> str:
+    """Id and number of the last segment that a reader reads, `3f2a/12`; empty where none is said."""
+    last = reader.last if isinstance(reader, SegmentChain) else reader
+    place = _place(last)
+    return f"{place[0]}/{place[1]}" if place else ""
 
 
 def _follows(reader: CaptureReader) -> int | None:

@@ -10,12 +10,13 @@ from syncline_logger.content import Content
 from syncline_logger.disk import Disk
 from syncline_logger.disk_trouble import DiskTrouble, is_trouble
 from syncline_logger.finishing import Finisher
-from syncline_logger.manifest import Manifest, MarkNote, Segment
+from syncline_logger.gap_notes import gaps_of, join_into
+from syncline_logger.manifest import Manifest, MarkNote, Segment, UntoldGap
 from syncline_logger.recording_folder import RecordingFolder
 from syncline_logger.retention import Keep
 from syncline_logger.running_time import RunningTime
 from syncline_logger.segments import SegmentNames, Split
-from syncline_logger.waiting_room import WaitingRoom
+from syncline_logger.waiting_room import MAX_REASONS, WaitingRoom
 from syncline_schemas.batch import Gap
 from syncline_schemas.capture.chunk import ZSTD_LEVEL
 from syncline_schemas.capture.layout import (
@@ -79,6 +80,11 @@ class CaptureStore:
         waiting: what waits and what was lost.
         file_count: files that hold something.
         notes: what happened to the files, in words; the reader takes them out.
+        lost_frames: that the gaps of this recording tell of, in its files and unwritten.
+        unwritten: what a disk that refused to the end cost, by bus; after `finish`.
+
+    Args:
+        starts_anyway: a first file that cannot be made for any reason is tried again like others.
 
     Raises:
         UsageError: the first file exists. OSError: it cannot be made, for a reason that is no
@@ -94,7 +100,9 @@ class CaptureStore:
         attachments: Sequence[Attachment] = (),
         finishes: bool = False,
         clocks: ClocksInForce | None = None,
+        starts_anyway: bool = False,
     ) -> None:
+        self._starts_anyway = starts_anyway
         self._clocks = clocks or ClocksInForce()
         self._plan = plan
         self._folder = folder
@@ -104,6 +112,8 @@ class CaptureStore:
         self.waiting = WaitingRoom()
         self.trouble: DiskTrouble | None = None
         self.notes: list[str] = []
+        self.unwritten: list[Gap] = []
+        self.lost_frames = 0
         self.file_count = self._number = self._closed_bytes = self._closed_frames = 0
         self._follows = -1
         self._open: _Open | None = None
@@ -111,6 +121,7 @@ class CaptureStore:
         self._kept_until_ns = 0
         self._kept_for: MarkNote | None = None
         self._cut: list[tuple[str, Segment]] = []
+        self._cut_due = False
         self._running = RunningTime(start_ns)
         self._described_ran_ns = 0
         self._reserve_told = False
@@ -199,17 +210,49 @@ class CaptureStore:
         """
         if self.trouble is not None:
             self.waiting.give_up(self.trouble.text)
+        self._note_unwritten()
         record = values()
         self._beside(lambda file: file.add_metadata(name, record))
         if self._open:
             self._close(self._open)
         if self._finisher:
+            self._finisher.add(self.take_cut(last=True))
             for done in self._finisher.close(LAST_FINISH_S):
                 self._take_finished(done.recording_id, done.segment, done.text)
         self._manifest.end_ns = end_ns
         self._manifest.reason = record.get("reason", "")
         self._manifest.lost_frames = int(record.get("lost_frames", 0))
         self._save()
+
+    @property
+    def refused_frames(self) -> Mapping[int, int]:
+        """Frames that the disk cost, by bus number."""
+        return self.waiting.lost_frames
+
+    def _note_unwritten(self) -> None:
+        """Keep in the manifest what stands in no file; the next recording in the folder tells it."""
+        self.unwritten, notes = self.waiting.take_missed()
+        gaps = self._own([*self.unwritten, *gaps_of(notes)])
+        self.lost_frames += sum(gap.lost_frames or 0 for gap in gaps)
+        names = {bus.number: bus.name for bus in self._plan.buses}
+        found: dict[tuple[int | None, str], Gap] = {}
+        for gap in gaps:
+            join_into(found, gap, MAX_REASONS)
+        self._manifest.untold = [
+            UntoldGap(
+                gap.start_ns,
+                gap.end_ns,
+                gap.reason,
+                gap.lost_frames,
+                None if gap.bus is None else names.get(gap.bus),
+            )
+            for gap in sorted(found.values(), key=lambda each: each.start_ns)
+        ]
+
+    def _own(self, gaps: Sequence[Gap]) -> list[Gap]:
+        """Those gaps that no earlier recording's manifest tells of."""
+        earlier = self._folder.pending if self._folder else []
+        return [gap for gap in gaps if gap not in earlier]
 
     def abandon(self) -> None:
         """Leave the files as they are; they can be read up to the last chunk."""
@@ -238,6 +281,9 @@ class CaptureStore:
         whole = self._clocks.before(content) if file.start_ns is None else content
         file.write(whole.frames, whole.log_ns, whole.blocks)
         self._follows = self._number - 1
+        self.lost_frames += sum(gap.lost_frames or 0 for gap in self._own(gaps_of(whole.blocks)))
+        if self._folder:
+            self._folder.told()
         self._clocks.note(knots_of(content))
 
     def _go_on(self, start_ns: int, now_ns: int) -> None:
@@ -256,10 +302,11 @@ class CaptureStore:
         try:
             self._open = self._begun(start_ns)
             self.first_path = self.path
-        except FileExistsError as error:
-            raise UsageError(f"{self.path} exists; recordings never overwrite a file") from error
         except OSError as error:
-            if not is_trouble(error):
+            if not (self._starts_anyway or is_trouble(error)):
+                if isinstance(error, FileExistsError):
+                    text = f"{self.path} exists; recordings never overwrite a file"
+                    raise UsageError(text) from error
                 raise
             self._note_trouble(DiskTrouble.first(error, start_ns))
 
@@ -373,9 +420,15 @@ class CaptureStore:
         marks, self._marks = self._marks, []
         for note in marks:
             self.mark(note)
-        if self._finisher:
-            self._finisher.add(self._cut)
-            self._cut = []
+        self._cut_due = True
+
+    def take_cut(self, *, last: bool = False) -> list[tuple[str, Segment]]:
+        """Cut files that may be finished now: the disk is back, or has had time to be."""
+        if self.trouble is not None or not (last or self._cut_due):
+            return []
+        self._cut_due = False
+        cut, self._cut = self._cut, []
+        return cut
 
     def _beside(self, act: Callable[[CaptureFile], None]) -> None:
         """Write something between the chunks; a refusal shows at the next chunk."""
@@ -386,12 +439,15 @@ class CaptureStore:
     def _look_after(self, now_ns: int) -> None:
         """What is done beside the writing: running time, cut files, budget, free space."""
         self._turn(now_ns)
+        if self._finisher:
+            self._finisher.add(self.take_cut())
         for done in self._finisher.done() if self._finisher else ():
             self._take_finished(done.recording_id, done.segment, done.text)
         if now_ns >= self._housekeeping_ns:
             self._housekeeping_ns = now_ns + HOUSEKEEPING_NS
             self._make_room(now_ns)
             self._tell_reserve()
+            self._cut_due = True
 
     def _turn(self, now_ns: int) -> None:
         before_ns = self._running.jumped_ns

@@ -75,6 +75,20 @@ class Deletion:
     why: str
 
 
+@dataclass(frozen=True, slots=True)
+class UntoldGap:
+    """A gap that stands in no capture: the disk refused to the end. The next recording tells it.
+
+    bus: its name; None = all buses.
+    """
+
+    start_ns: int
+    end_ns: int
+    reason: str
+    lost_frames: int | None = None
+    bus: str | None = None
+
+
 @dataclass(slots=True)
 class Manifest:
     """One recording, as `<recording id>.json` beside its files tells of it.
@@ -86,6 +100,7 @@ class Manifest:
         lost_frames: known to be lost.
         deleted_segments, deleted_frames, deleted_bytes: all that were deleted to make room.
         deletions: the latest of them.
+        untold: gaps that stand in no capture yet.
     """
 
     recording_id: str
@@ -103,6 +118,7 @@ class Manifest:
     deleted_bytes: int = 0
     deletions: list[Deletion] = field(default_factory=list)
     segments: list[Segment] = field(default_factory=list)
+    untold: list[UntoldGap] = field(default_factory=list)
 
     @property
     def file_name(self) -> str:
@@ -136,7 +152,11 @@ class Manifest:
     def to_json(self) -> str:
         """The manifest as text, a line per segment: there may be tens of thousands."""
         values = {name: getattr(self, name) for name in _OWN_FIELDS}
-        head = json.dumps({"schema": SCHEMA} | values | {"deletions": _rows(self.deletions)})
+        head = json.dumps(
+            {"schema": SCHEMA}
+            | values
+            | {"deletions": _rows(self.deletions), "untold": _rows(self.untold)}
+        )
         lines = ",\n".join(map(json.dumps, map(_row, self.segments)))
         return f'{head[:-1]},\n"segments": [\n{lines}\n]}}\n'
 
@@ -149,18 +169,23 @@ class Manifest:
                 return None
             segments = [_segment(each) for each in values.pop("segments")]
             deletions = [_made(Deletion, each) for each in values.pop("deletions")]
+            untold = [_made(UntoldGap, each) for each in values.pop("untold", [])]
             made = _made(cls, values)
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
             return None
-        made.segments, made.deletions = segments, deletions
+        made.segments, made.deletions, made.untold = segments, deletions, untold
         return made if _is_name(made.recording_id) else None
 
 
-_OWN_FIELDS = [each.name for each in fields(Manifest) if each.name not in ("segments", "deletions")]
-_ROW_FIELDS = {kind: [each.name for each in fields(kind)] for kind in (Segment, Deletion, MarkNote)}
+_OWN_FIELDS = [
+    each.name for each in fields(Manifest) if each.name not in ("segments", "deletions", "untold")
+]
+_ROW_FIELDS = {
+    kind: [each.name for each in fields(kind)] for kind in (Segment, Deletion, UntoldGap, MarkNote)
+}
 
 
-def _row(noted: Segment | Deletion | MarkNote) -> dict[str, Any]:
+def _row(noted: Segment | Deletion | UntoldGap | MarkNote) -> dict[str, Any]:
     """The fields by name, without the copies that `asdict` makes of all that is in them."""
     row = {name: getattr(noted, name) for name in _ROW_FIELDS[type(noted)]}
     if isinstance(noted, Segment):
@@ -168,7 +193,9 @@ def _row(noted: Segment | Deletion | MarkNote) -> dict[str, Any]:
     return row
 
 
-def _rows(noted: Sequence[Deletion] | Sequence[MarkNote]) -> list[dict[str, Any]]:
+def _rows(
+    noted: Sequence[Deletion] | Sequence[MarkNote] | Sequence[UntoldGap],
+) -> list[dict[str, Any]]:
     return [_row(each) for each in noted]
 
 

@@ -5,6 +5,7 @@ The one place of Syncline that sends. It sends SDO requests alone, never remote 
 
 import logging
 import threading
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import canopen
@@ -41,7 +42,7 @@ class ProbeSource(PythonCanSource):
         return super().read(self._tee, bus, timeout_s)  # type: ignore[arg-type]
 
     def send_sdo(self, can_id: int, data: bytes) -> None:
-        """Record a request, and send it. Raises SourceError when the bus does not take it."""
+        """Send a request, and record it. Raises SourceError when the bus does not take it."""
         import can
 
         if can_id not in SDO_REQUESTS:
@@ -49,11 +50,11 @@ class ProbeSource(PythonCanSource):
         self._reads.wait()
         if self._tee is None or self.bus is None:
             raise SourceError(f"bus '{self.facts.name}' is not open")
-        # Recorded first, so that no answer can stand before its request.
-        self._tee.sent(can_id, data)
+        message = can.Message(arbitration_id=can_id, is_extended_id=False, data=data)
+        bus = self.bus
         try:
-            self.bus.send(
-                can.Message(arbitration_id=can_id, is_extended_id=False, data=data), timeout=1.0
+            self._tee.sent(
+                self._clock.now_ns(), can_id, data, lambda: bus.send(message, timeout=1.0)
             )
         except can.CanError as error:
             raise SourceError(
@@ -69,16 +70,21 @@ class _Tee:
         self._buffer = buffer
         self._bus = bus
         self._network = network
+        self._order = threading.Lock()
 
     def append(
         self, t_ns: int, bus: int, can_id: int, flags: int, dlc: int, data: bytes | bytearray
     ) -> None:
-        self._buffer.append(t_ns, bus, can_id, flags, dlc, data)
+        with self._order:
+            self._buffer.append(t_ns, bus, can_id, flags, dlc, data)
         if flags == 0 and dlc == 8:
             self._network.notify(can_id, bytearray(data), 0.0)
 
-    def sent(self, can_id: int, data: bytes) -> None:
-        self._buffer.append(0, self._bus, can_id, int(FrameFlag.TX), len(data), data)
+    def sent(self, t_ns: int, can_id: int, data: bytes, send: Callable[[], None]) -> None:
+        """Send at `t_ns`, and record what could be sent: before its answer, which waits for it."""
+        with self._order:
+            send()
+            self._buffer.append(t_ns, self._bus, can_id, int(FrameFlag.TX), len(data), data)
 
 
 class _Network(canopen.Network):

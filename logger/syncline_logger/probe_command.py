@@ -11,6 +11,7 @@ from syncline_logger.command_options import one_bus_options, output_option
 from syncline_logger.option_types import SeveralWordsCommand
 from syncline_logger.option_types import duration_ns as parse_duration
 from syncline_logger.standard_output import print_line
+from syncline_schemas.wording import counted
 
 if TYPE_CHECKING:
     from syncline_logger.probe import NodeProbe
@@ -87,6 +88,7 @@ def probe(
     machine can be understood without guessing. Nothing is written, no NMT command, no remote
     frame, no guard request is sent. Do not use it while another tool or master reads or writes the
     same nodes by SDO: a node has one SDO channel, and both would get the other's answers.
+    Exit code 1 when no node answered.
     """
     from syncline_logger.bus_options import BusOptions, bus_name, parse_arguments, parse_value
     from syncline_logger.probe_bus import ProbeSource
@@ -120,12 +122,13 @@ def _probe(
     from syncline_logger.stop_signals import stop_on_signals
 
     failures: list[Exception] = []
+    silent: list[int] = []
     asked_all = threading.Event()
     with stop_on_signals() as interrupted:
 
         def ask() -> None:
             try:
-                _ask(source, nodes, timeout_s, pace_s, interrupted)
+                silent.extend(_ask(source, nodes, timeout_s, pace_s, interrupted))
             except Exception as error:  # noqa: BLE001 - raised again where it can be told
                 failures.append(error)
             finally:
@@ -139,6 +142,15 @@ def _probe(
     if failures:
         raise failures[0]
     click.echo(f"{result.path}: {result.frame_count} frames", err=True)
+    if len(silent) == len(nodes):
+        who = "the node" if len(nodes) == 1 else f"any of the {len(nodes)} nodes"
+        click.echo(
+            f"syncline: no answer from {who}; check the bit rate, the wiring and the node ids",
+            err=True,
+        )
+        raise SystemExit(1)
+    if silent and len(nodes) >= MANY_NODES:
+        click.echo(f"{counted(len(silent), 'node')} gave no answer", err=True)
 
 
 def _ask(
@@ -147,19 +159,23 @@ def _ask(
     timeout_s: float,
     pace_s: float,
     interrupted: threading.Event,
-) -> None:
-    """Ask one node after the other and say what each is."""
+) -> list[int]:
+    """Ask one node after the other and say what each is; those that gave no answer."""
     from syncline_logger.probe import probe_node
     from syncline_logger.probe_bus import SdoReader
 
+    silent = []
     for node in nodes:
         if interrupted.is_set():
-            return
+            break
         reader = SdoReader(source.network, node, timeout_s=timeout_s, pace_s=pace_s)
         found = probe_node(node, reader.read, interrupted.is_set)
         reader.close()
+        if not found.answered:
+            silent.append(node)
         if found.answered or len(nodes) < MANY_NODES:
             print_line(summary(found))
+    return silent
 
 
 def summary(found: "NodeProbe") -> str:

@@ -25,7 +25,7 @@ from syncline_logger.source import Source, SourceFacts, StampedSource
 from syncline_logger.source_thread import SourceEvent, SourceThreads
 from syncline_schemas.batch import FrameBatch, Gap
 from syncline_schemas.capture.layout import BusInfo
-from syncline_schemas.errors import SourceError
+from syncline_schemas.errors import SourceError, SynclineError, UsageError
 from syncline_schemas.wording import counted
 
 TICK_S = 0.1
@@ -75,7 +75,7 @@ def record(
     What these raise ends no recording: it is told once in the status, and they are called again.
 
     Raises:
-        SourceError: a bus cannot be opened. UsageError: the file exists.
+        SourceError: a bus cannot be opened. UsageError: the file exists, or cannot be made.
     """
     recorder = LiveRecorder(sources, target, options or RecordOptions(), asked, on_note)
     return recorder.run(
@@ -220,15 +220,19 @@ class LiveRecorder:
         try:
             absent = self._open_sources()
             buses = [bus_info(source.facts, n) for n, source in enumerate(self._sources)]
-            self._recording = Recording(
+            self._recording = _begun(
                 target,
-                buses,
-                options,
-                start_ns=self._start_ns,
-                source=", ".join(f"{bus.interface} {bus.channel}".strip() for bus in buses),
-                about=source_metadata(source.facts for source in self._sources),
-                resumes=True,
-                on_note=self._guarded(on_note) if on_note else None,
+                partial(
+                    Recording,
+                    target,
+                    buses,
+                    options,
+                    start_ns=self._start_ns,
+                    source=", ".join(f"{bus.interface} {bus.channel}".strip() for bus in buses),
+                    about=source_metadata(source.facts for source in self._sources),
+                    resumes=True,
+                    on_note=self._guarded(on_note) if on_note else None,
+                ),
             )
         except BaseException:
             self._close_sources(self._sources)
@@ -441,6 +445,20 @@ class LiveRecorder:
         for source in sources:
             with contextlib.suppress(Exception):
                 source.close()
+
+
+def _begun(target: Path, begin: Callable[[], Recording]) -> Recording:
+    """A recording that could be begun. Raises UsageError where no file can be made."""
+    try:
+        return begin()
+    except SynclineError:  # some of which are an OSError too
+        raise
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise UsageError(
+            f"nothing can be written to {target}: {reason}; name a folder in which files can be"
+            " made with -o"
+        ) from error
 
 
 def source_metadata(sources: Iterable[SourceFacts]) -> dict[str, str]:

@@ -3,7 +3,7 @@
 import platform
 import uuid
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
@@ -39,6 +39,7 @@ from syncline_logger.triggers.watch import TriggerWatch
 from syncline_schemas.batch import FrameBatch, Gap
 from syncline_schemas.capture.gap_message import DID_NOT_RUN, gap_message
 from syncline_schemas.capture.layout import (
+    AFTER_KEY,
     LEARNED_METADATA_NAME,
     Attachment,
     BusInfo,
@@ -154,17 +155,27 @@ class Recording:
         )
         attachments = _attachments(options.description)
         last_end_ns = None
+        numbers = {bus.name: bus.number for bus in buses}
+        untold = folder.untold(numbers) if folder and resumes else []
         self.store: CaptureStore | EventStore
         if options.triggers.only:
             self.store = EventStore(
-                plan, options.triggers, folder=folder, attachments=attachments, finishes=resumes
+                plan,
+                options.triggers,
+                folder=folder,
+                attachments=attachments,
+                finishes=resumes,
+                untold=untold,
             )
         else:
             if folder and resumes:
-                last_end_ns = folder.last_end_ns(bus.name for bus in buses)
+                last_end_ns = folder.last_end_ns(numbers)
+                plan = _after(plan, folder.last_place(numbers))
             self.store = CaptureStore(
                 plan, start_ns, folder=folder, attachments=attachments, finishes=resumes
             )
+            for gap in untold:
+                self._messages.add(GAP_CHANNEL, start_ns, gap_message(gap))
         if last_end_ns is not None:
             self.add_gap(Gap(min(last_end_ns, start_ns), start_ns, DID_NOT_RUN), start_ns)
             if last_end_ns > start_ns:
@@ -176,13 +187,16 @@ class Recording:
 
     def add_gap(self, gap: Gap, log_ns: int) -> None:
         """Note a stretch in which nothing was heard; it stands in the file at `log_ns`."""
+        self._count(gap, log_ns)
+        self._messages.add(GAP_CHANNEL, log_ns, gap_message(gap))
+        self._beside(TRIGGERS, log_ns, lambda: self.watch.gap(gap, log_ns))
+
+    def _count(self, gap: Gap, log_ns: int) -> None:
         self._gap_count += 1
         self._lost_frames += gap.lost_frames or 0
         if len(self._gaps) < MAX_KEPT:
             self._gaps.append(gap)
-        self._messages.add(GAP_CHANNEL, log_ns, gap_message(gap))
         self._tell(Note(log_ns, gap_text(gap), self._bus_name(gap.bus), serious=True))
-        self._beside(TRIGGERS, log_ns, lambda: self.watch.gap(gap, log_ns))
 
     def mark(
         self,
@@ -356,7 +370,7 @@ class Recording:
         self._mark_triggers()
         blocks += self._messages.take()
         self.store.write(Content(frames, log_ns, blocks), now_ns)
-        for bus, lost in self.store.waiting.lost_frames.items():
+        for bus, lost in self.store.refused_frames.items():
             self.conditions[bus].dropped_disk = lost
 
     def _told_by_the_store(self, now_ns: int) -> list[Block]:
@@ -398,8 +412,8 @@ class Recording:
         before = self._lost_frames
 
         def record() -> Mapping[str, str]:
-            for gap in self.store.waiting.take_missed()[0]:
-                self._lost_frames += gap.lost_frames or 0
+            for gap in self.store.unwritten:
+                self._count(gap, end_ns)
             lost = str(self._lost_frames)
             return {"end_ns": str(end_ns), "reason": why, "lost_frames": lost}
 
@@ -439,6 +453,14 @@ class Recording:
     def _attach(self, device: Device) -> None:
         for name, data in device.files.items():
             self.store.attach(device_attachment(name, data))
+
+
+def _after(plan: StorePlan, place: tuple[str, int] | None) -> StorePlan:
+    """The plan of a recording that follows another one's last file."""
+    if place is None:
+        return plan
+    extra = {**plan.metadata.extra, AFTER_KEY: f"{place[0]}/{place[1]}"}
+    return replace(plan, metadata=replace(plan.metadata, extra=extra))
 
 
 def _folder(plan: StorePlan) -> RecordingFolder | None:

@@ -9,10 +9,11 @@ from pathlib import Path
 
 from syncline_logger.disk import Disk, is_being_written
 from syncline_logger.manifest import SUFFIX as MANIFEST_SUFFIX
-from syncline_logger.manifest import Manifest, MarkNote, Segment
+from syncline_logger.manifest import Manifest, MarkNote, Segment, UntoldGap
 from syncline_logger.retention import Keep, Surplus, surplus
 from syncline_logger.segments import SUFFIX, is_part, whole_path
 from syncline_logger.small_file import DRAFT_NAME
+from syncline_schemas.batch import Gap
 from syncline_schemas.capture.layout import MARK_METADATA_NAME, PROFILE
 from syncline_schemas.capture.record_file import RecordFile
 from syncline_schemas.capture.recover import is_whole
@@ -52,6 +53,9 @@ class RecordingFolder:
     busy: set[str] = field(default_factory=set)
     running: str | None = None
     elapsed_ns: Callable[[], int] = time.monotonic_ns
+    pending: list[Gap] = field(default_factory=list)
+    """Gaps of earlier recordings that the running one is to tell, until `told`."""
+    _telling: list[Manifest] = field(default_factory=list)
     _unsaved: dict[str, Manifest] = field(default_factory=dict)
     _due_ns: dict[str, int] = field(default_factory=dict)
     """When a long manifest may be written again, by recording."""
@@ -100,7 +104,8 @@ class RecordingFolder:
     def _write(self, manifest: Manifest) -> None:
         """Put a manifest beside its files, or take it away with the last of them. Raises OSError."""
         target = self.path / manifest.file_name
-        if not manifest.segments and manifest.recording_id != self.running:
+        needed = manifest.segments or manifest.untold or manifest.recording_id == self.running
+        if not needed:
             self.disk.remove(target)
             return
         text = manifest.to_json()
@@ -148,6 +153,32 @@ class RecordingFolder:
         for manifest in {each.manifest.recording_id: each.manifest for each in deleted}.values():
             self.save(manifest)
         return deleted
+
+    def untold(self, buses: Mapping[str, int]) -> list[Gap]:
+        """Gaps that recordings of the same buses could not write; `buses`: numbers by name."""
+        for manifest in self.recordings:
+            if set(manifest.buses) == set(buses) and manifest.recording_id not in self.busy:
+                self._telling += [manifest] if manifest.untold else []
+                self.pending += [_gap(each, buses) for each in manifest.untold]
+        return self.pending
+
+    def told(self) -> None:
+        """What `untold` gave stands in a capture now."""
+        telling, self._telling, self.pending = self._telling, [], []
+        for manifest in telling:
+            manifest.untold = []
+            self.save(manifest)
+
+    def last_place(self, buses: Iterable[str]) -> tuple[str, int] | None:
+        """Recording id and number of the last file of the same buses; None where it is not known."""
+        wanted = set(buses)
+        for manifest in reversed(self.recordings):
+            if set(manifest.buses) == wanted and manifest.recording_id not in self.busy:
+                numbers = [each.segment for each in manifest.segments]
+                numbers += [each.segment for each in manifest.deletions]
+                if numbers:
+                    return manifest.recording_id, max(numbers)
+        return None
 
     def last_end_ns(self, buses: Iterable[str]) -> int | None:
         """Until when the last recording of the same buses heard them; None without one."""
@@ -262,6 +293,11 @@ def _regular_files(folder: Path) -> dict[str, Path]:
                 if path.is_file():
                     found[path.name] = path
     return found
+
+
+def _gap(untold: UntoldGap, buses: Mapping[str, int]) -> Gap:
+    bus = None if untold.bus is None else buses.get(untold.bus)
+    return Gap(untold.start_ns, untold.end_ns, untold.reason, untold.lost_frames, bus)
 
 
 def describe_segment(segment: Segment, records: RecordFile) -> None:

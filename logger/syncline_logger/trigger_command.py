@@ -1,11 +1,13 @@
 """`syncline trigger`."""
 
+import signal
 from pathlib import Path
 
 import click
 
 from syncline_logger.option_types import duration_ns
 
+SIGNAL_ASKS = hasattr(signal, "SIGUSR1")
 EPILOG = """\b
 Examples:
   syncline trigger captures/
@@ -39,7 +41,9 @@ def trigger(folder: Path, text: str, wait_ns: int) -> None:
     try:
         taken = ask(folder, text, wait_ns / 1e9)
     except OSError as error:
-        raise UsageError(f"a request cannot be put into {folder}: {error.strerror}") from error
+        hint = "; 'kill -USR1 PID' of the recorder asks without a file" if SIGNAL_ASKS else ""
+        reason = error.strerror or error
+        raise UsageError(f"a request cannot be put into {folder}: {reason}{hint}") from error
     if not taken:
         click.echo(f"syncline: no recorder that writes into {folder} took the request", err=True)
         raise SystemExit(1)

@@ -302,3 +302,15 @@ def test_recover_of_a_whole_file_and_of_no_capture(tmp_path: Path) -> None:
     text = tmp_path / "text.mcap"
     text.write_text("no capture", encoding="utf-8")
     assert run("recover", str(text)).returncode == 2
+
+
+@pytest.mark.parametrize("words", [["record", "--for", "1s"], ["probe", "--nodes", "5"]])
+def test_a_place_where_no_file_can_be_made_is_told_in_words(
+    tmp_path: Path, words: list[str]
+) -> None:
+    (tmp_path / "file").touch()
+    place = tmp_path / "file" / "x"
+    done = CliRunner().invoke(cli, [*words, "-i", "virtual", "-c", "nowhere", "-o", str(place)])
+    told = f"nothing can be written to {place}: "
+    assert str(done.exception).startswith(told)
+    assert str(done.exception).endswith("; name a folder in which files can be made with -o")

@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,11 +16,14 @@ from syncline_analyzer.readers.mcap import McapReader
 from syncline_logger import waiting_room
 from syncline_logger.finishing import finish_file
 from syncline_logger.manifest import Manifest
+from syncline_logger.notes import Note
 from syncline_logger.retention import Keep
 from syncline_logger.segments import Split
 from syncline_logger.triggers.event_store import EventStore
 from syncline_logger.triggers.plan import TriggerPlan
 from syncline_schemas.batch import Gap
+from syncline_schemas.capture.gap_message import DID_NOT_RUN
+from syncline_schemas.capture.recover import is_whole
 from tests.logger.capture_contents import doctor_complaints, read_capture
 from tests.logger.store_runs import (
     FULL,
@@ -373,3 +377,153 @@ def test_tries_that_wrote_nothing_are_no_missing_segments(tmp_path: Path, kept_f
         merged = list(Merge([McapReader(path) for path in found]).stream())
         assert [each for each in merged if isinstance(each, Gap)] == []
     assert numbers_in(*files) == list(range(run.sent))
+
+
+def merged_gaps(*paths: Path) -> list[Gap]:
+    """What the analysis of these captures says of stretches in which nothing was heard."""
+    merged = Merge([McapReader(path) for path in paths]).stream()
+    return [each for each in merged if isinstance(each, Gap)]
+
+
+@pytest.mark.parametrize("between", [0, 1])
+def test_what_a_disk_that_stays_full_costs_stands_in_the_next_capture(
+    tmp_path: Path, between: int
+) -> None:
+    """Also where the recording between writes nothing at all."""
+    run, disk = in_trouble(FULL, "write", 20, tmp_path)
+    full_text = "the disk cannot be written: No space left on device"
+    first = run.finish()
+    begun_ns = [run.now_ns + 60 * S]
+    runs = [run]
+    for n in range(between):
+        again = Run(
+            tmp_path, disk=disk, recording_id=f"full{n}", resumes=True, start_ns=begun_ns[-1]
+        )
+        again.step(10).finish()
+        runs.append(again)
+        begun_ns.append(again.now_ns + 60 * S)
+    last = Run(tmp_path, recording_id="next", resumes=True, start_ns=begun_ns[-1]).step(2)
+    runs.append(last)
+    result = last.finish()
+    files = files_of(tmp_path)
+    found = merged_gaps(*files)
+    expected = [(full_text, each.sent - (300 if each is run else 0)) for each in runs[:-1]]
+    assert [(gap.reason, gap.lost_frames) for gap in found if gap.lost_frames] == expected
+    pauses = [gap for gap in found if gap.reason == DID_NOT_RUN]
+    assert [(gap.start_ns, gap.end_ns) for gap in pauses] == [
+        (each.now_ns, begun) for each, begun in zip(runs, begun_ns, strict=False)
+    ]
+    assert len(found) == len(expected) + len(pauses)
+    assert first.lost_frames + 300 == run.sent
+    assert result.lost_frames == 0
+    assert len(numbers_in(*files)) + lost_in(*files) == sum(each.sent for each in runs)
+    third = Run(tmp_path, recording_id="third", resumes=True, start_ns=last.now_ns + S).step(1)
+    third.finish()
+    assert lost_in(*files_of(tmp_path)) == lost_in(*files)
+
+
+def test_what_the_stop_costs_is_a_serious_note(tmp_path: Path) -> None:
+    run, _ = in_trouble(FULL, "write", 5, tmp_path)
+    notes: list[Note] = []
+    run.recording._on_note = notes.append
+    result = run.finish()
+    assert [each.serious for each in notes if "500 frames" in each.text] == [True]
+    assert (result.gap_count, result.lost_frames) == (1, 500)
+
+
+def test_gaps_that_come_while_the_disk_refuses_keep_their_numbers(tmp_path: Path) -> None:
+    disk = FailingDisk()
+    run = Run(tmp_path, disk=disk, per_step=1).step(3)
+    run.store.waiting.max_frames = 20
+    disk.refusal = lambda what, path: FULL if what == "write" else 0
+    for n in range(1500):
+        reason = f"lines of the adapter were damaged {n % 3}"
+        run.recording.add_gap(Gap(run.now_ns, run.now_ns + 5, reason, 2, 0), run.now_ns)
+        run.step()
+    disk.refusal = lambda what, path: 0
+    result = run.step(60).finish()
+    files = files_of(tmp_path)
+    damaged = [gap for gap in gaps_in(*files) if "damaged" in gap.reason]
+    assert sum(gap.lost_frames or 0 for gap in damaged) == 3000
+    assert len(numbers_in(*files)) + lost_in(*files) == run.sent + 3000
+    assert result.lost_frames == lost_in(*files)
+
+
+def stop_of(folder: Path, event: int) -> int:
+    """Lost frames in the manifest of an event."""
+    [path] = folder.glob(f"*-{event:04d}.json")
+    return int(json.loads(path.read_text(encoding="utf-8"))["lost_frames"])
+
+
+def test_an_event_tells_its_own_losses_only(tmp_path: Path) -> None:
+    disk = FailingDisk()
+    plan = TriggerPlan((), True, 5 * S, 5 * S, 4_000)
+    run = Run(tmp_path, disk=disk, triggers=plan).step(10)
+    run.recording.mark("one", run.now_ns - 1)
+    run.step(2)
+    disk.refusal = lambda what, path: FULL
+    run.step(30)
+    disk.refusal = lambda what, path: 0
+    run.step(40)
+    run.recording.add_gap(Gap(run.now_ns, run.now_ns + 5, "between", 7, 0), run.now_ns)
+    run.step(10)
+    for reason in ("two", "three"):
+        run.recording.mark(reason, run.now_ns - 1)
+        run.step(2 if reason == "three" else 30)
+    result = run.finish()
+    lost = lost_in(*files_of(tmp_path))
+    assert lost > 100
+    assert [stop_of(tmp_path, event) for event in range(3)] == [lost, 0, 0]
+    assert result.lost_frames == lost + 7
+    assert run.recording.store.refused_frames == {0: lost}
+
+
+@pytest.mark.parametrize("back", [False, True])
+def test_an_event_whose_file_cannot_be_begun_is_tried_again_and_accounted_for(
+    tmp_path: Path, back: bool
+) -> None:
+    disk = FailingDisk()
+    plan = TriggerPlan((), True, 5 * S, 5 * S, 4_000)
+    run = Run(tmp_path, disk=disk, triggers=plan).step(10)
+    disk.refusal = lambda what, path: errno.EACCES if what == "create" else 0
+    run.recording.mark("one", run.now_ns - 1)
+    run.step(100)
+    assert sum(what == "create" for what, _ in disk.done) < 12
+    snapshot = run.recording.snapshot(run.now_ns)
+    assert snapshot.trouble == "the disk cannot be written: Permission denied"
+    if back:
+        disk.refusal = lambda what, path: 0
+        run.step(40)
+    result = run.finish()
+    assert len(result.problems) < 5
+    assert result.lost_frames > 5000
+    found = numbers_in(*files_of(tmp_path))
+    first = 500
+    if back:
+        assert len(found) + lost_in(*files_of(tmp_path)) == found[-1] + 1 - first
+        return
+    later = Run(tmp_path, recording_id="next", resumes=True, start_ns=run.now_ns + S).step(1)
+    later.finish()
+    assert lost_in(*files_of(tmp_path)) == result.lost_frames
+
+
+@pytest.mark.parametrize("only", [False, True])
+def test_a_file_that_could_not_be_closed_is_finished_while_the_recorder_runs(
+    tmp_path: Path, only: bool
+) -> None:
+    disk = FailingDisk()
+    plan = TriggerPlan((), only, 5 * S, 60 * S, 10**8)
+    run = Run(tmp_path, disk=disk, triggers=plan, split=Split(None, 10 * S), resumes=True)
+    run.step(8).recording.mark("one", run.now_ns - 1)
+    disk.refusal = lambda what, path: FULL if what == "close" else 0
+    run.step(7)
+    disk.refusal = lambda what, path: 0
+    assert not all(map(is_whole, files_of(tmp_path)))
+    for _ in range(40):
+        run.step()
+        time.sleep(0.005)
+    *earlier, running = files_of(tmp_path)
+    assert all(map(is_whole, earlier))
+    assert len(earlier) > 2
+    run.finish()
+    assert all(map(is_whole, files_of(tmp_path)))

@@ -152,4 +152,6 @@ def test_a_loss_is_noted_once_with_its_number(tmp_path: Path) -> None:
     assert len(texts) == len([note for note in notes if note.serious]) == 2
     assert sum(int(n) for text in texts for n in re.findall(r"(\d+) frames lost", text)) == 36
     assert result.lost_frames == 36
-    assert [text for text in result.problems if "36 frames lost" in text], "and stands in the capture"
+    assert [text for text in result.problems if "36 frames lost" in text], (
+        "and stands in the capture"
+    )

@@ -148,7 +148,7 @@ def test_a_log_that_stands_still_does_not_hold_up_the_end(
     def run() -> None:
         with own_log(tmp_path / "x.log", 10_000, 1), RecordOutputs(Silent()) as outputs:
             (handler,) = own_handlers()
-            handler.stream.close()
+            handler.stream.close()  # type: ignore[union-attr]
             handler.stream = file  # type: ignore[assignment]
             outputs.status(status(bus(frames=1)))
             outputs.started(Path("a.mcap"))

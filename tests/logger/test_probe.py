@@ -4,6 +4,7 @@ import contextlib
 import os
 import signal
 import subprocess
+import threading
 import time
 from collections import Counter
 from collections.abc import Iterable, Iterator
@@ -17,12 +18,16 @@ import pytest
 from click.testing import CliRunner
 
 from syncline_analyzer import open_session
+from syncline_logger.batcher import FrameBuffer
+from syncline_logger.bus_options import BusOptions
 from syncline_logger.cli import cli
+from syncline_logger.clock import RecorderClock
 from syncline_logger.probe import NOT_THERE, NodeProbe, probe_node
 from syncline_logger.probe_bus import ProbeSource
 from syncline_logger.probe_command import parse_nodes
 from syncline_schemas.batch import FrameFlag
 from syncline_schemas.devices import identity_objects, load_device
+from syncline_schemas.errors import SourceError
 from tests.logger.capture_contents import doctor_complaints, read_capture, syncline
 
 DEVICES = files("syncline_schemas.devices") / "data"
@@ -48,12 +53,12 @@ def machine(**devices: int) -> Iterator[list[can.Message]]:
             listener.stop()
 
 
-def probe(folder: Path, *words: str) -> Any:
+def probe(folder: Path, *words: str, code: int = 0) -> Any:
     done = CliRunner().invoke(
         cli,
         ["probe", "-i", "virtual", "-c", CHANNEL, "-o", str(folder / "x.mcap"), *words],
     )
-    assert done.exit_code == 0, (done.output, done.exception)
+    assert done.exit_code == code, (done.output, done.exception)
     return done
 
 
@@ -102,6 +107,75 @@ def test_only_the_given_nodes_are_asked_and_an_absent_one_soon_left_alone(tmp_pa
     to_nobody = [bytes(m.data) for m in heard if m.arbitration_id == 0x603]
     # The question, and canopen's abort of it.
     assert [data[0] for data in to_nobody] == [0x40, 0x80]
+
+
+def test_that_nobody_answers_is_told_and_no_success(tmp_path: Path) -> None:
+    with machine():
+        done = probe(tmp_path, "--nodes", "1-12", "--timeout", "5ms", "--pace", "1ms", code=1)
+    assert done.stdout == ""
+    assert "no answer from any of the 12 nodes; check the bit rate" in done.stderr
+    assert "x.mcap: 24 frames" in done.stderr
+
+
+def test_of_many_nodes_the_silent_ones_are_counted(tmp_path: Path) -> None:
+    with machine(jn2100=10):
+        done = probe(tmp_path, "--nodes", "1-12", "--timeout", "50ms", "--pace", "1ms")
+    assert "no answer" not in done.stdout
+    assert done.stdout.startswith("node 10: ")
+    assert "11 nodes gave no answer" in done.stderr
+
+
+class Deaf:
+    """A bus that takes no frame: its controller is bus-off, or listens only."""
+
+    def send(self, message: can.Message, timeout: float | None = None) -> None:
+        raise can.CanOperationError("Transmit buffer full")
+
+
+def requests(source: ProbeSource, buffer: FrameBuffer) -> None:
+    source.read(buffer, 0, 0)
+    source.send_sdo(0x605, bytes.fromhex("4000100000000000"))
+
+
+def test_a_request_that_could_not_be_sent_is_not_in_the_capture() -> None:
+    source = ProbeSource(BusOptions("a", "virtual", "x"))
+    source.open()
+    buffer = FrameBuffer(RecorderClock().now_ns, 10)
+    try:
+        requests(source, buffer)
+        bus, source._bus = source._bus, Deaf()  # type: ignore[assignment]
+        with pytest.raises(SourceError, match="cannot send: Transmit buffer full"):
+            source.send_sdo(0x605, bytes.fromhex("4000100000000000"))
+        source._bus = bus
+    finally:
+        source.close()
+    assert buffer.take().frames.can_id.tolist() == [0x605]
+
+
+def test_an_answer_that_is_there_at_once_stands_behind_its_request() -> None:
+    """The thread that reads may be faster than the one that sends."""
+    source = ProbeSource(BusOptions("a", "virtual", "x"))
+    source.open()
+    buffer = FrameBuffer(RecorderClock().now_ns, 10)
+    source.read(buffer, 0, 0)
+    answers: list[threading.Thread] = []
+
+    class Quick:
+        def send(self, message: can.Message, timeout: float | None = None) -> None:
+            now_ns = RecorderClock().now_ns()
+            answer = (now_ns, 0, 0x585, 0, 8, bytes(8))
+            answers.append(threading.Thread(target=source._tee.append, args=answer))  # type: ignore[union-attr]
+            answers[0].start()
+            answers[0].join(0.2)
+
+    bus, source._bus = source._bus, Quick()  # type: ignore[assignment]
+    source.send_sdo(0x605, bytes.fromhex("4000100000000000"))
+    answers[0].join()
+    source._bus = bus
+    source.close()
+    frames = buffer.take().frames
+    assert frames.can_id.tolist() == [0x605, 0x585]
+    assert frames.t_ns[0] <= frames.t_ns[1]
 
 
 def kinds(messages: Iterable[can.Message], can_id: int) -> Counter[int]:
@@ -163,15 +237,14 @@ def test_a_reader_of_stdout_that_is_gone_ends_nothing(tmp_path: Path) -> None:
         encoding="utf-8",
     )
     os.close(writer)
-    assert done.returncode == 0, done.stderr
+    assert done.returncode == 1, done.stderr
+    assert "no answer from any of the 3 nodes" in done.stderr
     asked = [frame[0] for frame in read_capture(tmp_path / "x.mcap").frames("x")]
     assert sorted(set(asked)) == [0x601, 0x602, 0x603]
 
 
 @pytest.mark.parametrize("can_id", [0x000, 0x080, 0x585, 0x705, 0x680, 0x600])
 def test_nothing_but_sdo_requests_can_be_sent(can_id: int) -> None:
-    from syncline_logger.bus_options import BusOptions
-
     source = ProbeSource(BusOptions("a", "virtual", "x"))
     with pytest.raises(ValueError, match="is no SDO request"):
         source.network.send_message(can_id, b"\x01\x00")

@@ -1,11 +1,14 @@
 """Asking a recorder for a trigger: by a file in its folder, by a signal."""
 
+import errno
 import os
 import signal
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 
+from syncline_logger.cli import cli
 from syncline_logger.triggers.requests import (
     HEAD,
     MAX_REQUESTS,
@@ -73,3 +76,16 @@ def test_a_fifo_is_never_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(Path, "open", refuse)
     assert Requests(tmp_path).poll() == []
     assert fifo.exists()
+
+
+def test_who_cannot_ask_by_a_file_is_told_of_the_signal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("syncline_logger.triggers.requests.replace_file", full)
+    monkeypatch.setattr("syncline_logger.trigger_command.SIGNAL_ASKS", True)
+    done = CliRunner().invoke(cli, ["trigger", str(tmp_path)])
+    told = f"a request cannot be put into {tmp_path}: No space left on device; 'kill -USR1 PID'"
+    assert str(done.exception).startswith(told)

@@ -159,7 +159,7 @@ def test_an_event_holds_what_lies_around_its_triggers_and_says_why(tmp_path: Pat
 def test_the_result_tells_what_the_files_hold_and_what_was_received(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    frames = batch(beats(5, 0, 100), emcy(30), emcy(70), emcy(99))
+    frames = batch(beats(5, 0, 100), emcy(30), emcy(70, node=6), emcy(99, node=7))
     around = {"before_ns": 5 * S, "after_ns": 3 * S}
     settings = options("emcy", only=True, **around)
     result = record_batches([frames], [BusInfo("a", 0)], tmp_path, settings)

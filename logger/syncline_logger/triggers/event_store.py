@@ -1,23 +1,25 @@
 """Files for triggers alone: nothing is written until one comes, then what lies around it."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
+import numpy as np
+
 from syncline_logger.capture_file import Block
-from syncline_logger.capture_store import CaptureStore, StorePlan
+from syncline_logger.capture_store import LAST_FINISH_S, CaptureStore, StorePlan
 from syncline_logger.clocks_in_force import ClocksInForce
 from syncline_logger.content import Content
 from syncline_logger.disk_trouble import DiskTrouble
-from syncline_logger.finishing import Finisher
+from syncline_logger.finishing import Finished, Finisher
+from syncline_logger.gap_notes import gap_block
 from syncline_logger.manifest import MarkNote
 from syncline_logger.recording_folder import RecordingFolder
 from syncline_logger.triggers.plan import TriggerPlan
 from syncline_logger.triggers.ring import Ring
 from syncline_logger.waiting_room import WaitingRoom
-from syncline_schemas.batch import Gap
+from syncline_schemas.batch import FrameBatch, Gap
 from syncline_schemas.capture.layout import Attachment
-from syncline_schemas.errors import UsageError
 
 TRIGGER_METADATA_NAME = "syncline.trigger"
 """Metadata record of a file that was written because of a trigger: why it begins where it does."""
@@ -36,6 +38,9 @@ class EventStore:
     An event begins with what the ring holds and ends `after_ns` after its last trigger. Triggers
     that come meanwhile extend it. Its file carries all attachments and metadata given so far.
 
+    Args:
+        untold: gaps of earlier recordings that stand in no file; the first event tells them.
+
     Attributes: as those of CaptureStore; `path` is the folder while nothing is written.
     """
 
@@ -47,7 +52,9 @@ class EventStore:
         folder: RecordingFolder | None = None,
         attachments: Sequence[Attachment] = (),
         finishes: bool = False,
+        untold: Sequence[Gap] = (),
     ) -> None:
+        self._untold = untold
         self._plan = plan
         self._triggers = triggers
         self._folder = folder
@@ -58,11 +65,10 @@ class EventStore:
         self._store: CaptureStore | None = None
         self._ends_ns = 0
         self._events = 0
-        self._wanted: MarkNote | None = None
-        """The trigger of an event that could not be begun yet."""
         self._closed_bytes = self._closed_files = self._closed_frames = 0
         self._lost: dict[int, int] = {}
-        self._no_room = WaitingRoom()
+        self._nothing = WaitingRoom()
+        self.unwritten: list[Gap] = []
         self.notes: list[str] = []
         self.path = self.first_path = plan.names.folder
         self._finisher: Finisher | None = None
@@ -97,7 +103,12 @@ class EventStore:
     @property
     def waiting(self) -> WaitingRoom:
         """What the disk refused and what was lost by that."""
-        return self._store.waiting if self._store else self._no_room
+        return self._store.waiting if self._store else self._nothing
+
+    @property
+    def refused_frames(self) -> Mapping[int, int]:
+        """Frames that the disk cost, by bus number, in all events."""
+        return _sum(self._lost, self.waiting.lost_frames)
 
     def attach(self, attachment: Attachment) -> None:
         """Attach a file to this event and all that follow."""
@@ -121,7 +132,6 @@ class EventStore:
         """A trigger: an event begins, or the running one lasts longer."""
         self._ends_ns = max(self._ends_ns, note.t_ns + self._triggers.after_ns)
         if self._store is None:
-            self._wanted = self._wanted or note
             self._begin(note)
         else:
             self._store.mark(note)
@@ -134,8 +144,6 @@ class EventStore:
     def write(self, content: Content, now_ns: int) -> None:
         """Take what was recorded until `now_ns`."""
         self._look_after()
-        if self._store is None and self._wanted:
-            self._begin(self._wanted)
         if self._store is None:
             self._ring.add(content, now_ns)
             return
@@ -164,11 +172,13 @@ class EventStore:
     def finish(self, name: str, values: Callable[[], Mapping[str, str]], end_ns: int) -> None:
         """Write what is left of a running event and close it."""
         if self._store:
+            store = self._store
             self._drain(None, end_ns)
-            self._store.finish(name, values, end_ns)
-            self.notes += self._store.notes
+            store.finish(name, lambda: self._event_values(store, values), end_ns)
+            self.notes += store.notes
         if self._finisher:
-            self._finisher.close(5.0)
+            self._finish_cut(last=True)
+            self._take_finished(self._finisher.close(LAST_FINISH_S))
 
     def abandon(self) -> None:
         """Leave the files as they are; they can be read up to the last chunk."""
@@ -176,7 +186,11 @@ class EventStore:
             self._store.abandon()
 
     def _begin(self, note: MarkNote) -> None:
-        """Begin an event with what the ring holds; a refusal is tried again with the next chunk."""
+        """Begin an event with what the ring holds.
+
+        Whatever keeps its file from being made, it is tried again as after a trouble of the disk,
+        and what that costs is told.
+        """
         first_ns = self._ring.first_ns
         start_ns = note.t_ns if first_ns is None else min(first_ns, note.t_ns)
         number = self._events
@@ -194,22 +208,22 @@ class EventStore:
             "after_ns": str(self._triggers.after_ns),
             "chunks_without_decoded_channels": str(self._ring.thinned),
         }
-        try:
-            store = CaptureStore(
-                replace(self._plan, metadata=about, names=names),
-                start_ns,
-                folder=self._folder,
-                attachments=list(self._attachments.values()),
-                clocks=self._clocks,
-            )
-        except (OSError, UsageError) as error:
-            self.notes.append(f"the file of trigger '{note.reason}' cannot be begun: {error}")
-            return
+        store = CaptureStore(
+            replace(self._plan, metadata=about, names=names),
+            start_ns,
+            folder=self._folder,
+            attachments=list(self._attachments.values()),
+            clocks=self._clocks,
+            starts_anyway=True,
+        )
         for name, values in {**self._metadata, TRIGGER_METADATA_NAME: record}.items():
             store.add_metadata(name, values)
-        store.waiting.lost_frames |= self._lost
         store.mark(note, ALWAYS_NS)
-        self._store, self._wanted = store, None
+        if self._untold:
+            told = [gap_block(self._untold, start_ns)]
+            store.write(Content(FrameBatch.empty(), np.zeros(0, np.int64), told), note.t_ns)
+            self._untold = ()
+        self._store = store
         self._events += 1
         self.path = store.path
         self.first_path = store.first_path if number == 0 else self.first_path
@@ -245,13 +259,13 @@ class EventStore:
         assert self._store is not None
         after_s = self._triggers.after_ns / 1e9
         reason = f"{after_s:.0f} s after the last trigger"
-        lost = sum(self._store.waiting.lost_frames.values())
-        values = {"end_ns": str(now_ns), "reason": reason, "lost_frames": str(lost)}
+        lost = str(self._store.lost_frames)
+        values = {"end_ns": str(now_ns), "reason": reason, "lost_frames": lost}
         self._store.retry(now_ns, last=True)
         self._store.finish("syncline.stop", lambda: values, now_ns)
         self.notes += self._store.notes
-        self._lost = dict(self._store.waiting.lost_frames)
-        self._no_room.lost_frames |= self._lost
+        self._finish_cut(last=True)
+        self._lost = _sum(self._lost, self._store.waiting.lost_frames)
         self._closed_bytes += self._store.bytes_written
         self._closed_frames += self._store.frames_written
         self._closed_files += self._store.file_count
@@ -260,8 +274,27 @@ class EventStore:
         self.path = self._plan.names.folder
         self._ring.short = False
 
+    def _event_values(
+        self, store: CaptureStore, values: Callable[[], Mapping[str, str]]
+    ) -> Mapping[str, str]:
+        """What is said at the end of the last event: its own losses, not those of the whole run."""
+        self.unwritten = store.unwritten
+        return {**values(), "lost_frames": str(store.lost_frames)}
+
+    def _finish_cut(self, *, last: bool = False) -> None:
+        if self._finisher and self._store:
+            self._finisher.add(self._store.take_cut(last=last))
+
     def _look_after(self) -> None:
-        for done in self._finisher.done() if self._finisher else ():
+        self._finish_cut()
+        self._take_finished(self._finisher.done() if self._finisher else ())
+
+    def _take_finished(self, finished: Iterable[Finished]) -> None:
+        for done in finished:
             self.notes += [done.text] if done.text else []
             if self._folder:
                 self._folder.take_finished(done.recording_id, done.segment)
+
+
+def _sum(first: Mapping[int, int], second: Mapping[int, int]) -> dict[int, int]:
+    return {bus: first.get(bus, 0) + second.get(bus, 0) for bus in sorted({*first, *second})}

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 from syncline_logger.capture_file import Block, CaptureFile
 from syncline_logger.clocks_in_force import ClocksInForce, knots_of
@@ -10,13 +11,14 @@ from syncline_logger.content import Content
 from syncline_logger.disk import Disk
 from syncline_logger.disk_trouble import DiskTrouble, is_trouble
 from syncline_logger.finishing import Finisher
-from syncline_logger.gap_notes import gaps_of, join_into
-from syncline_logger.manifest import Manifest, MarkNote, Segment, UntoldGap
+from syncline_logger.gap_notes import gaps_of
+from syncline_logger.manifest import Manifest, MarkNote, Segment
 from syncline_logger.recording_folder import RecordingFolder
 from syncline_logger.retention import Keep
 from syncline_logger.running_time import RunningTime
 from syncline_logger.segments import SegmentNames, Split
-from syncline_logger.waiting_room import MAX_REASONS, WaitingRoom
+from syncline_logger.untold import untold_of
+from syncline_logger.waiting_room import WaitingRoom
 from syncline_schemas.batch import Gap
 from syncline_schemas.capture.chunk import ZSTD_LEVEL
 from syncline_schemas.capture.layout import (
@@ -122,6 +124,9 @@ class CaptureStore:
         self._kept_for: MarkNote | None = None
         self._cut: list[tuple[str, Segment]] = []
         self._cut_due = False
+        self._told_cut: set[str] = set()
+        self._left: set[Path] = set()
+        """Files in which nothing is and that the disk did not let be taken away."""
         self._running = RunningTime(start_ns)
         self._described_ran_ns = 0
         self._reserve_told = False
@@ -135,6 +140,8 @@ class CaptureStore:
                 (each.recording_id, segment) for each, segment in folder.unfinished()
             )
         if folder:
+            self._kept_for = folder.kept_until(start_ns)
+            self._kept_until_ns = self._kept_for.end_ns or 0 if self._kept_for else 0
             folder.add(self._manifest)
         self._make_room(start_ns)
         self._begin(start_ns)
@@ -165,6 +172,8 @@ class CaptureStore:
 
     def mark(self, note: MarkNote, end_ns: int | None = None) -> None:
         """Keep the running segment for good, and those from `note.begin_ns` to `end_ns`."""
+        if self._folder:
+            self._folder.keep(note)
         begin_ns = note.begin_ns
         for segment in self._manifest.segments if begin_ns is not None else ():
             if segment.end_ns is not None and segment.end_ns >= (begin_ns or 0):
@@ -174,10 +183,11 @@ class CaptureStore:
         if self._open is None:
             self._marks.append(note)
             return
-        first = not self._open.segment.marks
+        before = len(self._open.segment.marks)
         self._open.segment.mark(note)
-        if first:
+        if not before:
             self._beside(lambda file: file.add_metadata(MARK_METADATA_NAME, _record(note)))
+        if len(self._open.segment.marks) > before:
             self._save()
 
     def date_set(self, ahead_ns: int) -> None:
@@ -211,6 +221,7 @@ class CaptureStore:
         if self.trouble is not None:
             self.waiting.give_up(self.trouble.text)
         self._note_unwritten()
+        self._clear()
         record = values()
         self._beside(lambda file: file.add_metadata(name, record))
         if self._open:
@@ -235,19 +246,7 @@ class CaptureStore:
         gaps = self._own([*self.unwritten, *gaps_of(notes)])
         self.lost_frames += sum(gap.lost_frames or 0 for gap in gaps)
         names = {bus.number: bus.name for bus in self._plan.buses}
-        found: dict[tuple[int | None, str], Gap] = {}
-        for gap in gaps:
-            join_into(found, gap, MAX_REASONS)
-        self._manifest.untold = [
-            UntoldGap(
-                gap.start_ns,
-                gap.end_ns,
-                gap.reason,
-                gap.lost_frames,
-                None if gap.bus is None else names.get(gap.bus),
-            )
-            for gap in sorted(found.values(), key=lambda each: each.start_ns)
-        ]
+        self._manifest.untold = untold_of(gaps, names)
 
     def _own(self, gaps: Sequence[Gap]) -> list[Gap]:
         """Those gaps that no earlier recording's manifest tells of."""
@@ -318,6 +317,7 @@ class CaptureStore:
         about = replace(plan.metadata, segment=self._number, created_ns=start_ns)
         if self._number > self._follows + 1 > 0:
             about = replace(about, extra={**about.extra, FOLLOWS_KEY: str(self._follows)})
+        stood = path.exists()
         try:
             plan.names.folder.mkdir(parents=True, exist_ok=True)
             file = CaptureFile(
@@ -335,6 +335,11 @@ class CaptureStore:
             # A file that could not be taken away, or a stranger's: the next number is free.
             self._number += self._number > 0 or self.trouble is not None
             raise
+        except OSError:
+            if path.exists() and not stood:
+                self._left.add(path)
+            raise
+        self._left.discard(path)
         segment = Segment(self._number, path.name, marks=[kept] if kept else [])
         self._manifest.segments.append(segment)
         self._number += 1
@@ -368,7 +373,9 @@ class CaptureStore:
         if last.file.start_ns is None:
             self._manifest.segments.remove(last.segment)
             self._marks += last.segment.marks
-            if not last.file.path.exists():
+            if last.file.path.exists():
+                self._left.add(last.file.path)
+            else:
                 self._number = last.segment.segment
         else:
             self._cut.append((self._manifest.recording_id, last.segment))
@@ -421,6 +428,7 @@ class CaptureStore:
         for note in marks:
             self.mark(note)
         self._cut_due = True
+        self._clear()
 
     def take_cut(self, *, last: bool = False) -> list[tuple[str, Segment]]:
         """Cut files that may be finished now: the disk is back, or has had time to be."""
@@ -429,6 +437,13 @@ class CaptureStore:
         self._cut_due = False
         cut, self._cut = self._cut, []
         return cut
+
+    def _clear(self) -> None:
+        """Take away the files in which nothing is."""
+        for path in list(self._left):
+            with suppress(OSError):
+                self._plan.disk.remove(path)
+                self._left.discard(path)
 
     def _beside(self, act: Callable[[CaptureFile], None]) -> None:
         """Write something between the chunks; a refusal shows at the next chunk."""
@@ -447,6 +462,7 @@ class CaptureStore:
             self._housekeeping_ns = now_ns + HOUSEKEEPING_NS
             self._make_room(now_ns)
             self._tell_reserve()
+            self._clear()
             self._cut_due = True
 
     def _turn(self, now_ns: int) -> None:
@@ -489,7 +505,12 @@ class CaptureStore:
             self._reserve_told = broken
 
     def _take_finished(self, recording_id: str, finished: Segment, text: str) -> None:
-        self.notes += [text] if text else []
+        if text and text not in self._told_cut:
+            self.notes.append(text)
+        if finished.state == "cut" and recording_id == self._manifest.recording_id:
+            # The disk refused that too: it is tried again with the next look at the free space.
+            self._told_cut.add(text)
+            self._cut.append((recording_id, finished))
         if self._folder:
             self._folder.take_finished(recording_id, finished)
 
@@ -503,8 +524,10 @@ def _contents(segment: Segment) -> str:
 
 
 def _record(note: MarkNote) -> Mapping[str, str]:
-    begin = {} if note.begin_ns is None else {"begin_ns": str(note.begin_ns)}
-    return {"t_ns": str(note.t_ns), "reason": note.reason, **begin}
+    record = {"t_ns": str(note.t_ns), "reason": note.reason}
+    for name, t_ns in (("begin_ns", note.begin_ns), ("end_ns", note.end_ns)):
+        record |= {} if t_ns is None else {name: str(t_ns)}
+    return record
 
 
 def _manifest(plan: StorePlan, start_ns: int) -> Manifest:

@@ -4,7 +4,7 @@ import os
 import threading
 from collections.abc import Iterable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from queue import Empty, SimpleQueue
 
@@ -38,13 +38,7 @@ def finish_file(
     holds nothing that can be read is left as it is.
     """
     path = folder / segment.file
-    after = Segment(
-        segment.segment,
-        segment.file,
-        "cut",
-        ran_ns=segment.ran_ns,
-        marks=list(segment.marks),
-    )
+    after = replace(segment, state="cut", marks=list(segment.marks))
     try:
         if is_being_written(path):
             return Finished(

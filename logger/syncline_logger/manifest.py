@@ -21,11 +21,13 @@ class MarkNote:
     """A moment that somebody wants to find again.
 
     begin_ns: earlier segments that end at this log time or later are kept with it [ns].
+    end_ns: later segments that begin before this log time are kept with it [ns].
     """
 
     t_ns: int
     reason: str
     begin_ns: int | None = None
+    end_ns: int | None = None
 
     def reaches_before(self, other: Self) -> bool:
         """Whether it keeps earlier segments that the other one does not."""
@@ -230,7 +232,7 @@ def _made(kind: type[T], values: dict[str, Any]) -> T:
 
 
 _HINTS: dict[type, dict[str, Any]] = {
-    kind: get_type_hints(kind) for kind in (Manifest, Segment, Deletion, MarkNote)
+    kind: get_type_hints(kind) for kind in (Manifest, Segment, Deletion, UntoldGap, MarkNote)
 }
 
 

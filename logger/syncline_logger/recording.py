@@ -218,7 +218,8 @@ class Recording:
         when = "" if t_ns in (None, log_ns) else f" at {utc_text(message.t_ns)}"
         self._tell(Note(log_ns, f"mark{when}: {text}", self._bus_name(bus)))
         plan = self._triggers
-        self.store.mark(MarkNote(log_ns, text, log_ns - plan.before_ns), log_ns + plan.after_ns)
+        end_ns = log_ns + plan.after_ns
+        self.store.mark(MarkNote(log_ns, text, log_ns - plan.before_ns, end_ns), end_ns)
         self.marks += 1
 
     def ask(self, text: str, log_ns: int) -> None:
@@ -254,7 +255,9 @@ class Recording:
         self.conditions[bus].clock_residual_ns = knot.residual_ns
         self._messages.add(CLOCK_CHANNEL, log_ns, knot_message(bus, knot, reading))
 
-    def add_status(self, bus: int, log_ns: int, text: str = "", *, noted: bool = False) -> None:
+    def add_status(
+        self, bus: int, log_ns: int, text: str = "", *, noted: bool = False, serious: bool = False
+    ) -> None:
         """Note a bus's state and counters; `text` says what changed.
 
         noted: the note of a gap says it already, and who adds up the own log must not meet it twice.
@@ -262,7 +265,7 @@ class Recording:
         channel = status_channel(self._buses[bus].name)
         self._messages.add(channel, log_ns, self.conditions[bus].message(text))
         if text and not noted:
-            self._tell(Note(log_ns, text, self._buses[bus].name))
+            self._tell(Note(log_ns, text, self._buses[bus].name, serious=serious))
         if text and len(self._problems) < MAX_KEPT:
             self._problems.append(f"{self._buses[bus].name}: {text}")
 
@@ -379,7 +382,7 @@ class Recording:
         for gap in gaps:
             self.add_gap(gap, now_ns)
         for text in self.store.notes:
-            self.add_status(0, now_ns, text)
+            self.add_status(0, now_ns, text, serious=self.store.trouble is not None)
         self.store.notes.clear()
         return blocks
 

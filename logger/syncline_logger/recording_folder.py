@@ -9,10 +9,11 @@ from pathlib import Path
 
 from syncline_logger.disk import Disk, is_being_written
 from syncline_logger.manifest import SUFFIX as MANIFEST_SUFFIX
-from syncline_logger.manifest import Manifest, MarkNote, Segment, UntoldGap
+from syncline_logger.manifest import Manifest, MarkNote, Segment
 from syncline_logger.retention import Keep, Surplus, surplus
 from syncline_logger.segments import SUFFIX, is_part, whole_path
 from syncline_logger.small_file import DRAFT_NAME
+from syncline_logger.untold import told_of
 from syncline_schemas.batch import Gap
 from syncline_schemas.capture.layout import MARK_METADATA_NAME, PROFILE
 from syncline_schemas.capture.record_file import RecordFile
@@ -78,6 +79,7 @@ class RecordingFolder:
             if each.recording_id not in self.busy and each.spread_marks():
                 self.save(each)
         self.recordings.sort(key=lambda each: (each.number, each.created_ns))
+        self._spread_marks()
 
     def add(self, manifest: Manifest) -> None:
         """Take in a recording that begins."""
@@ -109,7 +111,13 @@ class RecordingFolder:
             self.disk.remove(target)
             return
         text = manifest.to_json()
-        self.disk.write_text(target, text)
+        try:
+            self.disk.write_text(target, text)
+        except OSError:
+            if not manifest.untold:
+                raise
+            # A full disk has no room for a second one, and what was lost would stand nowhere.
+            self.disk.overwrite(target, text)
         if len(text) > SHORT_MANIFEST_CHARS:
             pause_ns = len(text) * 1_000_000_000 // MANIFEST_CHARS_PER_S
             self._due_ns[manifest.recording_id] = self.elapsed_ns() + pause_ns
@@ -126,9 +134,38 @@ class RecordingFolder:
         for manifest in self.recordings:
             for n, segment in enumerate(manifest.segments):
                 if (manifest.recording_id, segment.segment) == (recording_id, finished.segment):
+                    finished.marks = finished.marks or segment.marks
                     manifest.segments[n] = finished
                     manifest.spread_marks()
                     self.save(manifest)
+                    self._spread_marks()
+
+    def keep(self, note: MarkNote) -> None:
+        """Mark what a mark keeps of recordings before the one in which it stands."""
+        for manifest in self.recordings:
+            if note.begin_ns is None or manifest.recording_id in (*self.busy, self.running):
+                continue
+            changed = False
+            for segment in reversed(manifest.segments):
+                if segment.end_ns is not None and segment.end_ns < note.begin_ns:
+                    break
+                if segment.is_kept_by(note) and (segment.start_ns or 0) <= note.t_ns:
+                    segment.mark(note)
+                    changed = True
+            if changed:
+                self.save(manifest)
+
+    def kept_until(self, start_ns: int) -> MarkNote | None:
+        """The mark of an earlier recording that keeps longest what begins at `start_ns`."""
+        notes = [note for each in self.recordings for note in _notes(each)]
+        reaching = [each for each in notes if each.t_ns <= start_ns < (each.end_ns or 0)]
+        return max(reaching, key=lambda each: each.end_ns or 0, default=None)
+
+    def _spread_marks(self) -> None:
+        for manifest in self.recordings:
+            for note in set(_notes(manifest)):
+                if note.begin_ns is not None and note.begin_ns < manifest.created_ns:
+                    self.keep(note)
 
     def make_room(
         self,
@@ -159,7 +196,7 @@ class RecordingFolder:
         for manifest in self.recordings:
             if set(manifest.buses) == set(buses) and manifest.recording_id not in self.busy:
                 self._telling += [manifest] if manifest.untold else []
-                self.pending += [_gap(each, buses) for each in manifest.untold]
+                self.pending += [told_of(each, buses) for each in manifest.untold]
         return self.pending
 
     def told(self) -> None:
@@ -295,11 +332,6 @@ def _regular_files(folder: Path) -> dict[str, Path]:
     return found
 
 
-def _gap(untold: UntoldGap, buses: Mapping[str, int]) -> Gap:
-    bus = None if untold.bus is None else buses.get(untold.bus)
-    return Gap(untold.start_ns, untold.end_ns, untold.reason, untold.lost_frames, bus)
-
-
 def describe_segment(segment: Segment, records: RecordFile) -> None:
     """Fill in what a whole file's summary tells: times, frames, size, marks."""
     summary = records.summary()
@@ -328,12 +360,18 @@ def take_marks(segment: Segment, records: RecordFile) -> None:
             segment.mark(_mark_of(record.metadata, segment))
 
 
+def _notes(manifest: Manifest) -> Iterator[MarkNote]:
+    return (note for segment in manifest.segments for note in segment.marks)
+
+
 def _mark_of(values: Mapping[str, str], segment: Segment) -> MarkNote:
     """The mark of a metadata record; one with damaged numbers keeps its own file."""
     try:
-        begin = values.get("begin_ns")
-        begin_ns = None if begin is None else int(begin)
-        return MarkNote(int(values["t_ns"]), values.get("reason", ""), begin_ns)
+        begin_ns, end_ns = (
+            None if text is None else int(text)
+            for text in (values.get("begin_ns"), values.get("end_ns"))
+        )
+        return MarkNote(int(values["t_ns"]), values.get("reason", ""), begin_ns, end_ns)
     except (KeyError, ValueError):
         return MarkNote(segment.start_ns or 0, "marked")
 

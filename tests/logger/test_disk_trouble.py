@@ -18,7 +18,7 @@ from syncline_logger.finishing import finish_file
 from syncline_logger.manifest import Manifest
 from syncline_logger.notes import Note
 from syncline_logger.retention import Keep
-from syncline_logger.segments import Split
+from syncline_logger.segments import Split, is_part
 from syncline_logger.triggers.event_store import EventStore
 from syncline_logger.triggers.plan import TriggerPlan
 from syncline_schemas.batch import Gap
@@ -363,7 +363,7 @@ def test_tries_that_wrote_nothing_are_no_missing_segments(tmp_path: Path, kept_f
         nonlocal tries, synced
         if what == "create":
             tries, synced = tries + 1, False
-        refused = what == "write" and synced or what == "remove" and tries <= kept_files
+        refused = (what == "write" and synced) or (what == "remove" and tries <= kept_files)
         synced = synced or what == "sync"
         return FULL if refused else 0
 
@@ -373,9 +373,9 @@ def test_tries_that_wrote_nothing_are_no_missing_segments(tmp_path: Path, kept_f
     run.step(60).finish()
     files = [path for path in files_of(tmp_path) if numbers_in(path)]
     assert tries > 3
-    for found in (files, files_of(tmp_path)):
-        merged = list(Merge([McapReader(path) for path in found]).stream())
-        assert [each for each in merged if isinstance(each, Gap)] == []
+    assert files == files_of(tmp_path)
+    merged = list(Merge([McapReader(path) for path in files]).stream())
+    assert [each for each in merged if isinstance(each, Gap)] == []
     assert numbers_in(*files) == list(range(run.sent))
 
 
@@ -420,6 +420,16 @@ def test_what_a_disk_that_stays_full_costs_stands_in_the_next_capture(
     third = Run(tmp_path, recording_id="third", resumes=True, start_ns=last.now_ns + S).step(1)
     third.finish()
     assert lost_in(*files_of(tmp_path)) == lost_in(*files)
+
+
+def test_a_disk_without_room_for_a_second_manifest_keeps_what_was_lost(tmp_path: Path) -> None:
+    disk = FailingDisk()
+    run = Run(tmp_path, disk=disk).step(3)
+    disk.refusal = lambda what, path: FULL if what in ("write", "text") else 0
+    run.step(10).finish()
+    Run(tmp_path, recording_id="next", resumes=True, start_ns=run.now_ns + S).step(1).finish()
+    assert lost_in(*files_of(tmp_path)) == 1000
+    assert [gap.start_ns for gap in merged_gaps(*files_of(tmp_path))][1] == run.now_ns
 
 
 def test_what_the_stop_costs_is_a_serious_note(tmp_path: Path) -> None:
@@ -518,12 +528,13 @@ def test_a_file_that_could_not_be_closed_is_finished_while_the_recorder_runs(
     disk.refusal = lambda what, path: FULL if what == "close" else 0
     run.step(7)
     disk.refusal = lambda what, path: 0
-    assert not all(map(is_whole, files_of(tmp_path)))
+    assert "close" in [what for what, _ in disk.done]
     for _ in range(40):
         run.step()
         time.sleep(0.005)
     *earlier, running = files_of(tmp_path)
-    assert all(map(is_whole, earlier))
     assert len(earlier) > 2
+    assert [path.name for path in earlier if is_part(path)] == []
+    assert is_part(running)
     run.finish()
     assert all(map(is_whole, files_of(tmp_path)))

@@ -1,6 +1,7 @@
 """Room for what is new: the oldest whole segments go, and nothing else ever does."""
 
 import json
+import time
 from pathlib import Path
 from typing import Any
 
@@ -299,3 +300,36 @@ def test_a_budget_alone_splits_by_itself(tmp_path: Path) -> None:
     run = Run(tmp_path, per_step=20_000, keep=Keep(size_bytes=4_000_000)).step(40)
     run.finish()
     assert len(files_of(tmp_path)) > 1
+
+
+@pytest.mark.parametrize("killed", [False, True])
+def test_marks_keep_what_lies_around_them_over_a_restart(tmp_path: Path, killed: bool) -> None:
+    """Those before the mark are of the recording before, those after it of the one that follows."""
+    around = TriggerPlan((), False, 20 * S, 20 * S)
+    options: dict[str, Any] = {
+        "per_step": 20,
+        "split": Split(None, 10 * S),
+        "resumes": True,
+        "triggers": around,
+        "sync": False,
+    }
+    first = Run(tmp_path, recording_id="one", **options).step(55)
+    first.finish()
+    second = Run(tmp_path, recording_id="two", start_ns=first.now_ns + S, **options).step(3)
+    second.recording.mark("x", second.now_ns - 1)
+    second.step(1)
+    if killed:
+        second.kill()
+    else:
+        second.finish()
+    keep = Keep(size_bytes=1)
+    third = Run(tmp_path, recording_id="three", start_ns=second.now_ns + S, keep=keep, **options)
+    for _ in range(60):
+        third.step()
+        time.sleep(0.002)
+    third.finish()
+    left = [path.name.split("_", 1)[1].removesuffix(".mcap") for path in files_of(tmp_path)]
+    assert left == ["one_0003", "one_0004", "one_0005", "two_0000", "three_0000", "three_0001"] + [
+        each for each in left if each > "three_0001" and each.startswith("three")
+    ]
+    assert "three_0003" not in left

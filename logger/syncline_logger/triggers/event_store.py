@@ -13,7 +13,7 @@ from syncline_logger.content import Content
 from syncline_logger.disk_trouble import DiskTrouble
 from syncline_logger.finishing import Finished, Finisher
 from syncline_logger.gap_notes import gap_block
-from syncline_logger.manifest import MarkNote
+from syncline_logger.manifest import MarkNote, Segment
 from syncline_logger.recording_folder import RecordingFolder
 from syncline_logger.triggers.plan import TriggerPlan
 from syncline_logger.triggers.ring import Ring
@@ -69,6 +69,8 @@ class EventStore:
         self._lost: dict[int, int] = {}
         self._nothing = WaitingRoom()
         self.unwritten: list[Gap] = []
+        self._cut: list[tuple[str, Segment]] = []
+        """Files of events that could not be finished yet."""
         self.notes: list[str] = []
         self.path = self.first_path = plan.names.folder
         self._finisher: Finisher | None = None
@@ -178,6 +180,7 @@ class EventStore:
             self.notes += store.notes
         if self._finisher:
             self._finish_cut(last=True)
+            self._finisher.add(self._cut)
             self._take_finished(self._finisher.close(LAST_FINISH_S))
 
     def abandon(self) -> None:
@@ -282,15 +285,20 @@ class EventStore:
         return {**values(), "lost_frames": str(store.lost_frames)}
 
     def _finish_cut(self, *, last: bool = False) -> None:
+        """Have cut files finished; at the end of an event also those with which that failed."""
         if self._finisher and self._store:
-            self._finisher.add(self._store.take_cut(last=last))
+            again, self._cut = (self._cut, []) if last else ([], self._cut)
+            self._finisher.add([*again, *self._store.take_cut(last=last)])
 
     def _look_after(self) -> None:
         self._finish_cut()
         self._take_finished(self._finisher.done() if self._finisher else ())
 
     def _take_finished(self, finished: Iterable[Finished]) -> None:
+        run = self._plan.metadata.recording_id
         for done in finished:
+            if done.segment.state == "cut" and done.recording_id.startswith(f"{run}-"):
+                self._cut.append((done.recording_id, done.segment))
             self.notes += [done.text] if done.text else []
             if self._folder:
                 self._folder.take_finished(done.recording_id, done.segment)

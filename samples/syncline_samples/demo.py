@@ -11,8 +11,8 @@ import click
 
 from syncline_analyzer.session import open_session
 from syncline_analyzer.views.files import write_all
-from syncline_logger.recorder import record, record_batches
 from syncline_logger.record_options import RecordOptions
+from syncline_logger.recorder import record, record_batches
 from syncline_logger.recording import RecordResult
 from syncline_samples.comparison import Comparison, compare
 from syncline_samples.faults import ClockStep, RecorderGap

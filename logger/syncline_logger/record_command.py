@@ -280,11 +280,12 @@ def _run(plan: "RecordPlan") -> None:
     from syncline_logger.triggers.requests import trigger_requests
 
     wanted = plan.wanted
-    mention_cut_files(wanted.output)
     with stop_on_signals() as stop, ExitStack() as stack:
+        # First of all: a signal that nobody waits for ends the process.
+        requests = stack.enter_context(trigger_requests(_folder(wanted.output)))
+        mention_cut_files(wanted.output)
         stack.enter_context(own_log(wanted.log, wanted.log_size, wanted.log_keep))
         view = RecordView(stack)
-        requests = stack.enter_context(trigger_requests(_folder(wanted.output)))
         outputs = stack.enter_context(RecordOutputs(view, wanted.status_file, wanted.prometheus))
         result = record_sources(
             plan.sources,

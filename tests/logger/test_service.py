@@ -127,6 +127,9 @@ def test_the_whole_service(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
         while not {"WATCHDOG=1", "STATUS"} <= {text.split(":")[0] for text in heard[1:]}:
             text = manager.recv(4096).decode()
             heard.append("STATUS" if text.startswith("STATUS") else text)
+        # Files are written beside the loop that tells the manager.
+        while not Path("status.json").exists():
+            heard.append(manager.recv(4096).decode())
         running = json.loads(Path("status.json").read_text(encoding="utf-8"))
         child.send_signal(signal.SIGTERM)
         _, errors = child.communicate(timeout=60)

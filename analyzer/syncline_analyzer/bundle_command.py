@@ -1,15 +1,21 @@
 """`syncline bundle`: one file for the supplier, and whether such a file is still what it was."""
 
-import sys
 from pathlib import Path
 
 import click
 
-from syncline_analyzer.cli import NOT_REACHED, device_option
+from syncline_analyzer.command_options import (
+    CAPTURES,
+    NOT_REACHED,
+    OFFSET,
+    machine_options,
+    named_devices,
+    named_offsets,
+    range_options,
+    reading_progress,
+)
 from syncline_schemas.description import BusDescription
 from syncline_schemas.errors import UsageError
-
-_PATH = click.Path(path_type=Path)
 
 
 @click.command(
@@ -17,7 +23,7 @@ _PATH = click.Path(path_type=Path)
     "  syncline bundle line3.mcap -o case.zip --around nmt.node_lost@5 --redact 180-1FF\n"
     "  syncline bundle --check case.zip"
 )
-@click.argument("captures", nargs=-1, required=True, type=_PATH, metavar="CAPTURE...")
+@CAPTURES
 @click.option(
     "-o",
     "--output",
@@ -31,10 +37,7 @@ _PATH = click.Path(path_type=Path)
     help="Keep a minute before a finding to half a minute after it: its place in the report"
     " (1 is the first), its id, or id@node.",
 )
-@click.option(
-    "--from", "start", metavar="TIME", help="Keep from here: 90s into the capture, or UTC."
-)
-@click.option("--to", "end", metavar="TIME", help="Keep what is before this time, written alike.")
+@range_options("Keep from here", "Keep what is")
 @click.option(
     "--redact",
     multiple=True,
@@ -42,31 +45,8 @@ _PATH = click.Path(path_type=Path)
     help="Drop the payload of identifiers: 18A, 180-1FF, or node:5 for all of a node. Report and"
     " analysis are made afterwards. May be repeated.",
 )
-@click.option(
-    "--description",
-    type=_PATH,
-    metavar="BUS.toml",
-    help="Bus description; by default the one that the capture carries.",
-)
-@click.option(
-    "--device",
-    "devices",
-    multiple=True,
-    metavar="NODE=NAME_OR_EDS",
-    help="What a node is: a device of 'syncline devices' or an EDS file. May be repeated.",
-)
-@click.option(
-    "--bitrate",
-    type=click.IntRange(min=1),
-    metavar="BIT/S",
-    help="Bit rate of buses of which the capture does not tell it.",
-)
-@click.option(
-    "--data-bitrate",
-    type=click.IntRange(min=1),
-    metavar="BIT/S",
-    help="The same of the data phase of CAN FD frames.",
-)
+@machine_options("of which the capture does not tell it")
+@OFFSET
 @click.option("--check", is_flag=True, help="Check the hashes of bundles instead of making one.")
 @click.pass_context
 def bundle(
@@ -81,6 +61,7 @@ def bundle(
     devices: tuple[str, ...],
     bitrate: int | None,
     data_bitrate: int | None,
+    offsets: tuple[str, ...],
     check: bool,
 ) -> None:
     """Make one file for the supplier: capture, report, EDS files, bus description, hashes.
@@ -99,19 +80,17 @@ def bundle(
     case = Case(
         captures,
         BusDescription.load(description) if description else None,
-        dict(device_option(text) for text in devices),
+        named_devices(devices),
         bitrate,
         data_bitrate,
         around,
         start,
         end,
         redact,
+        named_offsets(offsets),
     )
-    try:
-        result = make_bundle(case, output, _tell_frames if sys.stderr.isatty() else None)
-    finally:
-        if sys.stderr.isatty():
-            click.echo("\r\x1b[K", err=True, nl=False)
+    with reading_progress(captures) as line:
+        result = make_bundle(case, output, line)
     done = result.written
     click.echo(f"{output}: {done.frames:,} frames, {len(result.members)} files", err=True)
     if done.before or done.after:
@@ -137,7 +116,3 @@ def _checked(paths: tuple[Path, ...]) -> int:
             click.echo(f"  {line}")
             code = NOT_REACHED
     return code
-
-
-def _tell_frames(frames: int) -> None:
-    click.echo(f"\r{frames:,} frames", err=True, nl=False)

@@ -1,15 +1,26 @@
 """`syncline compare`: what is different from a healthy capture of the same machine."""
 
 import sys
+from functools import partial
 from io import TextIOWrapper
 from pathlib import Path
 
 import click
 
-from syncline_analyzer.cli import NOT_REACHED, device_option
+from syncline_analyzer.command_options import (
+    CHECK,
+    NOT_REACHED,
+    OFFSET,
+    PATH,
+    as_bad_as,
+    format_option,
+    machine_options,
+    named_devices,
+    named_offsets,
+    range_options,
+    reading_progress,
+)
 from syncline_schemas.errors import UsageError
-
-_PATH = click.Path(path_type=Path)
 
 
 @click.command(
@@ -17,48 +28,19 @@ _PATH = click.Path(path_type=Path)
     "  syncline compare healthy.mcap today.mcap\n"
     "  syncline compare healthy.mcap night.log.gz --description line3.toml --out diff.html"
 )
-@click.argument("golden", type=_PATH, metavar="GOLDEN")
-@click.argument("captures", nargs=-1, required=True, type=_PATH, metavar="CAPTURE...")
-@click.option(
-    "--description",
-    type=_PATH,
-    metavar="BUS.toml",
-    help="Bus description of both; by default the one that each carries.",
-)
-@click.option(
-    "--device",
-    "devices",
-    multiple=True,
-    metavar="NODE=NAME_OR_EDS",
-    help="What a node is in both: a device of 'syncline devices' or an EDS file. May be repeated.",
-)
-@click.option(
-    "--bitrate",
-    type=click.IntRange(min=1),
-    metavar="BIT/S",
-    help="Bit rate of buses of which neither description nor capture tells it.",
-)
-@click.option("--from", "start", metavar="TIME", help="Start here in CAPTURE: 90s, or UTC.")
-@click.option("--to", "end", metavar="TIME", help="Stop before this time in CAPTURE.")
-@click.option(
-    "--format",
-    "form",
-    type=click.Choice(["text", "json"]),
-    default="text",
-    show_default=True,
-    help="What to print: differences in words, or all of it as one JSON object.",
-)
+@click.argument("golden", type=PATH, metavar="GOLDEN")
+@click.argument("captures", nargs=-1, required=True, type=PATH, metavar="CAPTURE...")
+@machine_options("of which neither description nor capture tells it, in both")
+@range_options("Start here in CAPTURE", "Stop")
+@OFFSET
+@format_option("differences in words", "all of them")
 @click.option(
     "--out",
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="PAGE.html",
     help="Write the differences as a page that opens anywhere.",
 )
-@click.option(
-    "--check",
-    type=click.Choice(["error", "warning"]),
-    help="Exit with 1 when there is a difference of this severity or worse.",
-)
+@CHECK
 @click.pass_context
 def compare(
     ctx: click.Context,
@@ -67,8 +49,10 @@ def compare(
     description: Path | None,
     devices: tuple[str, ...],
     bitrate: int | None,
+    data_bitrate: int | None,
     start: str | None,
     end: str | None,
+    offsets: tuple[str, ...],
     form: str,
     out: Path | None,
     check: str | None,
@@ -82,10 +66,19 @@ def compare(
     from syncline_analyzer.comparison import compare as compared
     from syncline_analyzer.session import open_session
 
-    named = dict(device_option(text) for text in devices)
-    shared = {"description": description, "devices": named, "bitrate": bitrate}
-    healthy = open_session(golden, **shared)  # type: ignore[arg-type]
-    suspect = open_session(list(captures), start=start, end=end, **shared)  # type: ignore[arg-type]
+    opened = partial(
+        open_session,
+        description=description,
+        devices=named_devices(devices),
+        bitrate=bitrate,
+        data_bitrate=data_bitrate,
+    )
+    healthy = opened(golden)
+    suspect = opened(captures, start=start, end=end, offsets=named_offsets(offsets))
+    with reading_progress([golden]) as line:
+        healthy.analyze(line)
+    with reading_progress(captures) as line:
+        suspect.analyze(line)
     found = compared(healthy.analysis, suspect.analysis)
     if form == "json":
         from syncline_analyzer.views.comparison_table import comparison_json
@@ -102,9 +95,8 @@ def compare(
         from syncline_analyzer.views.comparison_html import comparison_page
 
         _write(out, comparison_page(found))
-    wanted = {None: (), "error": ("error",), "warning": ("error", "warning")}[check]
     damaged = found.golden.damage or found.capture.damage
-    if damaged or any(row.severity in wanted for row in found.rows):
+    if damaged or any(row.severity in as_bad_as(check) for row in found.rows):
         ctx.exit(NOT_REACHED)
 
 

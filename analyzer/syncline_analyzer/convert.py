@@ -2,7 +2,7 @@
 
 import gzip
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO, cast
@@ -11,6 +11,7 @@ import numpy as np
 
 from syncline_analyzer.capture import CaptureFacts, CaptureReader
 from syncline_analyzer.merge import Merge
+from syncline_analyzer.offsets import shifted
 from syncline_analyzer.readers import open_capture
 from syncline_analyzer.writers.formats import (
     ATTACHED,
@@ -24,6 +25,9 @@ from syncline_analyzer.writers.log import LogWriter, Survey
 from syncline_schemas.batch import Gap
 from syncline_schemas.capture.layout import Attachment, description_attachment, device_attachment
 from syncline_schemas.errors import CaptureError, UsageError
+
+Progress = Callable[[int], None]
+"""Called with the number of frames read so far."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,11 +58,20 @@ class ConvertResult:
         return not self.lost and not self.damage and not self.unparsed_lines
 
 
-def convert(inputs: Sequence[str | Path], output: str | Path) -> ConvertResult:
+def convert(
+    inputs: Sequence[str | Path],
+    output: str | Path,
+    *,
+    offsets: Mapping[str, str] | None = None,
+    progress: Progress | None = None,
+) -> ConvertResult:
     """Write the frames of captures or logs, in order of time, as one log.
 
     The inputs are read twice: what stands at the start of a log has to be known before its first
     frame. The output appears when it is complete.
+
+    offsets: how the times of a file are moved, as `open_session` takes it.
+    progress: called after each batch with the frames read so far, in both passes together.
 
     Raises:
         CaptureError: an input cannot be read, or the output cannot be written.
@@ -70,12 +83,12 @@ def convert(inputs: Sequence[str | Path], output: str | Path) -> ConvertResult:
         raise UsageError("no capture given: name at least one file to convert")
     if any(path.resolve() == output.resolve() for path in paths):
         raise UsageError(f"{output}: is one of the inputs; choose another name")
-    readers = [open_capture(path) for path in paths]
-    survey = _survey(readers, paths)
+    readers = _readers(paths, offsets)
+    survey = _survey(readers, paths, progress)
     partial = output.with_name(output.name + ".part")
     try:
         with _opened(partial, output.suffix.lower()) as stream:
-            result = _written(paths, survey, form, stream, output)
+            result = _written(_readers(paths, offsets), survey, form, stream, output, progress)
         partial.replace(output)
     except OSError as error:
         partial.unlink(missing_ok=True)
@@ -86,6 +99,10 @@ def convert(inputs: Sequence[str | Path], output: str | Path) -> ConvertResult:
         partial.unlink(missing_ok=True)
         raise
     return result
+
+
+def _readers(paths: Sequence[Path], offsets: Mapping[str, str] | None) -> list[CaptureReader]:
+    return shifted([open_capture(path) for path in paths], offsets or {})
 
 
 def _opened(path: Path, packing: str) -> BinaryIO:
@@ -102,9 +119,13 @@ def _opened(path: Path, packing: str) -> BinaryIO:
 
 
 def _written(
-    paths: Sequence[Path], survey: Survey, form: WriteFormat, stream: BinaryIO, output: Path
+    readers: Sequence[CaptureReader],
+    survey: Survey,
+    form: WriteFormat,
+    stream: BinaryIO,
+    output: Path,
+    progress: Progress | None,
 ) -> ConvertResult:
-    readers = [open_capture(path) for path in paths]
     merge = Merge(readers)
     writer = _writer(form.name, stream, survey, [reader.facts for reader in readers])
     frames = 0
@@ -114,6 +135,8 @@ def _written(
         else:
             writer.write(item)
             frames += len(item)
+            if progress:
+                progress(survey.frames + frames)
     writer.close()
     facts = [reader.facts for reader in readers]
     lost = Counter(writer.lost)
@@ -141,17 +164,26 @@ def _lost_facts(form: WriteFormat, survey: Survey, facts: Sequence[CaptureFacts]
     return {what: count for what, count in known.items() if count and what in form.cannot}
 
 
-def _survey(readers: Sequence[CaptureReader], paths: Sequence[Path]) -> Survey:
+def _survey(
+    readers: Sequence[CaptureReader], paths: Sequence[Path], progress: Progress | None
+) -> Survey:
     merge = Merge(readers)
     frames, first_ns, whole_us = 0, None, True
     for item in merge.stream():
         if isinstance(item, Gap) or not len(item):
             continue
         frames += len(item)
+        if progress:
+            progress(frames)
         earliest = int(item.t_ns.min())
         first_ns = earliest if first_ns is None else min(first_ns, earliest)
         whole_us = whole_us and not np.any(item.t_ns % 1000)
     facts = [reader.facts for reader in readers]
+    if first_ns is not None and first_ns < 0:
+        raise UsageError(
+            f"the first frame of {facts[0].path.name} would be before its time 0, which no log can"
+            " hold; move it with --offset"
+        )
     return Survey(
         buses=tuple(merge.buses),
         bitrates={name: rate for each in facts for name, rate in each.bitrates.items()},

@@ -1,5 +1,6 @@
 """What is in a capture, and whether it is whole."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -78,8 +79,8 @@ class CaptureInfo:
 MAX_KEPT_GAPS = 1000
 
 
-def inspect(path: str | Path) -> CaptureInfo:
-    """Read a capture through and tell what is in it.
+def inspect(path: str | Path, progress: Callable[[int], None] | None = None) -> CaptureInfo:
+    """Read a capture through and tell what is in it; `progress` is told the frames read so far.
 
     Raises:
         CaptureError: the file cannot be read, is empty, or is of no known format.
@@ -98,6 +99,8 @@ def inspect(path: str | Path) -> CaptureInfo:
             counts += np.bincount(item.bus, minlength=256)
             _count(info, item)
             previous_ns = _take_times(info, item, previous_ns)
+            if progress:
+                progress(info.frames)
     facts = reader.facts
     info.frames_by_bus = {
         name: int(counts[number]) for number, name in enumerate(facts.buses[:256])

@@ -5,18 +5,22 @@ stand there and no message is written in the metadata of the capture, so that no
 heartbeat of zeros as a boot-up.
 """
 
+from __future__ import annotations
+
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from syncline_analyzer.results import Analysis, Finding
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
 from syncline_schemas.canopen.services import SERVICE_OF_ID, Service
 from syncline_schemas.errors import UsageError
+
+if TYPE_CHECKING:
+    from syncline_analyzer.results import Analysis, Finding
 
 REDACTED_KEY = "redacted"
 """Key of the capture's metadata record."""
@@ -89,7 +93,7 @@ class Redaction:
             f"{low:X}" if low == high else f"{low:X}-{high:X}" for low, high in sorted(self.ranges)
         )
 
-    def resolved(self, moved: Mapping[int, Iterable[int]]) -> "Redaction":
+    def resolved(self, moved: Mapping[int, Iterable[int]]) -> Redaction:
         """Nodes as their identifiers: the predefined ones, and what they or the master moved.
 
         moved: by node, further identifiers on which it sends or is spoken to.

@@ -102,6 +102,15 @@ class FrameBatch:
             np.concatenate([_widened(batch.data, width) for batch in batches]),
         )
 
+    @property
+    def buses(self) -> list[int]:
+        """Numbers of the buses of the frames, ascending."""
+        if not len(self):
+            return []
+        if (self.bus == self.bus[0]).all():
+            return [int(self.bus[0])]
+        return np.flatnonzero(np.bincount(self.bus)).tolist()
+
     def payload(self, row: int) -> bytes:
         """The data bytes of one row."""
         return self.data[row, : self.dlc[row]].tobytes() if not self.is_remote(row) else b""

@@ -322,11 +322,11 @@ def encoder_angles(raw: Counts, scale: EncoderScale) -> EncoderAngles:
     position = raw
     if scale.range_counts is not None:
         in_range = in_range & (np.abs(raw) < scale.range_counts)
-        position = raw % scale.range_counts
+        position = modulo(raw, scale.range_counts)
     if scale.counts_per_turn is None:
         unknown = np.full(len(raw), np.nan)
         return EncoderAngles(position, unknown, unknown, in_range)
-    turn, within = np.divmod(position, scale.counts_per_turn)
+    turn, within = _turns(position, scale.counts_per_turn)
     turns, angle = turn.astype(np.float64), within * 360.0 / scale.counts_per_turn
     if scale.cut_bits is not None:
         turns = np.full(len(raw), np.nan)
@@ -335,13 +335,34 @@ def encoder_angles(raw: Counts, scale: EncoderScale) -> EncoderAngles:
     return EncoderAngles(position, turns, angle, in_range)
 
 
+def modulo(counts: Counts, total: int) -> Counts:
+    """(n,) counts modulo a positive total; division takes ten times as long as what avoids it.
+
+    >>> modulo(np.array([-1, 7]), 10), modulo(np.array([-21, 17]), 10), modulo(np.array([-1]), 8)
+    (array([9, 7]), array([9, 7]), array([7]))
+    """
+    if total & (total - 1) == 0:
+        return counts & (total - 1)
+    low, high = int(counts.min(initial=0)), int(counts.max(initial=0))
+    if -total <= low and high < total:
+        return counts if low >= 0 else np.where(counts < 0, counts + total, counts)
+    return counts % total
+
+
+def _turns(position: Counts, per_turn: int) -> tuple[Counts, Counts]:
+    """(turns, counts within the turn) of positions (n,)."""
+    if per_turn & (per_turn - 1) == 0:
+        return position >> (per_turn.bit_length() - 1), position & (per_turn - 1)
+    return np.divmod(position, per_turn)
+
+
 def count_steps(position: Counts, range_counts: int) -> Counts:
     """Motion between samples the shortest way round: (n - 1,) counts in (-R/2, R/2].
 
     >>> count_steps(np.array([131070, 3]), 131072)
     array([5])
     """
-    step = np.diff(position) % range_counts
+    step = modulo(np.diff(position), range_counts)
     return np.where(step > range_counts // 2, step - range_counts, step)
 
 

@@ -27,6 +27,7 @@ from tests.analyzer.log_frames import (
     plain_errors,
     without_direction,
 )
+from tests.analyzer.mf4_files import mf4
 from tests.analyzer.text_files import (
     asc,
     busmaster,
@@ -38,6 +39,7 @@ from tests.analyzer.text_files import (
     ixxat_keeps,
     kvaser,
     kvaser_keeps,
+    memorator,
     screen,
     trc,
     trc_keeps,
@@ -54,6 +56,8 @@ class LogFile:
         corrupt: a damaged line of it, for text formats.
         step_ns: of its stamps.
         origin_ns: what its times count from, for those without dates.
+        cut_step: bytes from one cut of a file to the next, where each takes long.
+        ordered: whether frames of equal times keep their order.
     """
 
     name: str
@@ -62,6 +66,8 @@ class LogFile:
     buses: tuple[str, str] = ("can0", "can1")
     corrupt: bytes | None = None
     origin_ns: int = 0
+    cut_step: int = 1
+    ordered: bool = True
 
     def expected(self, frames: Sequence[Row] = FRAMES) -> list[Row]:
         """The frames as the reader must give them."""
@@ -76,6 +82,7 @@ LOG_FILES = (
     LogFile("asc", asc, plain_errors, NUMBERED, corrupt=b"   1.000000 1  zzz  Rx   d 2 01 02\n"),
     LogFile("trc", trc, trc_keeps, NUMBERED, corrupt=b"      3   1.000 DT 1   zz\n"),
     LogFile("kvaser", kvaser, kvaser_keeps, ("0", "1"), b" 0    0000018  garbled\n", T0_NS),
+    LogFile("kvaser", memorator, plain_errors, NUMBERED, b"    0.123  1  18  garbled\n"),
     LogFile(
         "busmaster", busmaster, busmaster_keeps, NUMBERED, b"22:13:20:0000 Rx 1 0x181 s 8 0\xff\n"
     ),
@@ -91,5 +98,6 @@ LOG_FILES = (
     LogFile("ros2", ros2, ros2_keeps, ("/can0/from_can_bus", "/can1/from_can_bus")),
     LogFile("ros2", ros2_fd, ros2_fd_keeps, ("/can0/from_can_bus", "/can1/from_can_bus")),
     LogFile("blf", python_can_blf, everything, NUMBERED),
+    LogFile("mf4", mf4, everything, NUMBERED, cut_step=64, ordered=False),
 )
 IDS = [log.encode.__name__ for log in LOG_FILES]

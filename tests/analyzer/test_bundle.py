@@ -34,14 +34,18 @@ from syncline_samples.scenarios import GUIDE, LIFT, PLATFORM
 from syncline_schemas.batch import FrameBatch
 from syncline_schemas.capture.layout import (
     LEARNED_METADATA_NAME,
+    MARK_TOPIC,
     BusInfo,
     CaptureMetadata,
     description_attachment,
     eds_attachment,
 )
 from syncline_schemas.capture.learned import learned_record
+from syncline_schemas.capture.mark import Mark, mark_message
+from syncline_schemas.capture.message import MessageBlock, schema_of
 from syncline_schemas.capture.writer import CaptureWriter
 from syncline_schemas.errors import CaptureError, UsageError
+from syncline_schemas.proto import syncline_pb2
 from tests.analyzer.comparison_runs import golden, machine, with_faults
 
 SECRET = b"Z7kQ"
@@ -79,6 +83,34 @@ def capture_of(
         writer.write_frames(frames)
         writer.finish()
     return path
+
+
+def marked(path: Path, *marks: Mark) -> Path:
+    """A small capture with marks."""
+    with path.open("wb") as stream:
+        metadata = CaptureMetadata("1", "abc", created_ns=START_NS)
+        writer = CaptureWriter(stream, metadata, [BusInfo("can0", 0), BusInfo("can1", 1)])
+        rows = [(START_NS + k * 10**9, k % 2, 0x181, 0, 1, b"\5") for k in range(10)]
+        writer.write_frames(FrameBatch.from_rows(rows))
+        channel = writer.add_channel(MARK_TOPIC, schema_of(syncline_pb2.Mark.DESCRIPTOR))
+        for mark in marks:
+            payload = mark_message(mark).SerializeToString()
+            t_ns, length = np.array([mark.t_ns], np.int64), np.array([len(payload)], np.int64)
+            block = MessageBlock(channel, t_ns, t_ns, length, np.frombuffer(payload, np.uint8))
+            writer.write_chunk(FrameBatch.empty(), messages=[block])
+        writer.finish()
+    return path
+
+
+def marks_of(path: Path) -> list[Mark]:
+    """The marks of a capture or bundle."""
+    reader = open_capture(path)
+    for _ in reader.batches():
+        pass
+    return reader.facts.marks
+
+
+START_NS = 1_700_000_000_000_000_000
 
 
 def members(path: Path) -> dict[str, bytes]:
@@ -469,3 +501,15 @@ def test_bundle_of_a_text_log(tmp_path: Path) -> None:
     assert b"2 lines could not be read" in members(cut)["README.txt"]
     assert traces_of(SECRET, cut) == []
     assert replace(ours.nodes[0]) == replace(theirs.nodes[0])
+
+
+def test_marks_go_with_the_part_that_they_lie_in(tmp_path: Path) -> None:
+    early = Mark(START_NS + 10**9, "early", 0, 5)
+    late = Mark(START_NS + 7 * 10**9, "late EMCY 8130h", 1)
+    nowhere = Mark(START_NS + 8 * 10**9, "button")
+    source = marked(tmp_path / "a.mcap", early, late, nowhere)
+    assert marks_of(bundled(tmp_path, source)) == [early, late, nowhere]
+    assert marks_of(bundled(tmp_path, source, start="5s", name="b.zip")) == [late, nowhere]
+    redacted = marks_of(bundled(tmp_path, source, redact=("181",), name="c.zip"))
+    assert [mark.t_ns for mark in redacted] == [early.t_ns, late.t_ns, nowhere.t_ns]
+    assert {mark.reason for mark in redacted} == {"(redacted)"}

@@ -63,7 +63,10 @@ def test_any_frames_come_out_as_they_were_written(
     expected = log.expected(frames)
     assume(expected)
     path = _written(tmp_path, log.encode(frames))
-    assert _tolerant(log, _named(path, log)) == expected
+    found = _tolerant(log, _named(path, log))
+    assert (found if log.ordered else sorted(found)) == (
+        expected if log.ordered else sorted(expected)
+    )
 
 
 @each_format
@@ -81,7 +84,7 @@ def test_a_file_cut_anywhere_in_its_last_kilobyte_gives_what_is_there(
 ) -> None:
     raw = log.encode(FRAMES)
     whole = rows(read(_written(tmp_path, raw))[0])
-    for size in range(max(0, len(raw) - 1024), len(raw)):
+    for size in range(max(0, len(raw) - 1024), len(raw), log.cut_step):
         path = _written(tmp_path, raw[:size])
         try:
             batch, facts, _ = read(path)

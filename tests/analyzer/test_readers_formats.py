@@ -125,6 +125,7 @@ TRC_10 = """;   Start time: 14.11.2023 22:13:20.000.0
      1)  1059 0300 2 00 04
      2)  1060 FFFFFFFF 4 00 00 00 04 BUSLIGHT
      3)  1070 00000300 2 RTR
+     4)  1080 0008 4 ERROR 00 19 08 08
 """
 TRC_13 = """;$FILEVERSION=1.3
 ;$STARTTIME=45244.92592592592592592593
@@ -170,6 +171,7 @@ TRC_21 = """;$FILEVERSION=2.1
             [
                 row(1_059_000, 0x300, b"\0\4"),
                 row(1_070_000, 0x300, flags=REMOTE | EXTENDED, dlc=2),
+                row(1_080_000, 0x88, bytes(8), flags=ERROR),
             ],
         ),
         (
@@ -203,9 +205,9 @@ TRC_21 = """;$FILEVERSION=2.1
                     0x18EFC034,
                     b"\x5a" * 12,
                     bus=1,
-                    flags=EXTENDED | FD | FrameFlag.BRS | FrameFlag.ESI,
+                    flags=EXTENDED | FD | FrameFlag.ESI,
                 ),
-                row(1_300_000, 0x34, b"\x5a", bus=1, flags=FD | FrameFlag.ESI),
+                row(1_300_000, 0x34, b"\x5a", bus=1, flags=FD | FrameFlag.BRS | FrameFlag.ESI),
             ],
         ),
     ],

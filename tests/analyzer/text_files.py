@@ -100,7 +100,7 @@ def trc(frames: Sequence[Row]) -> bytes:
         if REMOTE in flags:
             kind = "RR"
         elif FD in flags:
-            kind = "FE" if ESI in flags else "FB" if BRS in flags else "FD"
+            kind = ("FD", "FB", "FE", "BI")[(BRS in flags) + 2 * (ESI in flags)]
         offset = f"{ms // 1000}.{ms % 1000:03d}"
         way = "Tx" if TX in flags else "Rx"
         name = f"{frame[2]:08X}" if EXTENDED in flags else f"{frame[2]:04X}"
@@ -145,6 +145,46 @@ def kvaser(frames: Sequence[Row]) -> bytes:
 def kvaser_keeps(frame: Row) -> Row | None:
     """Neither CAN FD nor contents of error frames."""
     return None if frame[3] & FD else plain_errors(frame)
+
+
+def memorator(frames: Sequence[Row]) -> bytes:
+    """Kvaser's plain text of a Memorator log, hexadecimal, with room for 64 bytes."""
+    lines = [
+        "                              Kvaser Memorator Log",
+        "                              ====================",
+        "",
+        "Memorator Binary logfile created at: 2023-11-14 22:13:20",
+        "",
+        "Settings:",
+        "   Format of data field: HEX",
+        "   Format of id field:   HEX",
+        "   Timestamp Offset:     0.000000           s",
+        "   CAN channel:          1 2",
+        "",
+        "        Time Chan   Identifier Flags        DLC  Data                Counter",
+        "=" * 80,
+        "    0.000000  Trigger (type=0x1, active=0x00, pre-trigger=0, post-trigger=-1)",
+    ]
+    for number, frame in enumerate(frames, 1):
+        flags = flags_of(frame)
+        error, fd, remote = ERROR in flags, FD in flags, REMOTE in flags
+        name = "ErrorFrame" if error else f"{frame[2]:10X}"
+        marks = "".join(
+            mark if given else " "
+            for mark, given in zip(
+                "EFBPRW#",
+                (error, fd, BRS in flags, ESI in flags, remote, False, False),
+                strict=True,
+            )
+        )
+        code = FD_LENGTHS.index(frame[4]) if fd else frame[4]
+        data = "".join(f"{byte:02X} " for byte in frame[5])
+        text = "ERROR FRAME" if error else "RTR" if remote else data
+        lines.append(
+            f"{_seconds(frame[0] - T0_NS):>12}  {frame[1] + 1}  {name}{'x' if EXTENDED in flags else ' '}   "
+            f"{'Tx' if TX in flags else 'Rx'}   {marks}{'     ' if error else f'{code:3}  '}{text:<192} {number:12}"
+        )
+    return "\r\n".join([*lines, ""]).encode()
 
 
 def busmaster(frames: Sequence[Row]) -> bytes:

@@ -3,7 +3,7 @@
 import platform
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from syncline_analyzer.bundle.readme import readme
 from syncline_analyzer.bundle.settings import settings_at
 from syncline_analyzer.capture import CaptureFacts, CaptureReader
 from syncline_analyzer.merge import Merge
+from syncline_analyzer.offsets import shifted
 from syncline_analyzer.readers import open_capture
 from syncline_analyzer.redaction import Redaction
 from syncline_analyzer.results import Analysis
@@ -28,7 +29,7 @@ from syncline_schemas.devices import is_path, load_device
 from syncline_schemas.errors import CaptureError, DescriptionError, UsageError
 from syncline_schemas.wording import counted
 
-LIBRARIES = ("numpy", "mcap", "protobuf", "canopen", "python-can", "pandas", "plotly", "zstandard")
+LIBRARIES = ("numpy", "mcap", "protobuf", "canopen", "python-can", "pandas", "zstandard")
 """Whose versions the manifest states."""
 
 Progress = Callable[[int], None]
@@ -57,20 +58,23 @@ class Case:
     start: str | None = None
     end: str | None = None
     redact: Sequence[str] = ()
+    offsets: Mapping[str, str] = field(default_factory=dict)
 
-    def session(self, paths: Sequence[Path]) -> Session:
+    def session(self) -> Session:
         """The captures with all that the user says of them."""
         return open_session(
-            list(paths),
+            list(self.paths),
             description=self.description,
             devices=self.devices,
             bitrate=self.bitrate,
             data_bitrate=self.data_bitrate,
+            offsets=self.offsets,
         )
 
     def readers(self) -> list[CaptureReader]:
         """The captures, opened anew."""
-        return in_segment_order([open_capture(path) for path in self.paths])
+        readers = in_segment_order([open_capture(path) for path in self.paths])
+        return shifted(readers, self.offsets)
 
 
 def make_bundle(case: Case, output: Path, progress: Progress | None = None) -> BundleResult:
@@ -93,7 +97,7 @@ def make_bundle(case: Case, output: Path, progress: Progress | None = None) -> B
 
 
 def _made(case: Case, output: Path, folder: Path, progress: Progress | None) -> BundleResult:
-    original = case.session(case.paths)
+    original = case.session()
     redaction = Redaction.parse(case.redact)
     if redaction.nodes:
         redaction = redaction.resolved(_moved(original.analyze(progress)))

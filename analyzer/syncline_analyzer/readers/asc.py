@@ -5,7 +5,14 @@ from pathlib import Path
 
 from syncline_analyzer.capture import CaptureFacts
 from syncline_analyzer.readers.layout import FrameLayout, Span
-from syncline_analyzer.readers.lines import LineFormat, NoFrame, OddFrame, Parsed, bit_flags
+from syncline_analyzer.readers.lines import (
+    MAX_PARSED_LINE,
+    LineFormat,
+    NoFrame,
+    OddFrame,
+    Parsed,
+    bit_flags,
+)
 from syncline_analyzer.readers.times import SECOND_NS, date_ns, decimal_times
 from syncline_schemas.batch import FrameFlag
 
@@ -20,7 +27,9 @@ _CLASSIC = re.compile(
 )
 _FD = re.compile(
     _TIME + rb"CANFD\s+(?P<bus>\d+)\s+(?P<way>Rx|Tx)\s+(?P<id>" + _HEX + rb"+)(?P<x>x?)\s+"
-    rb"(?:(?P<name>[A-Za-z_]\w*)\s+)?(?P<brs>[01])\s+(?P<esi>[01])\s+(?P<dlc>" + _HEX + rb")\s+"
+    rb"(?:(?P<name>[A-Za-z_]\w*)\s+)?(?P<brs>[01])\s+(?P<esi>[01])\s+(?P<dlc>"
+    + _HEX
+    + rb"{1,2})\s+"
     rb"(?P<n>\d{1,2})(?P<rest>\s.*)?$",
     re.IGNORECASE,
 )
@@ -28,7 +37,9 @@ _ERROR = re.compile(
     _TIME + rb"(?:CANFD\s+)?(?P<bus>[A-Za-z]*\d+)\s+(?:(?:Rx|Tx)\s+)?ErrorFrame\b", re.IGNORECASE
 )
 _EVENT = re.compile(_TIME + rb"(?P<what>.*)$")
-_FRAME_LIKE = re.compile(rb"\s(?:Rx|Tx)\s+[dr](?:\s|$)", re.IGNORECASE)
+_FRAME_LIKE = re.compile(rb"\s(?:Rx|Tx)\s+[dr](?:\s|$)|\sCANFD\s+\d+\s+(?:Rx|Tx)\s", re.IGNORECASE)
+_ASSEMBLED = re.compile(rb"J1939\w*\s")
+"""What a tool put together of frames that stand there, too."""
 _HEADER = re.compile(
     rb"\s*(?://|$|(?:no\s+)?internal\s+events|begin\s+trigger|end\s+trigger|date\s|base\s"
     rb"|previous\s+log\s+file)",
@@ -39,7 +50,7 @@ _TRIGGER = re.compile(rb"\s*begin\s+triggerblock\s+(?P<text>.+)", re.IGNORECASE)
 _BASE = re.compile(
     rb"\s*base\s+(?P<base>hex|dec)(?:\s+timestamps\s+(?P<times>absolute|relative))?", re.IGNORECASE
 )
-_FIRST_TIME = re.compile(rb"^\s*(\d+)[.,](\d+)\s", re.MULTILINE)
+_FIRST_TIME = re.compile(rb"^[ \t]*(\d+)[.,](\d+)\s", re.MULTILINE)
 _TAIL_NUMBER = re.compile(rb"=\s*(\d+)")
 _SYMBOLIC_ID = re.compile(rb"\bID\s*=\s*(?P<id>\d+)(?P<x>x?)", re.IGNORECASE)
 _FD_EDL, _FD_REMOTE = 1 << 12, 1 << 4
@@ -58,9 +69,10 @@ class AscFormat(LineFormat):
 
     def prepare(self, head: bytes) -> None:
         """Whether the log has a date, and which."""
-        for line in head.splitlines():
+        for whole in head.split(b"\n"):
+            line = whole[:MAX_PARSED_LINE]
             found = _DATE.match(line) or _TRIGGER.match(line)
-            if found and date_ns(found["text"].decode("utf-8", "replace")) is not None:
+            if found and _date_ns(found) is not None:
                 self.facts.time_base = "utc"
                 self.facts.notes.append("the log's date names no time zone; it is taken as UTC")
                 return
@@ -68,7 +80,7 @@ class AscFormat(LineFormat):
 
     def control(self, part: bytes) -> bool:
         """Take in a header line or the start of a trigger block."""
-        line = part[: part.find(b"\n") + 1 or None]
+        line = part[:MAX_PARSED_LINE].split(b"\n", 1)[0]
         changed = self._header(line)
         if self._trigger_ns is not None:
             first = _FIRST_TIME.search(part)
@@ -81,10 +93,10 @@ class AscFormat(LineFormat):
             self._base = 10 if base["base"].lower() == b"dec" else 16
             self.differences = (base["times"] or b"").lower() == b"relative"
         elif date := _DATE.match(line):
-            self._date_ns = date_ns(date["text"].decode("utf-8", "replace"))
+            self._date_ns = _date_ns(date)
             self.origin_ns = self._date_ns or 0
         elif trigger := _TRIGGER.match(line):
-            self._trigger_ns = date_ns(trigger["text"].decode("utf-8", "replace"))
+            self._trigger_ns = _date_ns(trigger)
         else:
             return False
         return True
@@ -111,7 +123,7 @@ class AscFormat(LineFormat):
         if _HEADER.match(line):
             return NoFrame()
         found = _EVENT.match(line)
-        if found is None or _FRAME_LIKE.search(line):
+        if found is None or (_FRAME_LIKE.search(line) and not _ASSEMBLED.match(found["what"])):
             return None
         return NoFrame(_time(found))
 
@@ -151,7 +163,7 @@ class AscFormat(LineFormat):
         try:
             can_id = int(found["id"], self._base)
         except ValueError:
-            symbolic = _SYMBOLIC_ID.search(found["tail"] or b"")
+            symbolic = _SYMBOLIC_ID.search(found.groupdict().get("tail") or b"")
             if symbolic is None:
                 return None, False
             can_id, extended = int(symbolic["id"]), bool(symbolic["x"])
@@ -182,23 +194,19 @@ class AscFormat(LineFormat):
         )
 
     def _fd(self, found: re.Match[bytes]) -> Parsed:
-        count = int(found["n"])
-        rest = (
-            re.match(
-                rb"\s+(?P<data>" + _HEX + rb"{2}(?: " + _HEX + rb"{2}){%d})(?=\s|$)" % (count - 1),
-                found["rest"] or b"",
-            )
-            if count
-            else None
-        )
+        count, rest = int(found["n"]), found["rest"] or b""
+        byte = _HEX + rb"{2}" if self._base == 16 else rb" {0,2}\d{1,3}"
+        pattern = rb"\s+?(?P<data>" + byte + rb"(?: " + byte + rb"){%d})(?=\s|$)" % (count - 1)
+        data = re.match(pattern, rest) if count else None
         bus, (can_id, extended) = self.bus(found["bus"]), self._identifier(found)
-        if bus is None or can_id is None or count > 64 or (count and rest is None):
+        if bus is None or can_id is None or count > 64 or (count and data is None):
             return None
-        after = (found["rest"] or b"")[rest.end() if rest else 0 :].split()
+        after = rest[data.end() if data else 0 :].split()
         bits = _FD_EDL
         if len(after) >= 3 and re.fullmatch(_HEX + rb"{1,8}", after[2]):
             bits = int(after[2], 16)
-        fd = bool(bits & _FD_EDL)
+        # Some tools leave the flags empty; what is faster in its data phase is CAN FD all the same.
+        fd = bool(bits & _FD_EDL) or not bits or b"1" in (found["brs"], found["esi"])
         flags = bit_flags(
             extended=extended,
             tx=found["way"].lower() == b"tx",
@@ -207,10 +215,12 @@ class AscFormat(LineFormat):
             esi=fd and found["esi"] == b"1",
         )
         dlc = count
-        if not fd and bits & _FD_REMOTE:
-            flags, dlc = flags | FrameFlag.REMOTE, min(int(found["dlc"], 16), 8)
-        if self._base != 16 or (count > 8 and not fd):
+        if not fd and bits & _FD_REMOTE and not count:
+            flags, dlc = flags | FrameFlag.REMOTE, min(int(found["dlc"], self._base), 8)
+        if count > 8 and not fd:
             return None
+        if self._base == 10:
+            return self._decimal_fd(found, (bus, can_id, flags, dlc), data)
         times, digits = decimal_times(found.span("s"), found.span("f"), SECOND_NS)
         return FrameLayout(
             bus=bus,
@@ -219,11 +229,30 @@ class AscFormat(LineFormat):
             id_span=found.span("id"),
             id_limit=0x1FFFFFFF if extended else 0x7FF,
             times=times,
-            data_start=found.start("rest") + rest.start("data") if rest else 0,
+            data_start=found.start("rest") + data.start("data") if data else 0,
             data_step=3,
             data_count=count,
             digits=digits,
         )
+
+    def _decimal_fd(
+        self,
+        found: re.Match[bytes],
+        head: tuple[int, int, int, int],
+        data: re.Match[bytes] | None,
+    ) -> Parsed:
+        numbers = [int(number) for number in data["data"].split()] if data else []
+        if any(number > 255 for number in numbers):
+            return None
+        return OddFrame((_time(found), *head, bytes(numbers)))
+
+
+def _date_ns(found: re.Match[bytes]) -> int | None:
+    """A date, whose month's name may be in the encoding of an older Windows."""
+    try:
+        return date_ns(found["text"].decode("utf-8"))
+    except UnicodeDecodeError:
+        return date_ns(found["text"].decode("latin-1"))
 
 
 def _time(found: re.Match[bytes]) -> int:

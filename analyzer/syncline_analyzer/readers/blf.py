@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.capture import CaptureFacts
-from syncline_analyzer.readers.byte_columns import ByteColumns, Column
+from syncline_analyzer.readers.possible import possible
 from syncline_analyzer.readers.source import CaptureSource
 from syncline_analyzer.readers.times import utc_ns
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
+from syncline_schemas.byte_columns import ByteColumns, Column
 from syncline_schemas.errors import CaptureError
 from syncline_schemas.memory import keep_freed_memory
 
@@ -194,7 +195,7 @@ class BlfReader:
                 self._bus_of[channel] = 255 if full else self.facts.bus_number(str(channel))
         numbers = np.array([self._bus_of[int(channel)] for channel in channels], np.uint8)
         bus = numbers[np.searchsorted(channels, columns.channel)] if len(channels) else columns.dlc
-        return FrameBatch(
+        frames = FrameBatch(
             columns.t_ns,
             bus,
             columns.can_id,
@@ -202,6 +203,7 @@ class BlfReader:
             columns.dlc,
             columns.data * _KEPT[columns.data_count, : columns.data.shape[1]],
         )
+        return possible(frames, self.facts)
 
 
 _KEPT: Final = (np.arange(64) < np.arange(65)[:, None]).astype(np.uint8)

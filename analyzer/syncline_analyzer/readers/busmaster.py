@@ -8,7 +8,14 @@ from pathlib import Path
 
 from syncline_analyzer.capture import CaptureFacts
 from syncline_analyzer.readers.layout import FrameLayout, regular_bytes
-from syncline_analyzer.readers.lines import LineFormat, NoFrame, OddFrame, Parsed, bit_flags
+from syncline_analyzer.readers.lines import (
+    MAX_PARSED_LINE,
+    LineFormat,
+    NoFrame,
+    OddFrame,
+    Parsed,
+    bit_flags,
+)
 from syncline_analyzer.readers.times import MILLISECOND_NS, SECOND_NS, Times, utc_ns
 from syncline_schemas.batch import FrameFlag
 
@@ -59,7 +66,7 @@ class BusmasterFormat(LineFormat):
 
     def control(self, part: bytes) -> bool:
         """Take in a line of the header."""
-        line = part[: part.find(b"\n") + 1 or None].strip().strip(b"*").strip().upper()
+        line = part[:MAX_PARSED_LINE].split(b"\n", 1)[0].strip().strip(b"*").strip().upper()
         if line in (b"HEX", b"DEC"):
             self._base = 10 if line == b"DEC" else 16
         elif line.endswith(b" MODE"):

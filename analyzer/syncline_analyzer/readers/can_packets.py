@@ -10,8 +10,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from syncline_analyzer.readers.byte_columns import ByteColumns, ByteOrder, Column, Places
 from syncline_schemas.batch import FrameFlag
+from syncline_schemas.byte_columns import ByteColumns, ByteOrder, Column, Places
 
 CAN_SOCKETCAN: Final = 227
 LINUX_SLL: Final = 113

@@ -26,7 +26,7 @@ LOG_LINE = re.compile(
     rb"(?:\#(?P<fd>" + _HEX + rb")(?P<fd_data>(?:" + _HEX + rb"{2}){0,64})"
     rb"|R(?P<remote>[0-9A-Fa-f]?)(?:_" + _HEX + rb")?"
     rb"|(?P<data>(?:" + _HEX + rb"{2}){0,8})(?:_" + _HEX + rb")?)"
-    rb"(?:\s+(?P<way>[RT]))?\s*$"
+    rb"(?:\s+(?P<way>[RT]))?\s*(?:\s(?:[;#]|//).*)?$"
 )
 SCREEN_LINE = re.compile(
     rb"\s*(?:\((?:(?P<date>\d{4}-\d\d-\d\d)[ T](?P<hour>\d\d):(?P<minute>\d\d):(?P<second>\d\d)"
@@ -46,12 +46,14 @@ SCREEN_LINE = re.compile(
 )
 _DROPPED = re.compile(rb"DROPCOUNT: dropped (?P<n>\d+) CAN frames? on '(?P<bus>[^']*)' socket")
 _SCREEN_TIME = re.compile(
-    rb"^\s*\((\d+)\.(\d+)\)\s+\S+\s+(?:[RT]X\s\S+\s\S+\s+)?[0-9A-Fa-f]+\s+[\[{]", re.MULTILINE
+    rb"^[ \t]*\((\d+)\.(\d+)\)[ \t]+\S+[ \t]+(?:[RT]X\s\S+\s\S+\s+)?[0-9A-Fa-f]+\s+[\[{]",
+    re.MULTILINE,
 )
 _ANY_TIME = re.compile(
-    rb"^\s*\(?(?P<t>\d+\.\d+|\d{4}-\d\d-\d\d[ T]\d\d:\d\d:\d\d\.\d+)\)?\s+\S+\s", re.MULTILINE
+    rb"^[ \t]*\(?(?P<t>\d+\.\d+|\d{4}-\d\d-\d\d[ T]\d\d:\d\d:\d\d\.\d+)\)?[ \t]+\S+[ \t]",
+    re.MULTILINE,
 )
-_BARE_TIME = re.compile(rb"^\s*\d+\.\d+\s+\S+\s+[0-9A-Fa-f]+\s+\[", re.MULTILINE)
+_BARE_TIME = re.compile(rb"^[ \t]*\d+\.\d+[ \t]+\S+\s+[0-9A-Fa-f]+\s+\[", re.MULTILINE)
 _QUOTED = re.compile(rb"\s+'")
 _ESCAPES = re.compile(rb"\x1b\[[0-9;]*[A-Za-z]")
 _COMPARED_TIMES = 4000
@@ -67,6 +69,7 @@ class CandumpFormat(LineFormat):
 
     def prepare(self, head: bytes) -> None:
         """Find out from the first lines what their times are."""
+        head = _ESCAPES.sub(b"", head) if b"\x1b" in head else head
         first = _ANY_TIME.search(head)
         if first is None:
             self.facts.notes.append("the log has no times")
@@ -80,6 +83,7 @@ class CandumpFormat(LineFormat):
         if self.differences:
             self.facts.notes.append("times are differences (candump -td); their sum is used")
         if _BARE_TIME.search(head):
+            self.facts.remote_lost = True
             self.facts.notes.append(
                 "remote frames are not marked in this format; they appear as empty data frames"
             )

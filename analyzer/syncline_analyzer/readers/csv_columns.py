@@ -11,24 +11,25 @@ SEPARATORS: Final = (b",", b";", b"\t", b"|")
 _NAMES: Final = {
     "time": "time timestamp time_stamp timestamps epoch t ts time_offset abs_time system_time date_time datetime"
     " zeit zeitstempel uhrzeit temps horodatage tiempo marca_de_tiempo tempo orario tijd tijdstempel czas tid"
-    " zaman čas время 时间 时间标识 时间戳 時間 時刻",
+    " elapsed elapsed_time rel_time reltime abstime timestampepoch zaman čas время 时间 时间标识 时间戳 時間 時刻",
     "delta": "delta delta_time time_delta delta_t dt diff time_diff zeitdifferenz differenz écart",
     "date": "date datum fecha data_date дата 日期",
-    "id": "id arbitration_id arb_id can_id cob_id identifier arbitrationid canid cobid message_id msg_id frame_id"
+    "id": "id arbitration_id arb_id can_id cob_id identifier arbitrationid canid cobid message_id msg_id frame_id messageid msgid frameid"
     " kennung identifikator nachrichten_id botschaft_id identifiant identificador identificatore identyfikator"
     " идентификатор 帧id 帧id_靠右对齐 报文id ид",
-    "extended": "extended ext is_extended is_extended_id is_extended_frame ide xtd erweitert étendu extendido esteso",
-    "remote": "remote rtr is_remote_frame is_remote is_rtr",
-    "error": "error is_error_frame is_error er fehler erreur",
-    "fd": "fd is_fd edl fdf canfd can_fd",
+    "extended": "extended ext is_extended is_extended_id is_extended_frame ide xtd ext_id extended_id extid eff is_29bit erweitert étendu extendido esteso",
+    "remote": "remote rtr is_remote_frame is_remote is_rtr remote_frame rtr_frame",
+    "error": "error is_error_frame is_error error_frame errorframe er fehler erreur",
+    "fd": "fd is_fd edl fdf canfd can_fd is_canfd is_fd_frame",
+    "rx": "is_rx",
     "brs": "brs bitrate_switch",
     "esi": "esi error_state_indicator",
     "way": "dir direction rx_tx tx_rx rxtx richtung sens dirección direccion direzione direção richting kierunek"
-    " направление 方向 传输方向 tx",
-    "bus": "bus channel chan chn interface iface ch can network kanal kanaal canal canale kanał канал 通道 源通道",
+    " направление 方向 传输方向 tx is_tx",
+    "bus": "bus bus_id bus_channel buschannel bus_name can_channel can_bus port channel chan chn interface iface ch can network kanal kanaal canal canale kanał канал 通道 源通道",
     "kind": "type kind frame_type frame_format format typ frametype state art rahmentyp tipo 帧类型 帧格式",
     "flags": "flags flg",
-    "length": "len dlc length dl data_length datalength size länge laenge datenlänge longueur longitud lunghezza"
+    "length": "len dlc length dl data_length datalength data_len datalen nbytes byte_count size länge laenge datenlänge longueur longitud lunghezza"
     " comprimento lengte długość длина 长度 数据长度",
     "data": "data payload data_bytes databytes bytes daten nutzdaten données donnees datos dati dados gegevens dane"
     " данные 数据 raw_data message msg_data can_data",
@@ -63,7 +64,9 @@ _BASES: Final = {
     "dezimal": 10,
     "déc": 10,
 }
-_FILLERS: Final = frozenset(("abs", "rel", "absolute", "relative", "utc", "of", "day"))
+_FILLERS: Final = frozenset(
+    ("abs", "rel", "absolute", "relative", "utc", "of", "day", "epoch", "unix")
+)
 _BYTE_NAME: Final = re.compile(r"(?:d|b|db|data|byte|data_byte|databyte)_?[0-9]{1,2}")
 _ENCODINGS: Final = ("utf-8", "gb18030", "cp1252")
 _EPOCH = re.compile(rb"\d{9,10}[.,]\d+$")
@@ -72,6 +75,9 @@ _CHANNEL = re.compile(rb"[vs]?(?:l)?can\d+$", re.IGNORECASE)
 _PREFIXED = re.compile(rb"0[xX][0-9A-Fa-f]{1,8}$")
 _PAYLOAD = re.compile(rb"(?:[0-9A-Fa-f]{2}){0,64}$")
 _DATA = re.compile(rb"[0-9A-Fa-fxXhH\s:;,_\[\]{}()-]*|(?:rtr|remote).*", re.IGNORECASE)
+_HUMP = re.compile(r"(?<=[a-z])(?=[A-Z])")
+_MORE = re.compile(rb"(?:0[xX])?[0-9A-Fa-f]{0,3}[\s\])}]*$")
+_BYTE_CELL = re.compile(rb"[0-9A-Fa-f]{2}")
 _LOOKED_AT = 50
 _MAX_COLUMNS = 200
 
@@ -96,8 +102,16 @@ class CsvColumns:
     data_base: int | None = None
 
     def cells(self, line: bytes) -> list[Span]:
-        """Where each cell of a line stands, without quotes and spaces around."""
-        return cells_of(line, self.separator)
+        """Where each cell of a line stands, without quotes and spaces around.
+
+        Where the data are the last column, separators within them make no cells of their own.
+        """
+        cells = cells_of(line, self.separator)
+        last = len(self.roles) - 1
+        more = (line[slice(*span)] for span in cells[last + 1 :])
+        if len(cells) > last + 1 and self.roles[last] == "data" and all(map(_MORE.match, more)):
+            cells = [*cells[:last], (cells[last][0], cells[-1][1])]
+        return cells
 
 
 def cells_of(line: bytes, separator: bytes) -> list[Span]:
@@ -219,13 +233,22 @@ def _role(name: str) -> tuple[str, int | None, int | None]:
 def _normal(cell: bytes) -> str:
     for encoding in _ENCODINGS:
         try:
-            text = cell.decode(encoding).strip("\ufeff\"' ").lower()
+            text = cell.decode(encoding).strip("\ufeff\"' ")
         except UnicodeDecodeError:
             continue
-        name = re.sub(r"[^\w]+", "_", text).strip("_")
+        name = _joined(text)
+        if (
+            _role(name)[0] == "other"
+            and _role(camel := _joined(_HUMP.sub("_", text)))[0] != "other"
+        ):
+            return camel
         if name.isascii() or _role(name)[0] != "other":
             return name
     return ""
+
+
+def _joined(text: str) -> str:
+    return re.sub(r"[^\w]+", "_", text.lower()).strip("_")
 
 
 def _by_content(line: bytes) -> CsvColumns | None:
@@ -247,9 +270,11 @@ def _guessed(cells: list[bytes]) -> tuple[str, ...] | None:
     times += [i for i, cell in enumerate(cells) if _SECONDS.match(cell)]
     if times:
         roles[times[0]] = "time"
-    if not _guess_data(cells, roles) or "id" not in roles:
+    if not _guess_data(cells, roles) and not (times and _guess_bytes(cells, roles)):
         return None
-    return tuple(roles)
+    if "id" not in roles and times:
+        _guess_id(cells, roles)
+    return tuple(roles) if "id" in roles else None
 
 
 def _guess_data(cells: list[bytes], roles: list[str]) -> bool:
@@ -263,3 +288,23 @@ def _guess_data(cells: list[bytes], roles: list[str]) -> bool:
                     roles[i - 2] = "extended"
                 return True
     return False
+
+
+def _guess_bytes(cells: list[bytes], roles: list[str]) -> bool:
+    """Bytes in cells of their own behind their number."""
+    for i in range(len(cells) - 1):
+        behind = [cell for cell in cells[i + 1 :] if cell]
+        told = roles[i] == "other" and cells[i] == b"%d" % len(behind) and 0 < len(behind) <= 8
+        if told and all(map(_BYTE_CELL.fullmatch, behind)):
+            roles[i] = "length"
+            roles[i + 1 :] = ["byte"] * (len(cells) - i - 1)
+            return True
+    return False
+
+
+def _guess_id(cells: list[bytes], roles: list[str]) -> None:
+    """The identifier without a mark: the last number before the length, or the flag before that."""
+    ends = [roles.index(role) for role in ("extended", "length") if role in roles]
+    at = min(ends, default=0) - 1
+    if at >= 0 and roles[at] == "other" and is_number(cells[at]):
+        roles[at] = "id"

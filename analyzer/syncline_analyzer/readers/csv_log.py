@@ -11,22 +11,23 @@ from statistics import median
 from typing import Final, NamedTuple
 
 from syncline_analyzer.capture import CaptureFacts
+from syncline_analyzer.readers.csv_clock import Clock
 from syncline_analyzer.readers.csv_columns import CsvColumns, is_number
 from syncline_analyzer.readers.layout import FrameLayout, Span, regular_bytes
-from syncline_analyzer.readers.lines import LineFormat, NoFrame, OddFrame, Parsed, bit_flags
-from syncline_analyzer.readers.times import FIRST_UTC_NS, SECOND_NS, Times, decimal_times, utc_ns
+from syncline_analyzer.readers.lines import (
+    MAX_PARSED_LINE,
+    LineFormat,
+    NoFrame,
+    OddFrame,
+    Parsed,
+    bit_flags,
+)
+from syncline_analyzer.readers.times import FIRST_UTC_NS, SECOND_NS, Times, decimal_times
 from syncline_schemas.batch import FrameFlag
 
 _DAY_NS: Final = 24 * 3600 * SECOND_NS
 _NUMBER = re.compile(rb"(?P<s>\d{1,19})(?:[.,](?P<f>\d+))?")
-_CLOCK = re.compile(
-    rb"(?:(?:(?P<y>\d{4})[-/.](?P<m>\d{1,2})[-/.](?P<d>\d{1,2})"
-    rb"|(?P<d2>\d{1,2})\.(?P<m2>\d{1,2})\.(?P<y2>\d{4}))[ T_-]+)?"
-    rb"(?P<hour>\d{1,3}):(?P<minute>\d{2}):(?P<s>\d{2})(?:[.,:](?P<f>\d+))?Z?"
-)
-_DATE = re.compile(
-    rb"(?P<y>\d{4})[-/.](?P<m>\d{1,2})[-/.](?P<d>\d{1,2})|(?P<d2>\d{1,2})\.(?P<m2>\d{1,2})\.(?P<y2>\d{4})"
-)
+_LENGTH = re.compile(rb"(0[xX])?(\d{1,2})")
 _TOKEN = re.compile(rb"(?:0[xX])?([0-9A-Fa-f]{1,3})[hH]?")
 _NAME_OF_FLAG: Final = {
     "remote": re.compile(rb"remote|rtr|\xe8\xbf\x9c\xe7\xa8\x8b|\xd4\xb6\xb3\xcc", re.IGNORECASE),
@@ -37,8 +38,15 @@ _NAME_OF_FLAG: Final = {
 _SENT = re.compile(
     rb"t|tx|tx.*|sent|send|out|1|true|\xe5\x8f\x91\xe9\x80\x81|\xb7\xa2\xcb\xcd", re.IGNORECASE
 )
+_LIST: Final = re.compile(rb"\[\d{1,3}(?:, *\d{1,3})+\]")
+_SELF: Final = re.compile(rb"\btx|\bself\b", re.IGNORECASE)
 _KVASER_REMOTE, _KVASER_EXTENDED, _KVASER_ERROR, _KVASER_TX = 0x01, 0x04, 0x20, 0x40
 _ASKED = re.compile(rb"(?:rtr|remote)\b\D*(?P<n>\d)?", re.IGNORECASE)
+_SOCKETCAN_FLAGS: Final = (
+    (0x80000000, FrameFlag.EXTENDED),
+    (0x40000000, FrameFlag.REMOTE),
+    (0x20000000, FrameFlag.ERROR),
+)
 _SAMPLE = 500
 _ASSUMED_FAST = 200
 """A median step above so many units of an unknown kind is no number of milliseconds."""
@@ -67,17 +75,21 @@ class CsvFormat(LineFormat):
         self._id_base = columns.id_base or 16
         self._data_base = columns.data_base or 16
         self._kvaser_flags = False
+        self._clock = Clock()
 
     def prepare(self, head: bytes) -> None:
         """Find out from the first lines what the times and numbers are."""
         lines = [line for line in head.splitlines() if line.strip()][: _SAMPLE + 20]
-        rows = [row for line in lines if (row := self._row(line)) is not None][:_SAMPLE]
+        found = (self._row(line[:MAX_PARSED_LINE]) for line in lines)
+        rows = [row for row in found if row is not None][:_SAMPLE]
         if "remote" not in self._at and "kind" not in self._at and "flags" not in self._at:
+            self.facts.remote_lost = True
             self.facts.notes.append(
                 "remote frames are not marked in this format; they appear as empty data frames"
             )
         self._guess_numbers(rows)
-        self._guess_times([row[self._time_role] for row in rows] if self._time_role else [])
+        times = [row[self._time_role] for row in rows] if self._time_role else []
+        self._guess_times(times, [row.get("date", b"") for row in rows])
 
     @property
     def _time_role(self) -> str | None:
@@ -97,17 +109,21 @@ class CsvFormat(LineFormat):
         return row
 
     def _guess_numbers(self, rows: Sequence[dict[str, bytes]]) -> None:
-        if self._columns.id_base is None and _ids_are_decimal([row["id"] for row in rows]):
+        ids = [row["id"] for row in rows]
+        texts = [row.get("data", b"") + b" " + row["bytes"] for row in rows]
+        if self._columns.id_base is None and (
+            _ids_are_decimal(ids) or (_may_be_decimal(ids) and _data_are_decimal(texts, sure=False))
+        ):
             self._id_base = 10
             self.facts.notes.append("identifiers are taken as decimal numbers")
-        texts = [row.get("data", b"") + b" " + row["bytes"] for row in rows]
-        if self._columns.data_base is None and _data_are_decimal(texts):
+        sure = self._id_base == 10 and not any(cell[:2] in (b"0x", b"0X") for cell in ids)
+        if self._columns.data_base is None and _data_are_decimal(texts, sure=sure):
             self._data_base = 10
             self.facts.notes.append("data bytes are taken as decimal numbers")
         flags = [row.get("flags", b"") for row in rows]
         self._kvaser_flags = any(flags) and all(re.fullmatch(rb"\d{0,6}", each) for each in flags)
 
-    def _guess_times(self, cells: Sequence[bytes]) -> None:
+    def _guess_times(self, cells: Sequence[bytes], dates: Sequence[bytes]) -> None:
         """What the times are: of the clock, from the start, or from line to line, and in which unit."""
         filled = [cell for cell in cells if cell]
         if not filled:
@@ -115,12 +131,13 @@ class CsvFormat(LineFormat):
             return
         self.facts.time_base = "relative"
         self.differences = self._time_role == "delta"
-        clock = _CLOCK.fullmatch(filled[0])
+        clock = Clock.of(filled, dates)
         if clock is not None:
-            dated = clock["y"] or clock["y2"] or "date" in self._at
-            self.wraps_ns = 0 if dated or self.differences else _DAY_NS
-            if dated:
+            self._clock = clock
+            self.wraps_ns = 0 if clock.dated or self.differences else _DAY_NS
+            if clock.dated:
                 self.facts.time_base = "utc"
+            if clock.dated and not clock.zoned:
                 self.facts.notes.append("the log's dates name no time zone; they are taken as UTC")
             return
         self._guess_unit(filled)
@@ -178,7 +195,9 @@ class CsvFormat(LineFormat):
         identified = self._identifier(row["id"], flags, self._stated(row))
         if identified is None:
             return None
+        told = flags | (FrameFlag.EXTENDED if row["id"][-1:] in (b"x", b"X") else 0)
         can_id, flags, regular_id = identified
+        sized = bool(flags & ~told & FrameFlag.EXTENDED)
         data, start, step = self._data(line, cells, row, flags)
         if data is None or len(data) > 64:
             return None
@@ -200,7 +219,7 @@ class CsvFormat(LineFormat):
             id_span=(at[0] + prefix, at[1] - suffix),
             id_base=16 if prefix else self._id_base,
             # Where only the size of a number makes it extended, that of its neighbours counts too.
-            id_least=0 if "extended" in self._at or not flags & FrameFlag.EXTENDED else 0x800,
+            id_least=0x800 if sized else 0,
             id_limit=0x1FFFFFFF if flags & (FrameFlag.EXTENDED | FrameFlag.ERROR) else 0x7FF,
             times=time.times,
             t_base_ns=time.base_ns,
@@ -211,8 +230,8 @@ class CsvFormat(LineFormat):
         )
 
     def _stated(self, row: dict[str, bytes]) -> int | None:
-        text = row.get("length", b"")
-        return int(text) if text.isdigit() and len(text) <= 2 else None
+        found = _LENGTH.fullmatch(row.get("length", b""))
+        return int(found[2], 16 if found[1] else 10) if found else None
 
     def _identifier(
         self, cell: bytes, flags: int, stated: int | None
@@ -225,6 +244,12 @@ class CsvFormat(LineFormat):
             can_id = int(digits, 16 if prefixed else self._id_base)
         except ValueError:
             return None
+        regular = len(digits) <= 8
+        if 0x1FFFFFFF < can_id <= 0xFFFFFFFF:
+            # Flags of SocketCAN in the upper bits.
+            for bit, flag in _SOCKETCAN_FLAGS:
+                flags |= flag if can_id & bit else 0
+            can_id, regular = can_id & 0x1FFFFFFF, False
         if marked or ("extended" not in self._at and can_id > 0x7FF):
             flags |= FrameFlag.EXTENDED
         if flags & FrameFlag.ERROR:
@@ -232,7 +257,7 @@ class CsvFormat(LineFormat):
         wide = flags & (FrameFlag.EXTENDED | FrameFlag.ERROR)
         if can_id > (0x1FFFFFFF if wide else 0x7FF):
             return None
-        return can_id, flags, len(digits) <= 8
+        return can_id, flags, regular
 
     def _flags(self, row: dict[str, bytes]) -> int:
         given = {role: _is_true(row.get(role)) for role in ("extended", "remote", "error", "fd")}
@@ -241,7 +266,11 @@ class CsvFormat(LineFormat):
             kind += b" " + row.get("flags", b"")
         for role, pattern in _NAME_OF_FLAG.items():
             given[role] = given[role] or pattern.search(kind) is not None
-        tx = _SENT.fullmatch(row.get("way", b"")) is not None
+        tx = (
+            _SENT.fullmatch(row.get("way", b"")) is not None
+            or _is_false(row.get("rx"))
+            or _SELF.search(kind) is not None
+        )
         if self._kvaser_flags and row.get("flags"):
             bits = int(row["flags"])
             given["remote"] |= bool(bits & _KVASER_REMOTE)
@@ -297,13 +326,10 @@ class CsvFormat(LineFormat):
         if found := _NUMBER.fullmatch(line, start, end):
             times, digits = decimal_times(found.span("s"), found.span("f"), self._unit_ns)
             return _Time(times, digits)
-        if found := _CLOCK.fullmatch(line, start, end):
-            base_ns = self._date_ns(found, line, cells)
-            if base_ns is None:
-                return _Time(known=False)
-            times, digits = decimal_times(found.span("s"), found.span("f"), SECOND_NS)
-            hour = ((found.span("hour"), 3600 * SECOND_NS), (found.span("minute"), 60 * SECOND_NS))
-            return _Time(hour + times, digits, base_ns)
+        date = self._at.get("date", len(cells))
+        clock = self._clock.read(line, (start, end), cells[date] if date < len(cells) else None)
+        if clock is not None:
+            return _Time(clock.times, clock.digits, clock.base_ns)
         if not cell:
             return _Time()
         try:
@@ -312,16 +338,6 @@ class CsvFormat(LineFormat):
         except (InvalidOperation, ValueError):
             t_ns = -1
         return _Time(value_ns=t_ns) if t_ns >= 0 else _Time(known=False)
-
-    def _date_ns(self, found: re.Match[bytes], line: bytes, cells: Sequence[Span]) -> int | None:
-        date: re.Match[bytes] | None = found
-        if not found["y"] and not found["y2"]:
-            at = self._at.get("date", len(cells))
-            date = _DATE.fullmatch(line, *cells[at]) if at < len(cells) else None
-        if date is None:
-            return 0
-        year, month, day = (int(date[name] or date[f"{name}2"]) for name in "ymd")
-        return utc_ns(year, month, day)
 
     def _idle_digits(self, line: bytes, cells: Sequence[Span]) -> tuple[Span, ...]:
         """Digits in columns that mean nothing, such as counters."""
@@ -348,6 +364,8 @@ def _lengths(flags: int, there: int, stated: int | None, *, padded: bool) -> tup
     """Flags, length, and number of data bytes kept; columns of bytes may be `padded` behind them."""
     if flags & FrameFlag.REMOTE:
         return flags, min(stated or 0, 8), 0
+    if flags & FrameFlag.ERROR:
+        return flags, min(there, 8) or 8, min(there, 8)
     count = there
     if stated is not None and there != stated:
         code = stated > 8 and there > 8
@@ -391,22 +409,41 @@ def _ids_are_decimal(cells: Sequence[bytes]) -> bool:
 
     Without such a proof they are hexadecimal, as nearly all tools write them.
     """
-    if not cells or not all(cell.isdigit() for cell in cells):
+    if not _may_be_decimal(cells):
         return False
     as_hex, as_decimal = [int(cell, 16) for cell in cells], [int(cell) for cell in cells]
-    if max(as_decimal) > 0x1FFFFFFF or any(cell[:1] == b"0" and len(cell) > 1 for cell in cells):
-        return False
     short = all(len(cell) <= 4 for cell in cells)
     return max(as_hex) > 0x1FFFFFFF or (short and max(as_hex) > 0x7FF >= max(as_decimal))
 
 
-def _data_are_decimal(texts: Sequence[bytes]) -> bool:
-    """Whether data bytes are decimal: no letter in any, and not all of two digits."""
-    tokens = [token for text in texts for token in re.split(rb"[\s,;]+", text) if token]
+def _may_be_decimal(cells: Sequence[bytes]) -> bool:
+    """Whether nothing speaks against decimal identifiers: letters, leading zeros, too large ones."""
+    if not cells or not all(cell.isdigit() for cell in cells):
+        return False
+    padded = any(cell[:1] == b"0" and len(cell) > 1 for cell in cells)
+    return not padded and max(map(int, cells)) <= 0x1FFFFFFF
+
+
+def _data_are_decimal(texts: Sequence[bytes], *, sure: bool) -> bool:
+    """Whether data bytes are decimal: no letter in any, and not all of two digits.
+
+    sure: the identifiers are decimal, so fewer bytes prove it; so does it when they stand in a list
+    of numbers, `[17, 34]`.
+    """
+    tokens = [token for text in texts for token in re.split(rb"[\s,;\[\](){}]+", text) if token]
     if not tokens or not all(token.isdigit() and len(token) <= 3 for token in tokens):
         return False
     lengths = {len(token) for token in tokens}
-    return lengths != {2} and max(map(int, tokens)) <= 255 and (3 in lengths or len(tokens) >= 16)
+    listed = any(_LIST.fullmatch(text.strip()) for text in texts)
+    padded = any(token[:1] == b"0" and len(token) == 2 for token in tokens)
+    if listed and not padded:
+        return max(map(int, tokens)) <= 255
+    enough = 3 in lengths or len(tokens) >= 16 or (sure and not padded)
+    return lengths != {2} and max(map(int, tokens)) <= 255 and enough
+
+
+def _is_false(value: bytes | None) -> bool:
+    return (value or b"").strip().lower() in (b"0", b"false", b"no", b"nein", b"non", b"n")
 
 
 def _is_true(value: bytes | None) -> bool:
@@ -418,5 +455,14 @@ def _is_true(value: bytes | None) -> bool:
         b"x",
         b"ja",
         b"oui",
+        b"si",
+        b"s\xc3\xad",
+        b"wahr",
+        b"vrai",
         b"y",
+        b"ext",
+        b"extended",
+        b"xtd",
+        b"rtr",
+        b"remote",
     )

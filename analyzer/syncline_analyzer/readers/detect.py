@@ -1,6 +1,5 @@
 """Which format a file has, found from its content, and the reader for it."""
 
-import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -87,9 +86,10 @@ def _indexed(path: Path, opened: Callable[[Path], CaptureReader]) -> CaptureRead
 
 def _mcap_reader(path: Path, start_ns: int | None, end_ns: int | None) -> CaptureReader:
     from syncline_analyzer.readers.mcap import McapReader
-    from syncline_analyzer.readers.ros2 import Ros2Reader, ros2_schemas
+    from syncline_analyzer.readers.ros2 import Ros2Reader
+    from syncline_schemas.capture.ros2_bag import bag_schemas
 
-    if ros2_schemas(path):
+    if bag_schemas(path):
         return Ros2Reader(path, start_ns, end_ns)
     return McapReader(path, start_ns, end_ns)
 
@@ -178,18 +178,25 @@ def _text_reader(path: Path, head: bytes, block_bytes: int) -> CaptureReader:
     from syncline_analyzer.readers.candump import CandumpFormat, is_candump
     from syncline_analyzer.readers.csv_columns import csv_columns
     from syncline_analyzer.readers.csv_log import CsvFormat
-    from syncline_analyzer.readers.ixxat import IxxatFormat, is_ixxat
+    from syncline_analyzer.readers.ixxat import IxxatFormat, is_ixxat, is_plain
+    from syncline_analyzer.readers.ixxat_table import IxxatTableFormat
     from syncline_analyzer.readers.kvaser import KvaserFormat, is_kvaser
-    from syncline_analyzer.readers.lines import LineFormat, TextReader
+    from syncline_analyzer.readers.lines import MAX_PARSED_LINE, LineFormat, TextReader
+    from syncline_analyzer.readers.memorator import MemoratorFormat, is_memorator
     from syncline_analyzer.readers.trc import TrcFormat, is_trc
 
-    lines = [line.rstrip(b"\r") for line in re.split(rb"\n", head, maxsplit=_LINES_LOOKED_AT)]
-    lines = lines[:_LINES_LOOKED_AT]
+    lines = [
+        line[:MAX_PARSED_LINE].rstrip(b"\r")
+        for line in head.split(b"\n", _LINES_LOOKED_AT)[:_LINES_LOOKED_AT]
+    ]
     form: LineFormat
     if is_ixxat(lines):
-        form = IxxatFormat(path)
+        table = None if is_plain(lines) else csv_columns(lines)
+        form = IxxatFormat(path) if table is None else IxxatTableFormat(path, table)
     elif is_busmaster(lines):
         form = BusmasterFormat(path)
+    elif is_memorator(lines):
+        form = MemoratorFormat(path)
     elif is_kvaser(lines):
         form = KvaserFormat(path)
     elif is_trc(lines):

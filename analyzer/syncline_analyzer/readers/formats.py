@@ -63,16 +63,16 @@ READ_FORMATS: Final = (
     ReadFormat(
         "ixxat",
         (".trc", ".txt", ".csv"),
-        "IXXAT MiniMon and canAnalyser ASCII traces",
-        (_NAMES, "direction", _NO_ZONE),
+        "IXXAT MiniMon and canAnalyser ASCII traces, whatever their columns",
+        (_NAMES, "direction, but of what it sent itself", _NO_ZONE),
         ("overruns and a contradictory stop time are notes",),
     ),
     ReadFormat(
         "kvaser",
         (".txt", ".log"),
-        "Kvaser CanKing and Memorator text, hexadecimal or decimal",
-        (_ERROR_CONTENTS, _NAMES, "a date, in most of them"),
-        ("numbers taken for decimal are a note",),
+        "Kvaser CanKing text and the plain text of Memorator logs, hexadecimal or decimal, CAN FD",
+        (_ERROR_CONTENTS, _NAMES, "a date, in CanKing's; in a Memorator's finer than a second"),
+        ("numbers taken for decimal are a note", "frames that a Memorator lost are a note"),
     ),
     ReadFormat(
         "busmaster",
@@ -88,7 +88,7 @@ READ_FORMATS: Final = (
         ("whatever has no column: remote frames, direction, extended identifiers, buses",),
         (
             "every guess is a note: decimal numbers, the unit of times, times that are differences",
-            "without a column for them remote frames are empty data frames, with a note",
+            "without a column for them remote frames are empty data frames, with a note and `remote_lost`",
         ),
     ),
     ReadFormat(
@@ -108,7 +108,7 @@ READ_FORMATS: Final = (
     ReadFormat(
         "mf4",
         (".mf4",),
-        "ASAM MDF 4 bus logs; needs `pip install asammdf`",
+        "ASAM MDF 4 bus logs; needs `pip install 'syncline[mf4]'`",
         ("times finer than its floating-point numbers", _NAMES),
     ),
 )

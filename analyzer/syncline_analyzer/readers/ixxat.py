@@ -21,8 +21,11 @@ _LINE = re.compile(
     + _HEX
     + rb'{2})*))?\s*"\s*$'
 )
-_DAY_NS = 86_400 * SECOND_NS
+DAY_NS = 86_400 * SECOND_NS
 _TITLE = re.compile(rb"ASCII Trace IXXAT")
+_PLAIN = re.compile(
+    rb'"Time"[;,]"Identifier \(hex\)"[;,]"Format"[;,]"Flags"[;,]"Data \(hex\)"', re.IGNORECASE
+)
 _FIELD = re.compile(rb"^(?P<key>[A-Z][\w ]*):[ \t]*(?P<value>[^\r\n]*)", re.MULTILINE)
 
 
@@ -34,47 +37,22 @@ class IxxatFormat(LineFormat):
 
     def prepare(self, head: bytes) -> None:
         """Date, bit rate and lost frames from the header."""
-        title = head[: head.find(b'"')]
-        fields = {
-            found["key"].decode(): found["value"].decode("latin-1").strip()
-            for found in _FIELD.finditer(title)
-        }
-        start_ns = date_ns(f"{fields.get('Date', '')} {fields.get('Start time', '')}")
-        if start_ns is None:
-            self.facts.notes.append("the trace has no date that can be read")
-        else:
+        start_ns = take_header(self.facts, head)
+        if start_ns is not None:
             self.facts.time_base, self.origin_ns = "utc", start_ns
-            self.facts.notes.append("the trace's date names no time zone; it is taken as UTC")
-        self.facts.metadata.update(fields)
-        bitrate = re.match(r"(\d+)\s*([kM]?)bit", fields.get("Baudrate", ""))
-        if bitrate:
-            bus = self.facts.buses[self.bus(b"1") or 0]
-            self.facts.bitrates[bus] = int(bitrate[1]) * {"": 1, "k": 1000, "M": 10**6}[bitrate[2]]
-        if fields.get("Overruns", "0") not in ("", "0"):
-            self.facts.notes.append(f"the recorder lost frames: {fields['Overruns']} overruns")
+        if rate := bit_rate(self.facts):
+            self.facts.bitrates[self.facts.buses[self.bus(b"1") or 0]] = rate
 
     def finish(self, last_ns: int | None) -> None:
         """Say it when the frames run past the time at which the trace was stopped."""
-        fields = self.facts.metadata
-        stop_ns = date_ns(f"{fields.get('Date', '')} {fields.get('Stop time', '')}")
-        if stop_ns is None or last_ns is None or self.facts.time_base != "utc":
-            return
-        if stop_ns < self.origin_ns:
-            stop_ns += _DAY_NS
-        past_ns = last_ns - stop_ns
-        if 0 < past_ns < _DAY_NS and last_ns - self.origin_ns < _DAY_NS:
-            self.facts.notes.append(
-                f"the last frame is {past_ns / SECOND_NS:.0f} s later than the stop time in the"
-                " header: the times do not count from the start time there, so dates may be off"
-            )
+        check_stop(self.facts, self.origin_ns, last_ns)
 
     def parse(self, line: bytes) -> Parsed:
         """One line: a frame, or the header."""
         found = _LINE.match(line)
         if found is None:
-            header = _TITLE.match(line) or _FIELD.match(line) or line.startswith(b'"Time"')
-            return NoFrame() if header else None
-        flags = bit_flags(extended=found["form"] == b"Ext")
+            return NoFrame() if is_header(line) or line.startswith(b'"Time"') else None
+        flags = bit_flags(extended=found["form"] == b"Ext", tx=b"self" in found["flags"].lower())
         start, end = found.span("data")
         count = (end - start + 1) // 3 if start >= 0 else 0
         if found["rn"] is not None or b"rtr" in found["flags"].lower():
@@ -100,6 +78,58 @@ class IxxatFormat(LineFormat):
             data_count=count,
             digits=digits,
         )
+
+
+def take_header(facts: CaptureFacts, head: bytes) -> int | None:
+    """Take what the lines before the columns tell into the facts; when the trace starts [ns]."""
+    title = head[: head.find(b'"')]
+    fields = {
+        found["key"].decode(): found["value"].decode("latin-1").strip()
+        for found in _FIELD.finditer(title)
+    }
+    facts.metadata.update(fields)
+    if fields.get("Overruns", "0") not in ("", "0"):
+        facts.notes.append(f"the recorder lost frames: {fields['Overruns']} overruns")
+    start_ns = date_ns(f"{fields.get('Date', '')} {fields.get('Start time', '')}")
+    dated = start_ns is not None
+    facts.notes.append(
+        "the trace's date names no time zone; it is taken as UTC"
+        if dated
+        else "the trace has no date that can be read"
+    )
+    return start_ns
+
+
+def bit_rate(facts: CaptureFacts) -> int | None:
+    """Bit rate [bit/s] that the header told."""
+    found = re.match(r"(\d{1,7})\s*([kM]?)bit", facts.metadata.get("Baudrate", ""))
+    return int(found[1]) * {"": 1, "k": 1000, "M": 10**6}[found[2]] if found else None
+
+
+def check_stop(facts: CaptureFacts, start_ns: int, last_ns: int | None) -> None:
+    """Note it when the frames run past the time at which the trace was stopped."""
+    fields = facts.metadata
+    stop_ns = date_ns(f"{fields.get('Date', '')} {fields.get('Stop time', '')}")
+    if stop_ns is None or last_ns is None or facts.time_base != "utc":
+        return
+    if stop_ns < start_ns:
+        stop_ns += DAY_NS
+    past_ns = last_ns - stop_ns
+    if 0 < past_ns < DAY_NS and last_ns - start_ns < DAY_NS:
+        facts.notes.append(
+            f"the last frame is {past_ns / SECOND_NS:.0f} s later than the stop time in the"
+            " header: the times do not count from the start time there, so dates may be off"
+        )
+
+
+def is_header(line: bytes) -> bool:
+    """Whether a line is one of those before the columns."""
+    return _TITLE.match(line) is not None or _FIELD.match(line) is not None
+
+
+def is_plain(lines: list[bytes]) -> bool:
+    """Whether the trace has MiniMon's five columns, numbers in hexadecimal."""
+    return any(_PLAIN.fullmatch(line.strip()) for line in lines)
 
 
 def is_ixxat(lines: list[bytes]) -> bool:

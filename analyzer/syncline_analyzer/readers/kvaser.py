@@ -10,7 +10,14 @@ from pathlib import Path
 
 from syncline_analyzer.capture import CaptureFacts
 from syncline_analyzer.readers.layout import FrameLayout, regular_bytes
-from syncline_analyzer.readers.lines import LineFormat, NoFrame, OddFrame, Parsed, bit_flags
+from syncline_analyzer.readers.lines import (
+    MAX_PARSED_LINE,
+    LineFormat,
+    NoFrame,
+    OddFrame,
+    Parsed,
+    bit_flags,
+)
 from syncline_analyzer.readers.times import SECOND_NS, date_ns, decimal_times
 from syncline_schemas.batch import FrameFlag
 
@@ -41,7 +48,8 @@ class KvaserFormat(LineFormat):
 
     def prepare(self, head: bytes) -> None:
         """Whether numbers are decimal, and the date of the log, where it has one."""
-        found = [m for m in islice(map(_LINE.match, head.splitlines()), _LOOKED_AT) if m]
+        lines = (line[:MAX_PARSED_LINE] for line in islice(head.splitlines(), _LOOKED_AT))
+        found = [match for line in lines if (match := _LINE.match(line))]
         self._base = 10 if _is_decimal(found) else 16
         if self._base == 10:
             self.facts.notes.append("identifiers and data are taken as decimal numbers")

@@ -219,7 +219,7 @@ class TextReader:
     ) -> list[tuple[int, LostFrames]]:
         lost: list[tuple[int, LostFrames]] = []
         poor = 0
-        for line in left.tolist():
+        for line in left[lengths[left] > 0].tolist():
             if batch.read[line]:
                 continue
             text = _line_text(part, batch, line, int(lengths[line]))

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import get_args
 
 from syncline_analyzer.capture import CaptureFacts, TimeBase
+from syncline_analyzer.readers.possible import possible
 from syncline_schemas.batch import FrameBatch, Gap
 from syncline_schemas.can_errors import SOCKETCAN_INTERFACES
 from syncline_schemas.capture.clock_history import ClockHistory, ClockRepair
@@ -84,7 +85,10 @@ class McapReader:
         """Batches in file order, with a Gap between them where the recorder was blind."""
         for item in self._scan.batches():
             self._take_buses()
-            yield item
+            if not isinstance(item, Gap):
+                yield possible(item, self.facts)
+            elif item.start_ns <= item.end_ns:
+                yield item
         self._take_facts()
         self._check_schemas()
 

@@ -4,21 +4,27 @@ Source: ASAM MDF 4.1 "Bus logging"; channel groups named CAN_DataFrame, CAN_Remo
 CAN_ErrorFrame.
 """
 
+import gc
+import sys
+import weakref
 from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, BinaryIO, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.capture import CaptureFacts
+from syncline_analyzer.readers.mf4_chains import has_endless_chain
+from syncline_analyzer.readers.possible import possible
 from syncline_analyzer.readers.resolution import Resolution
 from syncline_analyzer.readers.times import FIRST_UTC_NS, SECOND_NS
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
 from syncline_schemas.errors import CaptureError
 
 MF4_MAGIC: Final = (b"MDF     ", b"UnFinMF ")
-PIP_LINE: Final = "pip install asammdf"
+PIP_LINE: Final = "pip install 'syncline[mf4]'"
 _RECORDS_AT_ONCE: Final = 1 << 17
 _KINDS: Final = {
     "CAN_DataFrame": 0,
@@ -26,6 +32,48 @@ _KINDS: Final = {
     "CAN_ErrorFrame": FrameFlag.ERROR,
 }
 _MAX_BUSES: Final = 256
+_LOCAL_TIME: Final = 1
+"""Flag of the header block: its time is that of a clock on the wall."""
+_LAST_NS: Final = 1 << 62
+_MOST_S: Final = 2e9
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep to itself what goes wrong when asammdf cleans up behind a file that it could not open."""
+    hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
+    try:
+        yield
+    finally:
+        sys.unraisablehook = hook
+
+
+def _opened(path: Path, file: BinaryIO, library: Any) -> Any:
+    """The file as asammdf opens it. Raises: CaptureError."""
+    if file.read(12)[8:9] != b"4":
+        raise CaptureError(f"{path}: is no ASAM MDF file of version 4, which alone can hold frames")
+    file.seek(0)
+    if has_endless_chain(file):
+        raise CaptureError(
+            f"{path}: a damaged ASAM MDF file: its blocks follow each other in a ring"
+        )
+    found: Any = None
+    problem = ""
+    with _quiet():
+        try:
+            found = library(file)
+        except Exception as error:  # noqa: BLE001  whatever a damaged file makes of asammdf
+            problem = str(error) or type(error).__name__
+        gc.collect()
+    if found is None:
+        raise CaptureError(f"{path}: cannot be read as ASAM MDF: {problem}")
+    return found
+
+
+def _closed(mdf: Any, file: BinaryIO) -> None:
+    with suppress(Exception):  # whatever a damaged file makes of asammdf
+        mdf.close()
+    file.close()
 
 
 class Mf4Reader:
@@ -41,18 +89,25 @@ class Mf4Reader:
             from asammdf import MDF
         except ImportError as error:
             raise CaptureError(
-                f"{path}: is an ASAM MDF file; to read it, install asammdf: {PIP_LINE}"
+                f"{path}: is an ASAM MDF file; to read it, install the extra 'mf4': {PIP_LINE}"
             ) from error
+        # What asammdf opens itself stays open where it fails.
+        file = path.open("rb")
         try:
-            self._mdf: Any = MDF(path)
-        except Exception as error:  # whatever a damaged file makes of asammdf
-            raise CaptureError(f"{path}: cannot be read as ASAM MDF: {error}") from error
+            self._mdf: Any = _opened(path, file, MDF)
+        except CaptureError:
+            file.close()
+            raise
+        self._close = weakref.finalize(self, _closed, self._mdf, file)
         self._groups = list(self._can_groups())
         if not self._groups:
             raise CaptureError(f"{path}: an ASAM MDF file without recorded CAN frames")
-        start_ns = round(self._mdf.header.start_time.timestamp() * 1_000_000) * 1000
-        self._start_ns = start_ns if start_ns >= FIRST_UTC_NS else 0
+        header: Any = self._mdf.header
+        start_ns = int(header.abs_time)
+        self._start_ns = start_ns if FIRST_UTC_NS <= start_ns < _LAST_NS else 0
         self.facts.time_base = "utc" if self._start_ns else "relative"
+        if self._start_ns and header.time_flags & _LOCAL_TIME:
+            self.facts.notes.append("the log's date names no time zone; it is taken as UTC")
         self.facts.notes.append("times are numbers with a fraction in this format")
 
     def _can_groups(self) -> Iterator[tuple[int, str, int]]:
@@ -88,7 +143,7 @@ class Mf4Reader:
             frames = ready[np.argsort(ready.t_ns, kind="stable")]
             resolution.sample(frames.t_ns, frames.bus, frames.can_id)
             self.facts.resolution_ns = resolution.step_ns
-            yield frames
+            yield possible(frames, self.facts)
 
     def _frames(self, number: int, at: int) -> FrameBatch:
         index, name, _ = self._groups[number]
@@ -99,7 +154,8 @@ class Mf4Reader:
         except Exception as error:  # noqa: BLE001  whatever a damaged file makes of asammdf
             self.facts.damage = f"the frames of {name} cannot be read: {error}"
             return FrameBatch.empty()
-        stamps = np.rint(np.asarray(signal.timestamps, np.float64) * SECOND_NS).astype(np.int64)
+        seconds = np.nan_to_num(np.asarray(signal.timestamps, np.float64))
+        stamps = np.rint(np.clip(seconds, -_MOST_S, _MOST_S) * SECOND_NS).astype(np.int64)
         return self._batch(name, stamps + self._start_ns, signal.samples)
 
     def _batch(self, name: str, t_ns: NDArray[np.int64], samples: NDArray[np.void]) -> FrameBatch:

@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.capture import CaptureFacts, Unread
-from syncline_analyzer.readers.byte_columns import ByteColumns, ByteOrder, Places
 from syncline_analyzer.readers.can_packets import can_packets
 from syncline_analyzer.readers.chain import chained
 from syncline_analyzer.readers.resolution import Resolution
 from syncline_analyzer.readers.source import CaptureSource
 from syncline_analyzer.readers.times import FIRST_UTC_NS, SECOND_NS
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
+from syncline_schemas.byte_columns import ByteColumns, ByteOrder, Places
 from syncline_schemas.errors import CaptureError
 
 PCAP_MAGIC: Final[dict[bytes, tuple[ByteOrder, int]]] = {

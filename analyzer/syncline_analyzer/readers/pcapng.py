@@ -8,10 +8,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from syncline_analyzer.readers.byte_columns import ByteColumns, ByteOrder, Column, Places
 from syncline_analyzer.readers.chain import chained
 from syncline_analyzer.readers.pcap import MAX_PACKET, PacketReader, Packets
 from syncline_analyzer.readers.times import SECOND_NS
+from syncline_schemas.byte_columns import ByteColumns, ByteOrder, Column, Places
 
 PCAPNG_MAGIC: Final = b"\x0a\x0d\x0d\x0a"
 SECTION, INTERFACE, OLD_PACKET, SIMPLE_PACKET, STATISTICS, PACKET = 0x0A0D0D0A, 1, 2, 3, 5, 6

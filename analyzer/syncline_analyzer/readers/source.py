@@ -14,6 +14,9 @@ HEAD_BYTES = 256 * 1024
 BLOCK_BYTES = 2 * 1024 * 1024
 MAX_LINE_BYTES = 64 * 1024
 """A longer stretch without a line end is cut: it is no text log."""
+_BOMB_BYTES = 64 * 1024 * 1024
+_BOMB_RATIO = 250
+"""Logs of nothing but equal frames shrink to a fortieth; a file of zeros to a thousandth and less."""
 
 
 class CaptureSource:
@@ -22,6 +25,7 @@ class CaptureSource:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.damage: str | None = None
+        self._given = 0
         try:
             self._file = _unpacked(path)
             self._plain = isinstance(self._file, BufferedReader)
@@ -44,7 +48,13 @@ class CaptureSource:
             return b""
         try:
             # A large request loses everything before a fault of the packing in the same request.
-            return self._file.read(size if self._plain else min(size, HEAD_BYTES))
+            data = self._file.read(size if self._plain else min(size, HEAD_BYTES))
+            self._given += len(data)
+            if not self._plain and self._given > _BOMB_BYTES:
+                self._check_growth()
+            return data
+        except CaptureError:
+            raise
         except EOFError:
             self.damage = "the packed file ends early"
         except (zlib.error, OSError, ValueError) as error:
@@ -54,6 +64,13 @@ class CaptureSource:
                 raise
             self.damage = f"the packed data are damaged: {error}"
         return b""
+
+    def _check_growth(self) -> None:
+        if self._given > _BOMB_RATIO * self.path.stat().st_size:
+            raise CaptureError(
+                f"{self.path}: unpacks to more than {_BOMB_RATIO} times its size, which no log does;"
+                " it is not read any further"
+            )
 
     def close(self) -> None:
         """Close the file."""

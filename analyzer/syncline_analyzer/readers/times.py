@@ -64,6 +64,8 @@ def utc_ns(
     ) * SECOND_NS
 
 
+_MAX_DATE: Final = 100
+"""Characters in which a date must stand; in endless ones it would be looked for very long."""
 _ENGLISH = re.compile(
     r"(?:[^\W\d]+\.?\s+)?(?P<month>[^\W\d]{3})[^\W\d]*\.?\s+(?P<day>\d{1,2})\s+"
     r"(?P<hour>\d{1,2}):(?P<minute>\d\d):(?P<second>\d\d)(?:[.,](?P<fraction>\d+))?"
@@ -92,7 +94,7 @@ def date_ns(text: str) -> int | None:
     True
     """
     for pattern in (_ENGLISH, _NUMERIC, _ISO):
-        found = pattern.search(text)
+        found = pattern.search(text[:_MAX_DATE])
         if found:
             return _date_of(found)
     return None
@@ -106,10 +108,14 @@ def _date_of(found: re.Match[str]) -> int | None:
         hour = hour % 12 + (12 if half == "pm" else 0)
     if number is None:
         return None
+    day = int(found["day"])
+    if day <= 12 and (number > 12 or (half and "/" in found[0] and month.isdigit())):
+        # Americans write the month first.
+        number, day = day, number
     whole = utc_ns(
         int(found["year"]),
         number,
-        int(found["day"]),
+        day,
         hour,
         int(found["minute"]),
         int(found["second"]),

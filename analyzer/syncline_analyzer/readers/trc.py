@@ -14,7 +14,13 @@ from syncline_analyzer.readers.times import MILLISECOND_NS, date_ns, decimal_tim
 from syncline_schemas.batch import FrameFlag
 
 _HEX = rb"[0-9A-Fa-f]"
-_DATA = rb"(?:\s+(?P<remote>RTR)|\s+(?P<data>" + _HEX + rb"{2}(?: " + _HEX + rb"{2})*)(?=\s|$))?"
+_DATA = (
+    rb"(?:\s+(?P<remote>RTR)|\s+(?P<error>ERROR)\b|\s+(?P<data>"
+    + _HEX
+    + rb"{2}(?: "
+    + _HEX
+    + rb"{2})*)(?=\s|$))?"
+)
 _TAIL = rb"(?P<tail>\s.*)?$"
 _TIME = rb"(?P<s>\d+)(?:\.(?P<f>\d+))?"
 _VERSION_1 = re.compile(
@@ -33,12 +39,12 @@ _COLUMNS = {
     "I": rb"(?P<id>" + _HEX + rb"{3,8}|-)",
     "d": rb"(?P<way>Rx|Tx)",
     "R": rb"\S+",
-    "L": rb"(?P<code>\d{1,2})",
+    "L": rb"(?P<code>\d{1,2}|[A-Fa-f])",
     "l": rb"(?P<n>\d{1,2})",
 }
 _DEFAULT_COLUMNS = {"2.0": "N,O,T,I,d,l,D", "2.1": "N,O,T,B,I,d,R,L,D"}
 _SETTING = re.compile(rb"\s*;\$(?P<key>FILEVERSION|STARTTIME|COLUMNS)=(?P<value>[^\r\n]*)")
-_START_COMMENT = re.compile(rb"^\s*;\s*Start time:\s*(?P<text>[^\r\n]+)", re.MULTILINE)
+_START_COMMENT = re.compile(rb"^[ \t]*;[ \t]*Start time:[ \t]*(?P<text>[^\r\n]+)", re.MULTILINE)
 _COMMENT = re.compile(rb"\s*;")
 _RULER = re.compile(rb"\s*;-+\+-")
 _EVENT_2 = re.compile(
@@ -52,8 +58,9 @@ _FRAME_TYPES = {
     b"RR": FrameFlag.REMOTE,
     b"FD": FrameFlag.FD,
     b"FB": FrameFlag.FD | FrameFlag.BRS,
-    b"FE": FrameFlag.FD | FrameFlag.BRS | FrameFlag.ESI,
-    b"BI": FrameFlag.FD | FrameFlag.ESI,
+    # PEAK's description 2.0, "Type"; python-can takes these two for each other.
+    b"FE": FrameFlag.FD | FrameFlag.ESI,
+    b"BI": FrameFlag.FD | FrameFlag.BRS | FrameFlag.ESI,
 }
 _ERROR_CLASS = 0x88
 """SocketCAN CAN_ERR_PROT | CAN_ERR_BUSERROR: what an error frame of this format says at least."""
@@ -76,7 +83,7 @@ class TrcFormat(LineFormat):
             self.facts.time_base = "utc"
         else:
             comment = _START_COMMENT.search(head)
-            start_ns = date_ns(comment["text"].decode("latin-1")) if comment else None
+            start_ns = _comment_ns(comment["text"].decode("latin-1")) if comment else None
             if start_ns is None:
                 self.facts.notes.append("the log has no start time")
                 return
@@ -114,7 +121,7 @@ class TrcFormat(LineFormat):
         found = self._line.match(line)
         if found is None:
             return None
-        kind = found["type"] or b"Rx"
+        kind = b"Error" if found["error"] else found["type"] or b"Rx"
         if kind in (b"Warng", b"Error") or found["id"] == _BUS_STATUS_ID:
             return self._event(found, kind, (found["tail"] or b"").strip() or found["data"] or b"")
         bus = self.bus(found.groupdict().get("bus") or b"1")
@@ -174,10 +181,17 @@ class TrcFormat(LineFormat):
             self.facts.notes.append(f"{count} status line(s) {text!r}")
 
 
+def _comment_ns(text: str) -> int | None:
+    """A date such as `14.11.2023 22:13:20.123.4`, whose last digit counts tenths of a millisecond."""
+    start_ns, tenths = date_ns(text), re.search(r"[.,]\d{3}\.(\d)\s*$", text)
+    return start_ns + int(tenths[1]) * MILLISECOND_NS // 10 if start_ns and tenths else start_ns
+
+
 def _stated_length(groups: dict[str, bytes | None]) -> int:
     if (length := groups.get("n")) is not None:
         return int(length)
-    return _FD_LENGTHS[min(int(groups.get("code") or b"0"), 15)]
+    code = groups.get("code") or b"0"
+    return _FD_LENGTHS[min(int(code, 16 if code.isalpha() else 10), 15)]
 
 
 def _version_2(columns: str) -> re.Pattern[bytes]:

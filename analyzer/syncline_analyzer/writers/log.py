@@ -1,5 +1,6 @@
 """What every log writer has in common: frames in, and a count of what the format cannot hold."""
 
+import re
 from abc import ABC, abstractmethod
 from collections import Counter
 from dataclasses import dataclass
@@ -62,11 +63,13 @@ class LogWriter(ABC):
         if renamed:
             self.lost[BUS_NAMES] += renamed
 
-    def _count_changed_names(self, forbidden: str) -> None:
-        """For formats whose fields end with a character that may be part of a name."""
-        changed = sum(forbidden in name for name in self._survey.buses)
+    def _plain_names(self, forbidden: re.Pattern[str]) -> list[bytes]:
+        """Names of the buses, `_` for what a format cannot have in them; the changed are counted."""
+        names = [forbidden.sub("_", name) or "_" for name in self._survey.buses]
+        changed = sum(a != b for a, b in zip(names, self._survey.buses, strict=True))
         if changed:
             self.lost[BUS_NAMES] += changed
+        return [name.encode("utf-8", "replace") for name in names]
 
     def _count_flag(self, batch: FrameBatch, flag: FrameFlag, what: str) -> None:
         marked = int(np.count_nonzero(batch.flags & flag))

@@ -1,5 +1,6 @@
 """Text logs: candump, Vector ASC, PEAK TRC 2.1 and CSV."""
 
+import re
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from decimal import Decimal
@@ -28,6 +29,9 @@ _FD_CODES: Final = {12: 9, 16: 10, 20: 11, 24: 12, 32: 13, 48: 14, 64: 15}
 # strftime would name them in the language of the machine.
 _DAYS: Final = ("Mon", "Tue", "Wed", "Thu", "Fri", "Sat", "Sun")
 _MONTHS: Final = tuple("JanFebMarAprMayJunJulAugSepOctNovDec"[i : i + 3] for i in range(0, 36, 3))
+_IN_NO_WORD: Final = re.compile(r"[\s\x00-\x1f\x7f]")
+_IN_NO_CELL: Final = re.compile(r"[,;\"\x00-\x1f\x7f\x85\u2028\u2029]|^[\s=+@'-]+")
+"""A cell that begins with `=`, `+`, `-` or `@` would be a formula to a spreadsheet."""
 _FRAMES_AT_ONCE: Final = 65_536
 
 
@@ -46,9 +50,6 @@ class TextWriter(LogWriter):
     def _pieces(self, batch: FrameBatch) -> Sequence[Piece]:
         raise NotImplementedError
 
-    def _bus_name(self, batch: FrameBatch) -> str:
-        return self._survey.buses[int(batch.bus[0])]
-
     def _times(
         self, t_ns: NDArray[np.int64], whole: int, unit_ns: int = _SECOND_NS
     ) -> Sequence[Piece]:
@@ -66,10 +67,10 @@ class CandumpWriter(TextWriter):
 
     def __init__(self, stream: BinaryIO, survey: Survey) -> None:
         super().__init__(stream, survey)
-        self._count_changed_names(" ")
+        self._names = self._plain_names(_IN_NO_WORD)
 
     def _pieces(self, batch: FrameBatch) -> Sequence[Piece]:
-        name = self._bus_name(batch).replace(" ", "_").encode()
+        name = self._names[int(batch.bus[0])]
         tail = b" T\n" if has(batch, FrameFlag.TX) else b"\n"
         head = (b"(", *self._times(batch.t_ns, 10), b") " + name + b" ", _candump_id(batch))
         if has(batch, FrameFlag.REMOTE):
@@ -198,12 +199,12 @@ class CsvWriter(TextWriter):
 
     def __init__(self, stream: BinaryIO, survey: Survey) -> None:
         super().__init__(stream, survey)
-        self._count_changed_names(",")
+        self._names = self._plain_names(_IN_NO_CELL)
         stream.write(b"timestamp,bus,id,extended,remote,error,fd,brs,esi,dir,dlc,data\n")
 
     def _pieces(self, batch: FrameBatch) -> Sequence[Piece]:
         extended, error = has(batch, FrameFlag.EXTENDED), has(batch, FrameFlag.ERROR)
-        name = self._bus_name(batch).replace(",", "_").encode()
+        name = self._names[int(batch.bus[0])]
         state = b",%d,%d,%d,%d,%d,%d,%s,%d," % (
             extended,
             has(batch, FrameFlag.REMOTE),
@@ -225,7 +226,9 @@ def _trc_type(batch: FrameBatch) -> bytes:
     if not has(batch, FrameFlag.FD):
         return b"DT"
     brs, esi = has(batch, FrameFlag.BRS), has(batch, FrameFlag.ESI)
-    return {(False, False): b"FD", (True, False): b"FB", (True, True): b"FE"}.get((brs, esi), b"BI")
+    return {(False, False): b"FD", (True, False): b"FB", (False, True): b"FE"}.get(
+        (brs, esi), b"BI"
+    )
 
 
 def _fd_code(length: int) -> int:

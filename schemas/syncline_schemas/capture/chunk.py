@@ -131,7 +131,7 @@ def compress(plain: bytes, compression: Compression, zstd_level: int = ZSTD_LEVE
 
 def decompress(data: bytes | memoryview, compression: str, size: int) -> bytes | str:
     """The plain bytes, or in words why they cannot be had; never raises on damaged bytes."""
-    if size > MAX_CHUNK:
+    if size > MAX_CHUNK or (size > _BOMB_BYTES and size > _BOMB_RATIO * len(data)):
         return f"claims {size} bytes"
     plain = _decompress(data, compression, size)
     if isinstance(plain, bytes) and len(plain) != size:
@@ -141,13 +141,16 @@ def decompress(data: bytes | memoryview, compression: str, size: int) -> bytes |
 
 MAX_CHUNK = 1 << 30
 """Largest chunk that is read; a damaged size field must not take all memory."""
+_BOMB_BYTES = 64 << 20
+_BOMB_RATIO = 200
+"""No frames pack so well as a large chunk of zeros."""
 
 
 def _decompress(data: bytes | memoryview, compression: str, size: int) -> bytes | str:
     if compression == "zstd":
         return _plain_of_zstd(data, size)
     if compression == "lz4":
-        return _plain_of_lz4(data)
+        return _plain_of_lz4(data, size)
     return bytes(data) if compression == "" else f"compression {compression!r} is not known"
 
 
@@ -177,10 +180,10 @@ def _zstd_decompressor() -> "zstandard.ZstdDecompressor":
     return found
 
 
-def _plain_of_lz4(data: bytes | memoryview) -> bytes | str:
+def _plain_of_lz4(data: bytes | memoryview, size: int) -> bytes | str:
     import lz4.frame
 
     try:
-        return bytes(lz4.frame.decompress(data))
+        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(bytes(data), max_length=size + 1))
     except (RuntimeError, ValueError, MemoryError) as error:
         return f"lz4: {error}"

@@ -18,6 +18,11 @@ class Mark:
     node: int | None = None
 
 
+def mark_message(mark: Mark) -> syncline_pb2.Mark:
+    """The message of a mark."""
+    return syncline_pb2.Mark(t_ns=mark.t_ns, reason=mark.reason, bus=mark.bus, node=mark.node)
+
+
 def mark_of(message: syncline_pb2.Mark) -> Mark:
     """The mark that a message tells of."""
     return Mark(

@@ -1,10 +1,11 @@
 """Work on what comes next in threads, while what came before is still being used."""
 
-import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TypeVar
+
+from syncline_schemas.processors import processors
 
 MOST_WORKERS = 2
 """Threads that unpack: with two, unpacking is never slower than what uses it."""
@@ -17,11 +18,7 @@ _R = TypeVar("_R")
 
 def default_workers() -> int:
     """Threads to work ahead with; 1 where there is one processor: then it is done in between."""
-    try:
-        processors = len(os.sched_getaffinity(0))
-    except AttributeError:  # only Linux tells which processors may be used
-        processors = os.cpu_count() or 1
-    return min(processors, MOST_WORKERS)
+    return min(processors(), MOST_WORKERS)
 
 
 def read_ahead(

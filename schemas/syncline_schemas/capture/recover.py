@@ -1,6 +1,7 @@
 """Make a regular file of a damaged capture."""
 
 import os
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
@@ -70,11 +71,14 @@ def is_whole(path: Path) -> bool:
         return summary is not None and summary.complete
 
 
-def recover(source: Path, target: Path) -> RecoverResult:
+def recover(
+    source: Path, target: Path, progress: Callable[[int], None] | None = None
+) -> RecoverResult:
     """Write all that can be read of `source` to `target`, a file with summary and footer.
 
     Attachments, metadata and every message of every channel are kept as they are, byte for byte.
     Where a chunk was lost, a gap is written. `target` appears only when it is complete, on disk.
+    `progress` is called after each chunk with the frames saved so far.
 
     Raises:
         CaptureError: `source` cannot be opened or is no MCAP file.
@@ -89,7 +93,7 @@ def recover(source: Path, target: Path) -> RecoverResult:
             raise CaptureError(f"{source} is no MCAP file")
         try:
             with partial.open("wb") as out:
-                result = _Recovery(records, out).run(source.name)
+                result = _Recovery(records, out).run(source.name, progress)
                 out.flush()
                 os.fsync(out.fileno())
             partial.replace(target)
@@ -107,13 +111,15 @@ class _Recovery:
         self._lag: LagBounds | None = None
         self._result = RecoverResult()
 
-    def run(self, source_name: str) -> RecoverResult:
+    def run(self, source_name: str, progress: Callable[[int], None] | None = None) -> RecoverResult:
         summary = self._source.summary()
         if summary is not None:
             self._define(*summary.schemas, *summary.channels)
         for record in self._source.records():
             if isinstance(record, RawChunk):
                 self._chunk(record)
+                if progress:
+                    progress(self._result.frames)
             elif isinstance(record, Lost):
                 self._lost(record.reason, record.start_ns, record.end_ns, None)
             elif isinstance(record, mcap_records.Schema | mcap_records.Channel):

@@ -1,0 +1,89 @@
+"""ASAM MDF 4 bus logs made with asammdf from frames, as the standard's bus logging lays them out."""
+
+import tempfile
+from collections.abc import Callable, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from tests.analyzer.log_builder import FD_LENGTHS, T0_NS, Row
+from tests.analyzer.log_frames import BRS, ERROR, ESI, EXTENDED, FD, REMOTE, TX, flags_of
+
+_COMMON = [("BusChannel", "u1"), ("ID", "<u4"), ("IDE", "u1"), ("DLC", "u1"), ("DataLength", "u1")]
+_FIELDS = {
+    "CAN_DataFrame": [
+        *_COMMON,
+        ("DataBytes", "(64,)u1"),
+        ("Dir", "u1"),
+        ("EDL", "u1"),
+        ("BRS", "u1"),
+        ("ESI", "u1"),
+    ],
+    "CAN_RemoteFrame": [*_COMMON, ("Dir", "u1")],
+    "CAN_ErrorFrame": [*_COMMON, ("DataBytes", "(8,)u1"), ("Dir", "u1")],
+}
+
+
+def kind_of(frame: Row) -> str:
+    """The group of the standard that a frame belongs to."""
+    if frame[3] & ERROR:
+        return "CAN_ErrorFrame"
+    return "CAN_RemoteFrame" if frame[3] & REMOTE else "CAN_DataFrame"
+
+
+def _samples(kind: str, frames: Sequence[Row]) -> np.ndarray:
+    samples = np.zeros(len(frames), [(f"{kind}.{n}", t) for n, t in _FIELDS[kind]])
+    names = samples.dtype.names or ()
+    for number, frame in enumerate(frames):
+        flags = flags_of(frame)
+        fields = {
+            "BusChannel": frame[1] + 1,
+            "ID": frame[2],
+            "IDE": EXTENDED in flags,
+            "DLC": FD_LENGTHS.index(frame[4]) if FD in flags else frame[4],
+            "DataLength": len(frame[5]),
+            "DataBytes": np.frombuffer(frame[5].ljust(64, b"\0"), np.uint8),
+            "Dir": TX in flags,
+            "EDL": FD in flags,
+            "BRS": BRS in flags,
+            "ESI": ESI in flags,
+        }
+        for name, value in fields.items():
+            if f"{kind}.{name}" in names:
+                field = samples[f"{kind}.{name}"]
+                field[number] = value[: field.shape[1]] if field.ndim == 2 else value  # type: ignore[index]
+    return samples
+
+
+def mf4(
+    frames: Sequence[Row],
+    *,
+    compression: Literal[0, 1, 2] = 0,
+    group_of: Callable[[Row], object] = kind_of,
+    version: str = "4.10",
+    start: datetime | None = None,
+) -> bytes:
+    """One group for each of `group_of`, each of frames of one kind in order of time."""
+    from asammdf import MDF, Signal, Source
+
+    source = Source("CAN", "CAN", "", 2, 2)
+    with MDF(version=version) as mdf:
+        mdf.header.start_time = start or datetime.fromtimestamp(T0_NS // 10**9, UTC)
+        for key in dict.fromkeys(group_of(frame) for frame in frames):
+            kept = [frame for frame in frames if group_of(frame) == key]
+            times = np.array([(frame[0] - T0_NS) / 1e9 for frame in kept])
+            kind = kind_of(kept[0])
+            mdf.append(
+                Signal(_samples(kind, kept), times, name=kind, source=source), common_timebase=True
+            )
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "x.mf4"
+            mdf.save(path, compression=compression)
+            return path.read_bytes()
+
+
+def mf4_keeps(frame: Row) -> Row | None:
+    """Everything, stamps as fractions of a second; an extended flag of error frames has no meaning."""
+    return frame

@@ -1,0 +1,324 @@
+"""Files as customers send them: spellings of every text format that are not the usual one."""
+
+from pathlib import Path
+
+import pytest
+
+from syncline_analyzer import open_session
+from syncline_schemas.batch import FrameFlag
+from tests.analyzer.log_builder import PLAIN, T0_NS, Row, read_text, row
+
+EXTENDED, REMOTE, ERROR, FD = (
+    FrameFlag.EXTENDED,
+    FrameFlag.REMOTE,
+    FrameFlag.ERROR,
+    FrameFlag.FD,
+)
+BRS, ESI, TX = FrameFlag.BRS, FrameFlag.ESI, FrameFlag.TX
+DATE = "date Tue Nov 14 10:13:20.000 pm 2023\n"
+TWELVE = bytes(range(12))
+
+
+def _frames(tmp_path: Path, text: str | bytes) -> list[Row]:
+    """The frames of a log all of which can be read."""
+    found, facts = read_text(tmp_path, text)
+    assert facts.unparsed_lines == []
+    return found
+
+
+def _since(t_us: int, can_id: int, data: bytes, **more: object) -> Row:
+    """A frame of a log whose times count from its start."""
+    t_ns, *rest = row(t_us, can_id, data, **more)  # type: ignore[arg-type]
+    return (t_ns - T0_NS, *rest)  # type: ignore[return-value]
+
+
+def test_candump_in_colours_has_times(tmp_path: Path) -> None:
+    line = "\x1b[1;31m (1700000000.000005)\x1b[0m  can0  \x1b[32m123\x1b[0m   [2]  11 22\n"
+    assert _frames(tmp_path, line) == [row(5, data=b"\x11\x22")]
+
+
+@pytest.mark.parametrize("tail", ["", " R", "  ; heartbeat", " # x", " R // 12 34", " \t"])
+def test_remarks_behind_candump_lines_are_no_harm(tmp_path: Path, tail: str) -> None:
+    assert _frames(tmp_path, f"(1700000000.000005) can0 123#1122{tail}\n") == [
+        row(5, data=b"\x11\x22")
+    ]
+
+
+def _fd_line(brs: int, esi: int, code: str, count: int, data: str, bits: str, way: str) -> str:
+    head = f"   0.000005 CANFD   1 {way}        291x  {'':32} {brs} {esi} {code} {count:2} {data}"
+    return f"{head}   130000  130 {bits:>8} 0 46500250 460a0250 20011736 20010205\n"
+
+
+@pytest.mark.parametrize(
+    ("base", "line", "expected"),
+    [
+        (
+            "hex",
+            _fd_line(1, 1, "9", 12, TWELVE.hex(" "), "7000", "Rx"),
+            row(5, 0x291, TWELVE, flags=FD | BRS | ESI | EXTENDED),
+        ),
+        (
+            "dec",
+            _fd_line(0, 0, "9", 12, " ".join(f"{byte:3}" for byte in TWELVE), "1000", "Tx"),
+            row(5, 291, TWELVE, flags=FD | EXTENDED | TX),
+        ),
+        (
+            "dec",
+            _fd_line(0, 0, "15", 64, " ".join(["200"] * 64), "1000", "Rx"),
+            row(5, 291, b"\xc8" * 64, flags=FD | EXTENDED),
+        ),
+        (
+            "dec",
+            _fd_line(0, 0, "2", 0, "", "10", "Rx"),
+            row(5, 291, flags=REMOTE | EXTENDED, dlc=2),
+        ),
+        # Flags that say that it is no CAN FD frame.
+        (
+            "hex",
+            _fd_line(0, 0, "2", 2, "01 02", "200000", "Rx"),
+            row(5, 0x291, b"\1\2", flags=EXTENDED),
+        ),
+        # Flags that say nothing.
+        (
+            "hex",
+            _fd_line(1, 0, "2", 2, "01 02", "0", "Rx"),
+            row(5, 0x291, b"\1\2", flags=EXTENDED | FD | BRS),
+        ),
+        (
+            "hex",
+            _fd_line(0, 0, "2", 2, "01 02", "0", "Rx"),
+            row(5, 0x291, b"\1\2", flags=EXTENDED | FD),
+        ),
+    ],
+)
+def test_asc_lines_of_can_fd_channels(tmp_path: Path, base: str, line: str, expected: Row) -> None:
+    assert _frames(tmp_path, f"{DATE}base {base}  timestamps absolute\n{line}") == [expected]
+
+
+def test_a_line_of_a_can_fd_channel_that_cannot_be_read_is_counted(tmp_path: Path) -> None:
+    line = "   0.000005 CANFD   1 Rx  zz  1 0 2 2 01 02   130000  130 1000 0 0 0 0 0\n"
+    _, facts = read_text(tmp_path, f"{DATE}base hex  timestamps absolute\n{line}")
+    assert facts.unparsed_count == 1
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "latin-1"])
+def test_an_asc_date_in_german_of_any_encoding(tmp_path: Path, encoding: str) -> None:
+    text = "date Die Mär 14 22:13:20.000 2023\nbase hex  timestamps absolute\n 0.5 1 123 Rx d 0\n"
+    found, facts = read_text(tmp_path, text.encode(encoding))
+    assert facts.time_base == "utc"
+    assert found[0][0] == 1_678_832_000_500_000_000
+
+
+def test_trc_lengths_in_hexadecimal_and_tenths_of_milliseconds(tmp_path: Path) -> None:
+    text = (
+        ";$FILEVERSION=2.1\n;$STARTTIME=45244.92592592592592592593\n;$COLUMNS=N,O,T,B,I,d,R,L,D\n"
+        f"  1  0.005 FB 1  18EFC034 Rx -  f  {bytes(64).hex(' ')} \n"
+        f"  2  0.005 FD 1  18EFC034 Rx -  15  {bytes(64).hex(' ')} \n"
+    )
+    assert _frames(tmp_path, text) == [
+        row(5, 0x18EFC034, bytes(64), flags=FD | BRS | EXTENDED),
+        row(5, 0x18EFC034, bytes(64), flags=FD | EXTENDED),
+    ]
+    text = ";   Start time: 14.11.2023 22:13:20.123.4\n     1)  1000 0181 1 05\n"
+    assert _frames(tmp_path, text) == [row(1_123_400, 0x181, b"\5")]
+
+
+IXXAT = "ASCII Trace IXXAT {}\nDate: {}\nStart time: {}\nOverruns: 0\nBaudrate: 250 kbit/s\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (
+            IXXAT.format("MiniMon V3", "14.11.2023", "22:13:20")
+            + '"Time";"Identifier (hex)";"Format";"Flags";"Data (hex)"\n'
+            '"00:00:01.00";"83";"Std";"Self";"01 "\n'
+            '"00:00:02.00";"83";"Std";"";"Remote request    DLC = 3"\n',
+            [
+                row(1_000_000, 0x83, b"\1", flags=TX),
+                row(2_000_000, 0x83, flags=REMOTE, dlc=3),
+            ],
+        ),
+        (
+            IXXAT.format("MiniMon V3", "14.11.2023", "22:13:20")
+            + '"Time";"Identifier (dec)";"Format";"Flags";"Data (dec)"\n'
+            '"00:00:01.00";"291";"Std";"";"11 255 7"\n',
+            [row(1_000_000, 0x123, b"\x0b\xff\x07")],
+        ),
+        (
+            IXXAT.format("canAnalyser3", "11/14/2023", "10:13:20 PM")
+            + '"Time (abs)";"Bus";"Identifier (hex)";"Format";"Flags";"DLC";"Data (hex)"\n'
+            '"22:13:20.000005";"CAN1";"123";"Ext";"";"2";"11 22"\n'
+            '"22:13:20.000006";"CAN1";"123";"Err";"";"0";""\n'
+            '"00:00:01.000000";"CAN1";"123";"Std";"";"2";"11 22"\n',
+            [
+                row(5, 0x123, b"\x11\x22", flags=EXTENDED),
+                row(6, 0x123, bytes(8), flags=ERROR),
+                row(6_401_000_000, 0x123, b"\x11\x22"),
+            ],
+        ),
+    ],
+    ids=["self", "decimal", "absolute"],
+)
+def test_ixxat_traces_of_other_columns(tmp_path: Path, text: str, expected: list[Row]) -> None:
+    found, facts = read_text(tmp_path, text)
+    assert facts.unparsed_lines == []
+    assert found == expected
+    assert facts.format == "ixxat"
+
+
+MEMORATOR = (
+    "                              Kvaser Memorator Log\n                              ====================\n\n"
+    "Converted from Memorator Binary format at: 2024-01-01 00:00:00\n\n\nSettings:\n"
+    "   Format of data field: {0}\n   Format of id field:   {0}\n   Timestamp Offset:     0.000000    s\n"
+    "   CAN channel:          1 2\n\n        Time Chan   Identifier Flags        DLC  Data     Counter\n"
+    "===================================================================================\n"
+    "    0.000000  Trigger (type=0x1, active=0x00, pre-trigger=0, post-trigger=-1)\n"
+)
+
+
+def test_memorator_logs_may_be_decimal_cut_to_eight_bytes_and_tell_of_losses(
+    tmp_path: Path,
+) -> None:
+    text = MEMORATOR.format("DEC") + (
+        "    0.000005  2   419361024x   Tx            2   17 255                                   1\n"
+        "    0.000006  1         291    Rx         #  9    0   1   2   3   4   5   6   7            2\n"
+        "    0.000007  1         291    TxRq          1    5                                       3\n"
+        "    0.000008  1         291    Rx    F       9    0   1   2   3   4   5   6   7            4\n"
+        "    0.000009  1  ErrorFrame    Rx   E            ERROR FRAME                               5\n"
+    )
+    found, facts = read_text(tmp_path, text)
+    assert found == [
+        _since(5, 0x18FEF100, b"\x11\xff", flags=EXTENDED | TX),
+        _since(6, 291, bytes(range(8)), bus=1),
+        _since(8, 291, bytes(range(8)), bus=1, flags=FD | FrameFlag.DLC_INVALID),
+        _since(9, 0, bytes(8), bus=1, flags=ERROR),
+    ]
+    assert facts.unparsed_lines == []
+    # When it was converted is no date of the log.
+    assert facts.time_base == "relative"
+    assert any("lost frames" in note for note in facts.notes)
+
+
+@pytest.mark.parametrize(
+    ("time", "t_us"),
+    [
+        ("2023-11-14T22:13:20.000005Z", 5),
+        ("2023-11-14 23:13:20.000005+01:00", 5),
+        ("2023-11-14T17:43:20.000005-0430", 5),
+        ("11/14/2023 10:13:20.000005 PM", 5),
+        ("14/11/2023 22:13:20.000005", 5),
+        ("14.11.2023 22:13:20,000005", 5),
+        ("14-11-2023 22:13:20.000005", 5),
+        ("2023/11/14 22:13:20.000005", 5),
+        ("1700000000.000005", 5),
+        ("1700000000000005", 5),
+        ("1700000000000005000", 5),
+        ("1700000000005", 5_000),
+    ],
+)
+@pytest.mark.parametrize("separator", [";", "\t", "|"])
+def test_tables_with_any_spelling_of_a_date(
+    tmp_path: Path, time: str, t_us: int, separator: str
+) -> None:
+    lines = (["Timestamp", "CAN ID", "Data"], [time, "0x123", "11 22"])
+    text = "".join(separator.join(line) + "\n" for line in lines)
+    assert _frames(tmp_path, text) == [row(t_us, data=b"\x11\x22")]
+
+
+def test_noon_and_midnight_of_twelve_hours(tmp_path: Path) -> None:
+    times = ("12:00:00", "12:00:01 AM", "12:00:02 PM", "10:00:03 PM", "12:59:03 AM")
+    lines = [f"11/14/2023 {time if ' ' in time else time + ' PM'},123,11\n" for time in times]
+    found = _frames(tmp_path, "Time,ID,Data\n" + "".join(lines))
+    midnight = T0_NS - (22 * 3600 + 13 * 60 + 20) * 10**9
+    assert [(t_ns - midnight) // 10**9 for t_ns, *_ in found] == [
+        12 * 3600,
+        1,
+        12 * 3600 + 2,
+        22 * 3600 + 3,
+        59 * 60 + 3,
+    ]
+
+
+HOME_MADE = {
+    "a list of numbers": ('Time,ID,Data\n0.1,0x181,"[17, 34]"\n0.2,0x181,"[1, 234]"\n', None),
+    "a list without quotes": (
+        "Time,ID,Data\n0.1,0x181,[0x11, 0x22]\n0.2,0x181,[0x01, 0xEA]\n",
+        None,
+    ),
+    "decimal all through": ("time,id,dlc,d0,d1\n0.1,385,2,17,34\n0.2,385,2,1,234\n", None),
+    "no header": ("0.1,181,2,1122\n0.2,181,2,01EA\n", None),
+    "no header, bytes apart": ("0.1;181;2;11;22\n0.2;181;2;01;EA\n", None),
+    "no header, flags": ("0.1,can0,0x181,2,1122\n0.2,can0,0x181,2,01EA\n", None),
+    "humps": ("timestampMs,canId,dataLen,payload\n100,0x181,2,1122\n200,0x181,2,01EA\n", None),
+    "lengths with 0x": ("Time,ID,DLC,Data\n0.1,0x181,0x02,11 22\n0.2,0x181,0x02,01 EA\n", None),
+    "a type that says extended": (
+        "Time,Dir,Type,ID,DLC,Data\n0.1,Rx,Ext,181,2,11 22\n0.2,Rx,Ext,181,2,01 EA\n",
+        EXTENDED,
+    ),
+    "SocketCAN's upper bits": (
+        "Time,ID,Data\n0.1,0x80000181,1122\n0.2,0x80000181,01EA\n",
+        EXTENDED,
+    ),
+    "who sent it": ("Time,ID,is_rx,Data\n0.1,181,0,1122\n0.2,181,False,01EA\n", TX),
+}
+
+
+@pytest.mark.parametrize("name", HOME_MADE)
+def test_home_made_tables(tmp_path: Path, name: str) -> None:
+    text, flags = HOME_MADE[name]
+    assert _frames(tmp_path, text) == [
+        _since(100_000, 0x181, b"\x11\x22", flags=flags or PLAIN),
+        _since(200_000, 0x181, b"\x01\xea", flags=flags or PLAIN),
+    ]
+
+
+def test_error_frames_of_tables_have_eight_bytes_and_no_contradiction(tmp_path: Path) -> None:
+    text = "Time,ID,Type,DLC,Data\n0.1,0,Error,0,\n0.2,4,Error,8,0102030405060708\n"
+    assert _frames(tmp_path, text) == [
+        _since(100_000, 0, bytes(8), flags=ERROR),
+        _since(200_000, 4, bytes(range(1, 9)), flags=ERROR),
+    ]
+
+
+def test_a_canedge_table(tmp_path: Path) -> None:
+    text = (
+        "TimestampEpoch;BusChannel;ID;IDE;DLC;DataLength;Dir;EDL;BRS;ESI;RTR;DataBytes\n"
+        "1700000000.000005;1;181;0;2;2;0;0;0;0;0;1122\n"
+        f"1700000000.000006;1;18FEF100;1;9;12;1;1;1;0;0;{TWELVE.hex()}\n"
+        "1700000000.000007;2;701;0;1;0;0;0;0;0;1;\n"
+    )
+    assert _frames(tmp_path, text) == [
+        row(5, 0x181, b"\x11\x22"),
+        row(6, 0x18FEF100, TWELVE, flags=EXTENDED | FD | BRS | TX),
+        row(7, 0x701, bus=1, flags=REMOTE, dlc=1),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "lost"),
+    [
+        ("Time,ID,Data\n0.1,701,05\n", True),
+        ("Time,ID,RTR,Data\n0.1,701,0,05\n", False),
+        ("  1.000000  can0  701  [1]  05\n", True),
+        ("  can0  701   [1]  05\n", False),
+    ],
+)
+def test_logs_that_mark_no_remote_frames_say_so(tmp_path: Path, text: str, lost: bool) -> None:
+    _, facts = read_text(tmp_path, text)
+    assert facts.remote_lost is lost
+    assert open_session(tmp_path / "capture").analysis.capture.remote_lost is lost
+
+
+def test_transport_messages_that_asc_logs_tell_besides_their_frames_are_no_lost_lines(
+    tmp_path: Path,
+) -> None:
+    text = (
+        f"{DATE}base hex  timestamps absolute\n"
+        "   0.000005 J1939TP FEE3p 6 0 0 - Rx d 12 A0 0F A6 60 3B D1 40 1F DE 80 3E E4\n"
+        "   0.000005 1  123             Rx   d 1 11\n"
+        "   0.000006 1  zz?             Rx   d 1 11\n"
+    )
+    found, facts = read_text(tmp_path, text)
+    assert found == [row(5, data=b"\x11")]
+    assert [number for number, _ in facts.unparsed_lines] == [5]

@@ -7,6 +7,7 @@ import statistics
 import subprocess
 import sys
 import tempfile
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -71,7 +72,15 @@ GROUPS = (
         (("process_analyze", "log"), ("process_canopen_lens", "log")),
     ),
     Group(
-        "read our MCAP (outcome 4: two threads at least 1.5 times one)",
+        "analyze our MCAP with two processors and with one (outcome 4: at least 1.5 times)",
+        (
+            ("analyze_syncline", "mcap"),
+            ("analyze_syncline_one_processor", "mcap"),
+            ("analyze_syncline_one_process", "mcap"),
+        ),
+    ),
+    Group(
+        "read our MCAP, no analysis",
         (
             ("read_syncline", "mcap"),
             ("read_syncline_one_thread", "mcap"),
@@ -123,22 +132,23 @@ GROUPS = (
 )
 
 
-def make_inputs(folder: Path, frames: int, record_frames: int) -> dict[str, Path]:
-    """The same traffic in every format; BLF, ASC and TRC are python-can's own."""
-    inputs = {
-        "log": folder / "capture.log",
-        "small log": folder / "small.log",
-        "tiny log": folder / "tiny.log",
-    }
-    write_candump(traffic(frames), inputs["log"])
-    write_candump(traffic(record_frames), inputs["small log"])
-    write_candump(traffic(1_000), inputs["tiny log"])
-    run_case("convert_syncline", inputs["log"], folder / "capture")
-    inputs["mcap"] = folder / "capture.mcap"
-    for kind in ("blf", "asc", "trc"):
+def make_inputs(
+    folder: Path, kinds: Collection[str], frames: int, record_frames: int
+) -> dict[str, Path]:
+    """The same traffic in every format that is wanted; BLF, ASC and TRC are python-can's own."""
+    inputs: dict[str, Path] = {}
+    for kind, count in (("log", frames), ("small log", record_frames), ("tiny log", 1_000)):
+        if kind in {*kinds, "log"}:
+            inputs[kind] = folder / f"{kind.replace(' ', '_')}.log"
+            write_candump(traffic(count), inputs[kind])
+    if "mcap" in kinds:
+        run_case("convert_syncline", inputs["log"], folder / "capture")
+        inputs["mcap"] = folder / "capture.mcap"
+    for kind in {"blf", "asc", "trc"} & set(kinds):
         inputs[kind] = folder / f"python_can.{kind}"
         write_by_python_can(inputs["log"], inputs[kind])
-    inputs["recorded"] = write_recorded(traffic(frames), folder / "recorded.mcap")
+    if "recorded" in kinds:
+        inputs["recorded"] = write_recorded(traffic(frames), folder / "recorded.mcap")
     return inputs
 
 
@@ -165,21 +175,21 @@ def run_group(group: Group, inputs: dict[str, Path], out: Path, repeats: int) ->
         for i, (name, kind) in enumerate(group.cases):
             if measured := run_case(name, inputs[kind], out / f"{i}-{repeat}"):
                 runs[i].append(measured)
-    print(f"\n{group.title}")
+    print(f"\n{group.title}", flush=True)
     heads = f"{'wall s':>9}{'frames/s':>12}{'CPU us/frame':>14}{'peak MB':>9}{'ours / it':>11}"
-    print(f"  {'':24}{heads}")
+    print(f"  {'':32}{heads}")
     ours = 0.0
     for i, (name, _) in enumerate(group.cases):
         if not runs[i]:
-            print(f"  {name:24}{'not installed or failed':>26}")
+            print(f"  {name:32}{'not installed or failed':>26}")
             continue
         rate = statistics.median(run["frames"] / run["wall_s"] for run in runs[i])
         wall = statistics.median(run["wall_s"] for run in runs[i])
         cpu = statistics.median(run["cpu_s"] / run["frames"] * 1e6 for run in runs[i])
         peak = statistics.median(run["peak_mb"] or 0 for run in runs[i])
         ours = ours or rate
-        figures = f"{wall:>9.2f}{rate:>12,.0f}{cpu:>14.2f}{peak:>9.0f}{ours / rate:>11.2f}"
-        print(f"  {name:24}{figures}")
+        figures = f"{wall:>9.2f}{rate:>12,.0f}{cpu:>14.3f}{peak:>9.0f}{ours / rate:>11.2f}"
+        print(f"  {name:32}{figures}")
 
 
 def main() -> None:
@@ -193,7 +203,8 @@ def main() -> None:
     groups = [group for group in GROUPS if args.only in group.title]
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder)
-        inputs = make_inputs(out, args.frames, args.record_frames)
+        kinds = {kind for group in groups for _, kind in group.cases}
+        inputs = make_inputs(out, kinds, args.frames, args.record_frames)
         print(f"{args.frames:,} frames, {args.repeats} repeats, medians; {platform.platform()}")
         for group in groups:
             run_group(group, inputs, out, args.repeats)

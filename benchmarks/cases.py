@@ -1,6 +1,7 @@
 """One measured case per call, each in a process of its own: `python -m benchmarks.cases NAME FILE OUT`.
 
-Prints one JSON line: frames, wall and CPU seconds of the work itself (imports left out), peak memory.
+Prints one JSON line: frames, wall and CPU seconds of the work itself (imports left out), peak memory;
+both of the processes that it starts as well.
 """
 
 import json
@@ -9,9 +10,11 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
 from typing import Any
+
+from benchmarks.memory import PeakMemory
 
 Case = Callable[[Path, Path], Callable[[], int]]
 """Takes the input and a place for the output, prepares, and returns the work; that returns frames."""
@@ -164,9 +167,26 @@ def convert_python_can(source: Path, out: Path) -> Callable[[], int]:
 
 def analyze_syncline(source: Path, out: Path) -> Callable[[], int]:
     """Every fold, table and finding, from whatever `source` is."""
+    import_module("syncline_analyzer.engine")
+    import_module("syncline_analyzer.reading")
     from syncline_analyzer import open_session
 
     return lambda: open_session(source).analysis.capture.frames
+
+
+def analyze_syncline_one_process(source: Path, out: Path) -> Callable[[], int]:
+    """The same, read by the process that analyzes."""
+    from syncline_analyzer import reading_child
+
+    reading_child.LEAST_BYTES = sys.maxsize
+    return analyze_syncline(source, out)
+
+
+def analyze_syncline_one_processor(source: Path, out: Path) -> Callable[[], int]:
+    """The same on one processor, as far as the system lets a process choose."""
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+    return analyze_syncline_one_process(source, out)
 
 
 def analyze_canopen_lens(source: Path, out: Path) -> Callable[[], int]:
@@ -472,35 +492,19 @@ def main() -> None:
     name, source, out = sys.argv[1], Path(sys.argv[2]), Path(sys.argv[3])
     case: Case = globals()[name]
     work = case(source, out)
-    wall, cpu = time.perf_counter(), cpu_s()
-    frames = work()
-    wall, cpu = time.perf_counter() - wall, cpu_s() - cpu
-    print(json.dumps({"frames": frames, "wall_s": wall, "cpu_s": cpu, "peak_mb": peak_mb()}))
+    with PeakMemory().sampled() as memory:
+        wall, cpu = time.perf_counter(), cpu_s()
+        frames = work()
+        wall, cpu = time.perf_counter() - wall, cpu_s() - cpu
+    # This process only waits for a whole one; of any other work it is a part.
+    peak = memory.started_mb if name.startswith("process_") else memory.whole_mb
+    print(json.dumps({"frames": frames, "wall_s": wall, "cpu_s": cpu, "peak_mb": peak}))
 
 
 def cpu_s() -> float:
     """CPU time of this process and of those that it has run."""
     times = os.times()
     return time.process_time() + times.children_user + times.children_system
-
-
-def peak_mb() -> float | None:
-    """Peak memory of this process alone; `ru_maxrss` would inherit that of the parent.
-
-    Where it has run another one, that one's, if it is larger.
-    """
-    with suppress(ImportError):  # Windows tells nothing of them
-        import resource
-
-        children = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
-        if children:
-            return children / 1024
-    try:
-        status = Path("/proc/self/status").read_text(encoding="ascii")
-    except OSError:  # only Linux tells
-        return None
-    line = next(line for line in status.splitlines() if line.startswith("VmHWM"))
-    return int(line.split()[1]) / 1024
 
 
 if __name__ == "__main__":

@@ -19,7 +19,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from benchmarks.cases import peak_mb
 from benchmarks.full_bus import (
     BUSES,
     DESCRIPTION,
@@ -28,6 +27,7 @@ from benchmarks.full_bus import (
     full_second,
     load_percent,
 )
+from benchmarks.memory import peak_mb
 
 REPOSITORY = Path(__file__).parent.parent
 MAX_CORE_SHARE = 0.25

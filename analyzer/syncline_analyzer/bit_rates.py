@@ -8,69 +8,57 @@ from numpy.typing import NDArray
 
 from syncline_analyzer.capture import CaptureFacts
 from syncline_analyzer.context import BitrateSource, Context
-from syncline_analyzer.echo import COPY
-from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.folds.timing.bit_rate import Estimate, estimate, stamps_starts
-from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
-from syncline_schemas.wire_length import data_phase_bits, wire_bits
+from syncline_analyzer.preparing import Step
+from syncline_analyzer.spacings import SPACINGS, SPAN_FRAMES, Spacings
 from syncline_schemas.wording import counted
 
 HOLD_FRAMES = 1 << 18
 """Frames that are held back at most until the bit rates of their buses are settled."""
-HOLD_ITEMS = 1000
-"""Batches and gaps that are held back at most."""
-SPACINGS = 1 << 17
-"""Spacings per bus that an estimate is made of at most."""
+HOLD_GAPS = 500
+"""Gaps with which no more is held back."""
 _FIRST_TRY = 1 << 12
 """Spacings from which on an estimate is tried before the end of what is held back."""
-_NO_SPACING = -1
+_ALL = 1 << 62
+"""More spans than any stream has."""
 _WHOSE = {"bus-description": "the bus description", "recorded": "the capture"}
 
 
+Ints = NDArray[np.int64]
+
+
 @dataclass(slots=True)
-class _Spacings:
-    """Spacings of the frames of one bus; -1 where two frames do not count."""
+class _Seen:
+    """What was measured of one bus."""
 
-    apart_ns: list[NDArray[np.int64]] = field(default_factory=list)
-    bits: list[NDArray[np.int64]] = field(default_factory=list)
-    count: int = 0
-    last_ns: int | None = None
-    """Stamp of the last frame; None where the next one has none to be measured from."""
+    measured: list[Spacings] = field(default_factory=list)
     tried: int = 0
+    """Number of spacings of the last estimate, ..."""
     _told: tuple[int, Estimate | None] | None = None
-    """Resolution and result of the last estimate."""
+    """... resolution and result."""
 
-    def add(self, frames: FrameBatch) -> None:
-        """Take in the frames of the bus that were really sent."""
-        if not len(frames) or self.count >= SPACINGS:
-            return
-        # A frame of the recording computer itself may be stamped when it was asked for.
-        strange = (frames.flags & (FrameFlag.ERROR | FrameFlag.TX)) != 0
-        bits = wire_bits(frames)
-        alone = strange | (data_phase_bits(frames) > 0)
-        alone[1:] |= strange[:-1]
-        alone[0] |= self.last_ns is None
-        before = frames.t_ns[0] if self.last_ns is None else self.last_ns
-        apart = np.diff(frames.t_ns, prepend=before)
-        self.apart_ns.append(np.where(alone | (apart < 0), _NO_SPACING, apart))
-        self.bits.append(bits)
-        self.count += len(frames)
-        self.last_ns = None if strange[-1] else int(frames.t_ns[-1])
+    def count(self, spans: int = _ALL) -> int:
+        """Number of the spacings in the first spans."""
+        return sum(len(each.bits) for each in self.measured if each.span < spans)
 
-    def estimate(self, resolution_ns: int) -> Estimate | None:
-        """What they say of the bit rate."""
-        if not self.count:
+    def estimate(self, resolution_ns: int, spans: int = _ALL) -> Estimate | None:
+        """What those in the first spans say of the bit rate."""
+        count = self.count(spans)
+        if not count:
             return None
-        if self._told is None or (self.tried, self._told[0]) != (self.count, resolution_ns):
-            apart_ns, bits = np.concatenate(self.apart_ns), np.concatenate(self.bits)
-            self._told = resolution_ns, estimate(apart_ns, bits, resolution_ns)
-        self.tried = self.count
+        if self._told is None or (self.tried, self._told[0]) != (count, resolution_ns):
+            self._told = resolution_ns, estimate(*self._columns(spans), resolution_ns)
+        self.tried = count
         return self._told[1]
 
     def of_starts(self, bitrate: int, resolution_ns: int) -> bool:
         """Whether the stamps are those of the start of the frames."""
-        apart_ns, bits = np.concatenate(self.apart_ns), np.concatenate(self.bits)
-        return stamps_starts(apart_ns, bits, bitrate, resolution_ns)
+        return stamps_starts(*self._columns(), bitrate, resolution_ns)
+
+    def _columns(self, spans: int = _ALL) -> tuple[Ints, Ints]:
+        chosen = [each for each in self.measured if each.span < spans]
+        apart_ns = np.concatenate([each.apart_ns for each in chosen])
+        return apart_ns, np.concatenate([each.bits for each in chosen])
 
 
 class BitRates:
@@ -95,34 +83,43 @@ class BitRates:
         self._facts = facts
         self._bitrate = bitrate
         self._data_bitrate = data_bitrate
-        self._spacings: dict[int, _Spacings] = {}
+        self._seen: dict[int, _Seen] = {}
+        self._spans = 0
+        """Complete ones that were looked at."""
+        self._gaps = 0
 
-    def settled(self, stream: Iterable[IndexedBatch | Gap]) -> Iterator[IndexedBatch | Gap]:
-        """The stream, held back at its start until the bit rate of every bus in it is settled.
+    def settled(self, steps: Iterable[Step]) -> Iterator[Step]:
+        """The steps, held back at first until the bit rate of every bus in them is settled.
 
-        When the stream has been read, `Context.estimates` is complete.
+        Before the last one `Context.estimates` is complete.
         """
-        held: list[IndexedBatch | Gap] = []
-        frames = 0
+        held: list[Step] = []
         open_ = True
-        for item in stream:
+        for step in steps:
             self.refresh()
-            self._add(item)
-            if not open_:
-                yield item
-                continue
-            held.append(item)
-            frames += 0 if isinstance(item, Gap) else len(item)
-            if self._all_settled() or frames >= HOLD_FRAMES or len(held) >= HOLD_ITEMS:
+            for spacings in step.spacings:
+                self._seen.setdefault(spacings.bus, _Seen()).measured.append(spacings)
+            if open_:
+                held.append(step)
+                if not step.last and not self._ready(step):
+                    continue
                 open_ = False
-                self._settle()
-                yield from held
+                every = step.last or self._gaps >= HOLD_GAPS
+                self._settle(_ALL if every else self._spans)
+                yield from held[:-1]
                 held = []
-        self.refresh()
-        if open_:
-            self._settle()
-        yield from held
-        self._compare()
+            if step.last:
+                self._compare()
+            yield step
+
+    def _ready(self, step: Step) -> bool:
+        """Whether nothing need be held back any longer, by the spans that are complete."""
+        while (self._spans + 1) * SPAN_FRAMES <= step.frames:
+            self._spans += 1
+            if self._all_settled(self._spans) or self._spans * SPAN_FRAMES >= HOLD_FRAMES:
+                return True
+        self._gaps += step.gap is not None
+        return self._gaps >= HOLD_GAPS
 
     def notes(self) -> list[str]:
         """What is to be said of bit rates that nobody told."""
@@ -133,18 +130,18 @@ class BitRates:
         ]
         return [note for note in notes if note]
 
-    def _measured(self) -> list[tuple[int, _Spacings]]:
+    def _measured(self) -> list[tuple[int, _Seen]]:
         """Buses with spacings, and with a bit rate that they do not contradict."""
-        names = ((bus, self._context.bus_name(bus)) for bus in sorted(self._spacings))
+        names = ((bus, self._context.bus_name(bus)) for bus in sorted(self._seen))
         return [
-            (bus, self._spacings[bus])
+            (bus, self._seen[bus])
             for bus, name in names
-            if self._spacings[bus].count
+            if self._seen[bus].count()
             and name in self._context.bitrates
             and not self._context.contradicted(name)
         ]
 
-    def _starts(self, name: str, spacings: _Spacings) -> str:
+    def _starts(self, name: str, spacings: _Seen) -> str:
         """What is to be said of stamps that are taken at the start of frames."""
         if not spacings.of_starts(self._context.bitrates[name], self._context.resolution_ns):
             return ""
@@ -200,39 +197,29 @@ class BitRates:
             self._context.bitrates[name] = bitrate
             self._context.bitrate_sources[name] = source
 
-    def _add(self, item: IndexedBatch | Gap) -> None:
-        if not self._context.timed:
-            return
-        if isinstance(item, Gap):
-            for bus, spacings in self._spacings.items():
-                if item.bus in (None, bus):
-                    spacings.last_ns = None
-            return
-        for bus in item.buses:
-            spacings = self._spacings.setdefault(bus, _Spacings())
-            if spacings.count < SPACINGS:
-                frames = item.of_bus(bus).frames
-                copied = (frames.flags & COPY) != 0
-                spacings.add(frames[~copied] if copied.any() else frames)
+    def _unknown(self, spans: int) -> list[tuple[str, _Seen]]:
+        """Buses in the first spans whose bit rate is not known."""
+        named = [
+            (self._context.bus_name(bus), seen)
+            for bus, seen in self._seen.items()
+            if seen.measured[0].span < spans
+        ]
+        return [(name, seen) for name, seen in named if name not in self._context.bitrates]
 
-    def _unknown(self) -> list[tuple[str, _Spacings]]:
-        named = [(self._context.bus_name(bus), each) for bus, each in self._spacings.items()]
-        return [(name, each) for name, each in named if name not in self._context.bitrates]
-
-    def _all_settled(self) -> bool:
+    def _all_settled(self, spans: int) -> bool:
         """Whether nothing is left to wait for; estimates are tried as the frames double."""
-        for name, spacings in self._unknown():
-            if spacings.count >= max(_FIRST_TRY, 2 * spacings.tried):
-                self._estimate(name, spacings)
-        return all(spacings.count >= SPACINGS for _, spacings in self._unknown())
+        for name, seen in self._unknown(spans):
+            if seen.count(spans) >= max(_FIRST_TRY, 2 * seen.tried):
+                self._estimate(name, seen, spans)
+        return all(seen.count(spans) >= SPACINGS for _, seen in self._unknown(spans))
 
-    def _settle(self) -> None:
-        for name, spacings in self._unknown():
-            if spacings.tried != spacings.count:
-                self._estimate(name, spacings)
+    def _settle(self, spans: int) -> None:
+        for name, seen in self._unknown(spans):
+            if seen.tried != seen.count(spans):
+                self._estimate(name, seen, spans)
 
-    def _estimate(self, name: str, spacings: _Spacings) -> None:
-        found = spacings.estimate(self._context.resolution_ns)
+    def _estimate(self, name: str, seen: _Seen, spans: int) -> None:
+        found = seen.estimate(self._context.resolution_ns, spans)
         if found is not None:
             self._context.estimates[name] = found
             if found.confident:
@@ -240,7 +227,7 @@ class BitRates:
 
     def _compare(self) -> None:
         """What the spacings say where the bit rate is told, or where they came too late."""
-        for bus, spacings in self._spacings.items():
+        for bus, spacings in self._seen.items():
             name = self._context.bus_name(bus)
             if name not in self._context.estimates:
                 found = spacings.estimate(self._context.resolution_ns)

@@ -1,6 +1,6 @@
 """What every reader of captures and logs delivers: batches, gaps, and facts about the file."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, NamedTuple, Protocol
@@ -57,6 +57,8 @@ class CaptureFacts:
     foreign_errors: set[str] = field(default_factory=set)
     """Buses whose error frames hold no SocketCAN classes, but what another driver puts there."""
     notes: list[str] = field(default_factory=list)
+    remote_lost: bool = False
+    """Whether remote frames, were there any, are not marked: they stand as empty data frames."""
     marks: list[Mark] = field(default_factory=list)
     """Moments that the recorder marked; of one file at most a thousand."""
     adapter_fits: dict[str, AdapterFit] = field(default_factory=dict)
@@ -81,6 +83,12 @@ class CaptureFacts:
             self.unread[-1] = place._replace(lines=last.lines + place.lines)
         elif len(self.unread) < MAX_UNREAD:
             self.unread.append(place)
+
+
+def time_base(facts: Sequence[CaptureFacts]) -> TimeBase:
+    """What the stamps of all files count from, "none" where the files do not agree."""
+    bases: set[TimeBase] = {each.time_base for each in facts}
+    return bases.pop() if len(bases) == 1 else "none"
 
 
 class CaptureReader(Protocol):

@@ -79,7 +79,8 @@ class _Deafness:
         self.off_ns: dict[int, int] = {}
         self._overflows: dict[int, tuple[int, int]] = {}
         """Time of the last overrun and number of gaps made of them, by bus."""
-        self._last_ns: int | None = None
+        self._last_ns: dict[int, int] = {}
+        """Time of the last frame of each bus."""
 
     def gaps(self, batch: FrameBatch) -> list[tuple[int, Gap]]:
         """(row before which it belongs, gap) in order."""
@@ -97,8 +98,7 @@ class _Deafness:
             overrun = (batch.data[errors, 1] & Controller.RX_OVERFLOW) != 0
             overrun &= (classes & ErrorClass.CONTROLLER) != 0
             found.extend(self._overrun(batch, errors[overrun]))
-        if len(batch):
-            self._last_ns = int(batch.t_ns[-1])
+        self._last_ns |= _last_ns(batch)
         return sorted(found, key=lambda entry: entry[0])
 
     def _off(
@@ -137,6 +137,16 @@ class _Deafness:
                 continue
             self._overflows[bus] = t_ns, count + 1
             before = np.flatnonzero(batch.bus[:row] == bus)
-            start_ns = int(batch.t_ns[before[-1]]) if len(before) else self._last_ns
+            start_ns = int(batch.t_ns[before[-1]]) if len(before) else self._last_ns.get(bus)
             if start_ns is not None and start_ns < t_ns:
                 yield row, Gap(start_ns, t_ns, RECORDER_OVERFLOW, None, bus)
+
+
+def _last_ns(batch: FrameBatch) -> dict[int, int]:
+    """Time of the last frame of each bus."""
+    if not len(batch):
+        return {}
+    if (batch.bus == batch.bus[0]).all():
+        return {int(batch.bus[0]): int(batch.t_ns[-1])}
+    buses = np.flatnonzero(np.bincount(batch.bus)).tolist()
+    return {bus: int(batch.t_ns[batch.bus == bus][-1]) for bus in buses}

@@ -66,7 +66,8 @@ class Distribution:
         self.minimum, self.maximum = min(self.minimum, low), max(self.maximum, high)
         self._fresh = min(self._fresh[0], low), max(self._fresh[1], high)
         self.count += len(values)
-        self._known.clear()
+        if self._known:
+            self._known.clear()
         self._waiting.append(values.astype(np.float64))
         self._held += len(values)
         if self._held > EXACT_LIMIT:
@@ -265,16 +266,15 @@ class _Bins:
     """Counts in fine bins where most of the first values lie, in coarse ones elsewhere."""
 
     def __init__(self, first: Floats) -> None:
-        low, high = np.quantile(first, [0.01, 0.99])
+        low, high = quantile_of(first, 0.01), quantile_of(first, 0.99)
         margin = max(high - low, 1.0)
-        top = float(high + margin)
+        top = high + margin
         # Below this a fine bin would be wider than a coarse one.
-        self.low = max(float(low - margin), top / FINE_BINS / RELATIVE_ERROR)
+        self.low = max(low - margin, top / FINE_BINS / RELATIVE_ERROR)
         self._width = (top - self.low) / FINE_BINS
         self._fine = np.zeros(FINE_BINS, np.int64)
-        self._coarse = np.zeros(_COARSE_BINS, np.int64)
-        self._all_fine = True
-        """Whether all values are in the fine bins."""
+        self._coarse: NDArray[np.int64] | None = None
+        """None while all values are in the fine bins."""
         self._cumulated: tuple[Floats, NDArray[np.int64]] | None = None
         """Middles of the bins, and how many values lie up to each, while nothing is added."""
 
@@ -286,29 +286,37 @@ class _Bins:
             outside = np.flatnonzero((place < 0) | (place >= FINE_BINS))
             place[outside] = 0
             self._fine[0] -= len(outside)
-            self._all_fine = False
+            if self._coarse is None:
+                self._coarse = np.zeros(_COARSE_BINS, np.int64)
             self._coarse += np.bincount(_coarse_keys(values[outside]), minlength=_COARSE_BINS)
         self._fine += np.bincount(place.astype(np.int64), minlength=FINE_BINS)
 
     def value(self, number: float) -> float:
         """Middle of the bin in which the value of this number, counted from 0, lies."""
         if self._cumulated is None:
-            if self._all_fine:
+            if self._coarse is None:
                 self._cumulated = _NO_VALUES, np.cumsum(self._fine)
             else:
                 value, weight = self.weighted()
                 self._cumulated = value, np.cumsum(weight)
         value, counts = self._cumulated
         at = int(np.searchsorted(counts, number, side="right"))
-        return self.low + (at + 0.5) * self._width if self._all_fine else float(value[at])
+        return self.low + (at + 0.5) * self._width if self._coarse is None else float(value[at])
 
     def weighted(self) -> tuple[Floats, NDArray[np.int64]]:
         """Middles of the bins that are not empty, ascending, and their counts."""
-        fine, coarse = np.flatnonzero(self._fine), np.flatnonzero(self._coarse)
-        value = np.concatenate([self.low + (fine + 0.5) * self._width, _coarse_middles(coarse)])
+        fine = np.flatnonzero(self._fine)
+        if self._coarse is None:
+            return self._middles(fine), self._fine[fine]
+        coarse = np.flatnonzero(self._coarse)
+        value = np.concatenate([self._middles(fine), _coarse_middles(coarse)])
         weight = np.concatenate([self._fine[fine], self._coarse[coarse]])
         order = np.argsort(value, kind="stable")
         return value[order], weight[order]
+
+    def _middles(self, fine: NDArray[np.intp]) -> Floats:
+        middles: Floats = np.asarray(self.low + (fine + 0.5) * self._width, np.float64)
+        return middles
 
 
 def _coarse_keys(values: Floats) -> NDArray[np.int64]:

@@ -9,13 +9,14 @@ from numpy.typing import NDArray
 
 from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.grouping import BUS_SHIFT, REMOTE_KEY, Grouping, key_of
-from syncline_analyzer.results import DoubledRow
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
 
 COPY = np.uint16(1 << 15)
 """Bit of the `flags` column, within the analyses only: the frame stands in the capture twice."""
 LONGEST_NS = 1_000_000
 """A copy comes within this time of its frame [ns]."""
+BLOCK = 1 << 16
+"""Frames that are judged together: batches of any multiple of it tell the same."""
 MIN_PAIRS = 5
 """So many frames of an identifier stand twice before it is taken for doubled."""
 _PAIRED = 0.95
@@ -43,7 +44,7 @@ Ints = NDArray[np.int64]
 
 
 @dataclass(slots=True)
-class _Bus:
+class Doubling:
     """What was doubled on a bus so far: keys by the rule that tells it, counts and delays."""
 
     whole: bool = False
@@ -87,7 +88,7 @@ class _Group:
 
 
 class Echoes:
-    """Marks the copies in a stream; `rows` tells what was found, once the stream is read.
+    """Marks the copies in a stream; `doubled` tells by bus number what was found, once it is read.
 
     Args:
         resolution_ns: step of the stamps, as far as it is known when a batch has been read.
@@ -95,7 +96,7 @@ class Echoes:
 
     def __init__(self, resolution_ns: Callable[[], int] = lambda: 1) -> None:
         self._resolution_ns = resolution_ns
-        self._buses: dict[int, _Bus] = {}
+        self.doubled: dict[int, Doubling] = {}
         self._last: FrameBatch = FrameBatch.empty()
 
     def marked(self, stream: Iterable[IndexedBatch | Gap]) -> Iterator[IndexedBatch | Gap]:
@@ -103,36 +104,31 @@ class Echoes:
         for item in stream:
             yield item if isinstance(item, Gap) else self._mark(item)
 
-    def rows(self, buses: list[str]) -> list[DoubledRow]:
-        """One row per bus with copies."""
-        return [
-            DoubledRow(
-                buses[number] if number < len(buses) else str(number),
-                "all" if bus.whole else "own" if bus.own else "some",
-                sorted({key & 0x7FF for key in bus.told}),
-                bus.copies,
-                bus.start_ns,
-                bus.end_ns,
-                bus.delay_ns / 1000,
-                bus.evidence,
-            )
-            for number, bus in sorted(self._buses.items())
-            if bus.copies
-        ]
-
     def _mark(self, batch: IndexedBatch) -> IndexedBatch:
-        before = self._last
-        repeats = _repeats(batch.grouping, batch.frames, batch.grouped_t_ns)
-        suspects = len(repeats) + _carried(before, batch)
-        self._last = _last_of_each(before, batch)
-        if suspects < (1 if self._buses else MIN_PAIRS):
+        if not self._suspects(batch):
+            self._last = _last_of_each(self._last, batch)
             return batch
-        frames = FrameBatch.concat([before, batch.frames]) if len(before) else batch.frames
-        copy = self._copies(frames, batch.seq0 - len(before))[len(before) :]
+        parts = (batch.part(slice(at, at + BLOCK)) for at in range(0, len(batch), BLOCK))
+        copy = np.concatenate([self._found(part) for part in parts])
         if not copy.any():
             return batch
         flags = batch.frames.flags
         return batch.showing(replace(batch.frames, flags=np.where(copy, flags | COPY, flags)))
+
+    def _suspects(self, batch: IndexedBatch) -> bool:
+        """Whether enough frames of a batch repeat the one before them."""
+        repeats = _repeats(batch.grouping, batch.frames, batch.grouped_t_ns)
+        number = len(repeats) + _carried(self._last, batch)
+        return number >= (1 if self.doubled else MIN_PAIRS)
+
+    def _found(self, block: IndexedBatch) -> NDArray[np.bool_]:
+        """(n,) which frames of a block are copies."""
+        before, suspects = self._last, self._suspects(block)
+        self._last = _last_of_each(before, block)
+        if not suspects:
+            return np.zeros(len(block), np.bool_)
+        frames = FrameBatch.concat([before, block.frames]) if len(before) else block.frames
+        return self._copies(frames, block.seq0 - len(before))[len(before) :]
 
     def _copies(self, frames: FrameBatch, seq0: int) -> NDArray[np.bool_]:
         """(n,) which frames are copies."""
@@ -144,11 +140,11 @@ class Echoes:
         for number in np.unique(key[equal] >> np.uint32(BUS_SHIFT)).tolist():
             first, stop = np.searchsorted(key, [number << BUS_SHIFT, (number + 1) << BUS_SHIFT])
             groups = _groups(frames, rows[first:stop], key[first:stop], equal[first:stop])
-            state = self._buses.get(number, _Bus())
+            state = self.doubled.get(number, Doubling())
             _judge(state, frames, groups, self._resolution_ns())
             found = _copies(state, groups)
             if found:
-                self._buses[number] = state
+                self.doubled[number] = state
                 _count(state, frames, found, seq0)
                 for _, chosen in found:
                     copy[chosen] = True
@@ -236,7 +232,7 @@ def _groups(
     ]
 
 
-def _judge(state: _Bus, frames: FrameBatch, groups: list[_Group], resolution_ns: int) -> None:
+def _judge(state: Doubling, frames: FrameBatch, groups: list[_Group], resolution_ns: int) -> None:
     """What of a bus is doubled in this batch."""
     frequent = [group for group in groups if len(group.rows) >= 2 * MIN_PAIRS]
     if state.copies and sum(len(group.rows) for group in groups) < _MIN_FRAMES:
@@ -307,7 +303,7 @@ def _is_own(key: int) -> bool:
     return key >= REMOTE_KEY or key in (0x000, 0x080, 0x100) or key in _SDO_REQUEST
 
 
-def _copies(state: _Bus, groups: list[_Group]) -> list[tuple[_Group, NDArray[np.intp]]]:
+def _copies(state: Doubling, groups: list[_Group]) -> list[tuple[_Group, NDArray[np.intp]]]:
     """(identifier, rows of its copies) of those that are doubled."""
     found = []
     for group in groups:
@@ -319,7 +315,7 @@ def _copies(state: _Bus, groups: list[_Group]) -> list[tuple[_Group, NDArray[np.
 
 
 def _count(
-    state: _Bus, frames: FrameBatch, found: list[tuple[_Group, NDArray[np.intp]]], seq0: int
+    state: Doubling, frames: FrameBatch, found: list[tuple[_Group, NDArray[np.intp]]], seq0: int
 ) -> None:
     rows = np.sort(np.concatenate([chosen for _, chosen in found]))
     if not state.copies:

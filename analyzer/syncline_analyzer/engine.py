@@ -1,36 +1,33 @@
 """One pass over a session: frames through all folds, tables, findings."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 
 from syncline_analyzer.bit_rates import BitRates
-from syncline_analyzer.bus_batches import BusBatches
-from syncline_analyzer.capture import CaptureFacts
-from syncline_analyzer.census import Census, time_base
+from syncline_analyzer.capture import CaptureFacts, time_base
+from syncline_analyzer.capture_row import capture_row
 from syncline_analyzer.collecting import rare_collections
 from syncline_analyzer.context import Context
-from syncline_analyzer.deafness import with_deafness, without_classes
+from syncline_analyzer.deafness import Numbered
 from syncline_analyzer.device_health import device_health_rows
-from syncline_analyzer.echo import Echoes, hidden
+from syncline_analyzer.doubled_rows import doubled_rows
 from syncline_analyzer.findings import find_all
-from syncline_analyzer.fold import Fold, IndexedBatch
+from syncline_analyzer.fold import Fold
 from syncline_analyzer.folds.angle.fold import AngleFold
 from syncline_analyzer.folds.control import ControlFold
 from syncline_analyzer.folds.emcy.context import emcy_context
 from syncline_analyzer.folds.emcy.history import error_history
 from syncline_analyzer.folds.nmt.kept_waiting import told_waiting
 from syncline_analyzer.folds.timing.fold import TimingFold
-from syncline_analyzer.joining import joined
 from syncline_analyzer.nodes import node_rows
 from syncline_analyzer.object_changes import object_change_rows
 from syncline_analyzer.objects import history_rows, object_rows
 from syncline_analyzer.pdo_lengths import PdoLengths, length_rows
+from syncline_analyzer.preparing import Preparation, Prepared, Step
 from syncline_analyzer.recall import recall
 from syncline_analyzer.results import Analysis
 from syncline_analyzer.shadow import Shadow
-from syncline_schemas.batch import FrameBatch, Gap
 from syncline_schemas.canopen.nmt import NmtState
-from syncline_schemas.capture.read_ahead import read_ahead
 from syncline_schemas.description import BusDescription
 from syncline_schemas.devices import Device, device_from_files
 from syncline_schemas.errors import DescriptionError
@@ -41,7 +38,7 @@ Progress = Callable[[int], None]
 
 @rare_collections()
 def analyze(
-    stream: Iterable[tuple[int, FrameBatch | Gap]],
+    stream: Iterable[Numbered],
     facts: Sequence[CaptureFacts],
     buses: list[str],
     *,
@@ -52,12 +49,38 @@ def analyze(
     origin_ns: int | None = None,
     progress: Progress | None = None,
 ) -> Analysis:
-    """Run all folds over a stream of (`seq`, batch or gap) and join what they found.
+    """Analyze a stream of (`seq`, batch or gap) in this process, as `analyze_prepared` does.
 
     Args:
         stream: batches and gaps in capture order.
         facts: of every file; complete once the stream is read.
         buses: names by bus number; may grow while the stream is read.
+    """
+    return analyze_prepared(
+        Preparation(stream, facts, buses),
+        description=description,
+        devices=devices,
+        bitrate=bitrate,
+        data_bitrate=data_bitrate,
+        origin_ns=origin_ns,
+        progress=progress,
+    )
+
+
+def analyze_prepared(
+    prepared: Prepared,
+    *,
+    description: BusDescription,
+    devices: Mapping[int, Device],
+    bitrate: int | None = None,
+    data_bitrate: int | None = None,
+    origin_ns: int | None = None,
+    progress: Progress | None = None,
+) -> Analysis:
+    """Run all folds over prepared frames and join what they found.
+
+    Args:
+        prepared: frames and gaps, and what is known of the files.
         description: what the user says of buses and nodes.
         devices: device by node id, where the description leaves it open.
         bitrate: bit/s of every bus whose bit rate is not told otherwise.
@@ -65,29 +88,17 @@ def analyze(
         origin_ns: first stamp of the whole capture, from which capture time counts; by default
             the first one of the stream.
     """
-    context = _context(facts, buses, description, devices)
+    facts = prepared.facts
+    context = _context(facts, prepared.buses, description, devices)
     recall(context.shadow, facts)
     control, timing, angle = ControlFold(context), TimingFold(context), AngleFold(context)
     folds: tuple[Fold, ...] = (control, timing, angle, PdoLengths(context))
-    census = Census()
-    echoes = Echoes(lambda: max((each.resolution_ns for each in facts), default=1))
-    items = joined(with_deafness(_told_errors(stream, facts, buses)), timed=context.timed)
     rates = BitRates(context, facts, bitrate, data_bitrate)
-    batches = BusBatches(timed=context.timed)
-    ready = read_ahead(items, _prepared)
-    for item in rates.settled(echoes.marked(ready) if context.timed else ready):
-        if isinstance(item, Gap):
-            _feed(folds, batches.flush(item.bus))
-            for fold in folds:
-                fold.gap(item)
-            census.gap(item)
-        else:
-            _feed(folds, batches.add(item.showing(hidden(item.frames))))
-            census.update(item)
+    for step in rates.settled(prepared.steps()):
+        _feed(folds, step)
         if progress:
-            progress(census.frames)
-    _feed(folds, batches.flush())
-    end_ns = census.end_ns
+            progress(step.frames)
+    end_ns = prepared.census.end_ns
     controls = control.finish(end_ns)
     unread = [place for each in facts for place in each.unread]
     timings = timing.finish(
@@ -102,7 +113,7 @@ def analyze(
     angles = angle.finish(end_ns, starts, lost)
     nodes = node_rows(context, controls, timings.pdos)
     analysis = Analysis(
-        capture=census.row(facts, context, origin_ns),
+        capture=capture_row(prepared.census, facts, context, origin_ns),
         nodes=nodes,
         nmt_commands=controls.nmt.commands,
         nmt_states=told_waiting(context, controls.nmt.states, controls.nmt.timelines),
@@ -144,7 +155,7 @@ def analyze(
         bus_errors=controls.bus_errors.kinds,
         lss=controls.lss.rows,
         time_stamps=controls.time.rows,
-        doubled=echoes.rows(buses),
+        doubled=doubled_rows(prepared.doubled, context.buses),
         pdo_lengths=length_rows(context),
     )
     if unlisted := controls.sdo.unlisted:
@@ -165,29 +176,14 @@ def analyze(
     return analysis
 
 
-def _feed(folds: Iterable[Fold], batches: Iterable[IndexedBatch]) -> None:
-    """Take batches in, each through all folds before the next one."""
-    for batch in batches:
+def _feed(folds: Sequence[Fold], step: Step) -> None:
+    """Take a step in: each batch through all folds before the next one, then the gap."""
+    for batch in step.batches:
         for fold in folds:
             fold.update(batch)
-
-
-def _prepared(item: IndexedBatch | Gap) -> IndexedBatch | Gap:
-    """The item with what the analyses will ask of its frames; made ahead of them, in threads."""
-    return item if isinstance(item, Gap) else item.prepared()
-
-
-def _told_errors(
-    stream: Iterable[tuple[int, FrameBatch | Gap]], facts: Sequence[CaptureFacts], buses: list[str]
-) -> Iterator[tuple[int, FrameBatch | Gap]]:
-    """The stream without error classes that are not SocketCAN's."""
-    for seq, item in stream:
-        if isinstance(item, FrameBatch):
-            names = {name for each in facts for name in each.foreign_errors}
-            foreign = [number for number, name in enumerate(buses) if name in names]
-            yield seq, without_classes(item, foreign)
-        else:
-            yield seq, item
+    if step.gap is not None:
+        for fold in folds:
+            fold.gap(step.gap)
 
 
 def _context(

@@ -14,17 +14,6 @@ from syncline_schemas.canopen.services import SERVICE_OF_ID, Service, service_of
 from syncline_schemas.wire_length import wire_bits
 
 _NOWHERE = slice(0, 0)
-_BY_FRAMES = (
-    "flags_seen",
-    "ascending",
-    "grouped_t_ns",
-    "t_ns_by_id",
-    "seqs_by_id",
-    "words_by_id",
-    "lengths",
-    "wire_bits",
-)
-"""Properties that cost time and depend on nothing but the frames."""
 
 
 class IndexedBatch:
@@ -80,12 +69,7 @@ class IndexedBatch:
     @cached_property
     def buses(self) -> list[int]:
         """Numbers of the buses of the frames, ascending."""
-        numbers = self.frames.bus
-        if not len(numbers):
-            return []
-        first = int(numbers[0])
-        alone = bool((numbers == numbers[0]).all())
-        return [first] if alone else np.flatnonzero(np.bincount(numbers)).tolist()
+        return self.frames.buses
 
     @cached_property
     def ascending(self) -> bool:
@@ -221,15 +205,6 @@ class IndexedBatch:
         bits = wire_bits(self.frames)
         bits.flags.writeable = False
         return bits
-
-    def prepared(self) -> "IndexedBatch":
-        """The same, with what follows from the frames alone computed already.
-
-        Frames of several buses are parted before most of it is asked for.
-        """
-        for name in _BY_FRAMES if len(self.buses) == 1 else ("grouped_t_ns",):
-            getattr(self, name)
-        return self
 
     def place(self, bus: int, can_id: int) -> slice:
         """Where in the columns by identifier the data frames of one are."""

@@ -10,7 +10,6 @@ from syncline_schemas.batch import FrameBatch, FrameFlag
 REMOTE_KEY = 1 << 11
 """Bit of a key: remote frames."""
 BUS_SHIFT = 12
-_PACKED = 1 << 16
 _OTHER = FrameFlag.EXTENDED | FrameFlag.ERROR
 
 
@@ -78,11 +77,12 @@ def _stable_order(
     Key and row in one integer make any sort a stable one; numpy sorts integers about three times
     as fast as it finds their order.
     """
-    if len(key) <= _PACKED and int(key.max(initial=0)) < _PACKED:
-        packed = key << np.uint32(16)
+    bits = len(key).bit_length()
+    if int(key.max(initial=0)) >> (32 - bits) == 0:
+        packed = key << np.uint32(bits)
         packed |= np.arange(len(key), dtype=np.uint32)
         packed.sort()
-        return (packed & np.uint32(0xFFFF)).astype(np.intp), packed >> np.uint32(16)
+        return (packed & np.uint32((1 << bits) - 1)).astype(np.intp), packed >> np.uint32(bits)
     wide = key.astype(np.uint64) << np.uint64(32)
     wide |= np.arange(len(key), dtype=np.uint64)
     wide.sort()

@@ -6,8 +6,8 @@ from syncline_analyzer.deafness import Numbered
 from syncline_analyzer.fold import IndexedBatch
 from syncline_schemas.batch import Gap
 
-JOINED_FRAMES = 65_536
-"""Frames of a joined batch: 2 MB of columns, and each fold costs by the batch."""
+JOINED_FRAMES = 131_072
+"""Frames of a joined batch: 3 MB of columns, and each fold costs by the batch."""
 
 
 class Joiner:

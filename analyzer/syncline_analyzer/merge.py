@@ -8,6 +8,7 @@ import numpy as np
 
 from syncline_analyzer.capture import CaptureReader
 from syncline_analyzer.clock_repair import repair_clocks
+from syncline_analyzer.offsets import ShiftedReader
 from syncline_analyzer.segments import chained, last_place
 from syncline_schemas.batch import FrameBatch, Gap
 from syncline_schemas.capture.gap_message import DID_NOT_RUN
@@ -82,6 +83,26 @@ class _Open:
         self.head = next((item for item in self.items if isinstance(item, Gap) or len(item)), None)
 
 
+def _check_order(readers: Sequence[CaptureReader]) -> None:
+    """Raises: UsageError where nothing tells how the times of files lie to each other."""
+    undated = [each for each in readers if each.facts.time_base != "utc"]
+    placed = all(isinstance(each, ShiftedReader) for each in readers)
+    if not undated or len(readers) == 1 or (placed and len(undated) == len(readers)):
+        return
+    name = undated[0].facts.path.name
+    if undated[0].facts.time_base == "none":
+        raise UsageError(
+            f"{undated[0].facts.path} has no times, so it cannot be put in order with other files:"
+            " analyze it alone"
+        )
+    raise UsageError(
+        f"{undated[0].facts.path} has no dates, so it cannot be put in order with other files:"
+        f" analyze it alone, or say when its first frame was recorded, such as --offset"
+        f" {name}=2026-03-01T12:00:00Z; where no file has dates, say by how many seconds each is"
+        f" to be moved against the others, such as --offset {name}=0"
+    )
+
+
 class Merge:
     """The frames of several captures in one stream.
 
@@ -100,12 +121,7 @@ class Merge:
         self._open = [_Open(reader, reader.batches(), None, {}) for reader in chained(readers)]
         for source in self._open:
             source.begin()
-        undated = [s.reader for s in self._open if s.reader.facts.time_base != "utc"]
-        if undated and len(readers) > 1:
-            raise UsageError(
-                f"{undated[0].facts.path} has no dates, so it cannot be put in order with other"
-                " files: analyze it alone"
-            )
+        _check_order([source.reader for source in self._open])
         self._last_ns: dict[int, int] = {}
         self._last_place: dict[int, str] = {}
         self.first_ns = min((s.next_ns for s in self._open if s.head is not None), default=None)
@@ -167,10 +183,13 @@ class Merge:
         return self._renumbered(source, part)
 
     def _renumbered(self, source: _Open, batch: FrameBatch) -> FrameBatch:
-        table = np.zeros(256, np.uint8)
-        for number in np.unique(batch.bus):
-            mapped = self._map_bus(source, int(number), set())
+        table = np.arange(256, dtype=np.uint8)
+        numbers = batch.buses
+        for number in numbers:
+            mapped = self._map_bus(source, number, set())
             table[number] = mapped
             self._last_ns[mapped] = int(batch.t_ns[-1])
             self._last_place[mapped] = source.place
+        if all(table[number] == number for number in numbers):
+            return batch
         return replace(batch, bus=table[batch.bus])

@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Columns = dict[str, NDArray[Any]]
+_AT_ONCE = 4096
+"""Rows that wait until they are thinned together."""
 
 
 class Thinner:
@@ -13,53 +15,86 @@ class Thinner:
 
     While there are fewer, all rows stay. Beyond that, neighbouring rows are cut into runs of equal
     length, and of each run the rows with the smallest and the largest `key` stay (NaN never does
-    while there is a number), so that no peak is ever lost.
+    while there is a number), so that no peak is ever lost. Which rows are added at a time changes
+    nothing.
+
+    Args:
+        key: a column.
+        limit: a multiple of four.
     """
 
     def __init__(self, key: str, limit: int) -> None:
         self.stride = 1
         self._key = key
         self._limit = limit
+        self._added = 0
         self._blocks: list[Columns] = []
-        self._held = 0
+        self._waiting: list[Columns] = []
+        """Rows that are not thinned yet: many at a time cost less."""
+        self._waits = 0
+
+    @property
+    def empty(self) -> bool:
+        """Whether nothing was added."""
+        return not self._added
 
     def add(self, columns: Columns) -> None:
-        """Append rows; the arrays are not copied unless they are thinned."""
-        if self.stride > 1 and len(columns[self._key]):
-            columns = _thin(columns, self._key, 2 * self.stride)
-        self.add_chosen(columns)
-
-    def chosen(self, key: NDArray[np.float64]) -> NDArray[np.intp]:
-        """Rows that will stay of a block with this key; the others need not be worked out."""
-        if self.stride == 1 or not len(key):
-            return np.arange(len(key))
-        return extreme_rows(key, 2 * self.stride)
-
-    def add_chosen(self, block: Columns) -> None:
-        """Append rows of which only the `chosen` ones are given."""
-        if not len(block[self._key]):
-            return
-        self._blocks.append(block)
-        self._held += len(block[self._key])
-        while self._held > self._limit:
+        """Append rows; the arrays are not copied."""
+        count = len(columns[self._key])
+        room = self._limit * self.stride - self._added
+        if count > room:
+            self.add(_part(columns, slice(0, room)))
             self._halve()
+            self.add(_part(columns, slice(room, None)))
+            return
+        if not count:
+            return
+        self._added += count
+        self._waiting.append(columns)
+        self._waits += count
+        if self._waits >= max(_AT_ONCE, 2 * self.stride):
+            self._settle()
 
     def columns(self) -> Columns:
         """All rows that are kept, in order; no columns at all when nothing was added."""
-        if not self._blocks:
-            return {}
+        if self._waits >= 2 * self.stride:
+            self._settle()
         if len(self._blocks) > 1:
             self._blocks = [_joined(self._blocks)]
-        return self._blocks[0]
+        if not self._waiting:
+            return self._blocks[0] if self._blocks else {}
+        last = _thin(_joined(self._waiting), self._key, 2 * self.stride)
+        return _joined([*self._blocks, last])
 
     def _halve(self) -> None:
+        self._settle()
         self._blocks = [_thin(self.columns(), self._key, 4)]
-        held = len(self._blocks[0][self._key])
         self.stride *= 2
-        self._held = held
+
+    def _settle(self) -> None:
+        """Thin the whole runs of what waits."""
+        if not self._waiting:
+            return
+        rows = _joined(self._waiting)
+        whole = self._waits
+        if self.stride > 1:
+            whole -= whole % (2 * self.stride)
+            self._blocks.append(_thin(_part(rows, slice(0, whole)), self._key, 2 * self.stride))
+        else:
+            self._blocks.append(rows)
+        self._waits -= whole
+        # A copy: what waits must not hold on to the rest.
+        left = {name: column[whole:].copy() for name, column in rows.items()}
+        self._waiting = [left] if self._waits else []
+
+
+def _part(columns: Columns, rows: slice) -> Columns:
+    return {name: column[rows] for name, column in columns.items()}
 
 
 def _joined(blocks: list[Columns]) -> Columns:
+    if len(blocks) == 1:
+        return blocks[0]
     names = dict.fromkeys(name for block in blocks for name in block)
     return {name: np.concatenate([_column(block, name) for block in blocks]) for name in names}
 
@@ -81,7 +116,9 @@ def extreme_rows(value: NDArray[np.float64], run: int) -> NDArray[np.intp]:
     >>> extreme_rows(np.array([0.0, 9.0, 1.0, 2.0, -5.0, 3.0]), 3).tolist()
     [0, 1, 4, 5]
     """
-    padded = np.concatenate([value, np.full(-len(value) % run, np.nan)]).reshape(-1, run)
+    if len(value) % run:
+        value = np.concatenate([value, np.full(-len(value) % run, np.nan)])
+    padded = value.reshape(-1, run)
     low = high = padded
     hole = np.isnan(padded)
     if hole.any():

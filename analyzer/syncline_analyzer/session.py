@@ -3,30 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
-import numpy as np
-
-from syncline_analyzer.capture import CaptureReader
-from syncline_analyzer.engine import Progress, analyze
-from syncline_analyzer.merge import Merge
+from syncline_analyzer.collecting import rare_collections
 from syncline_analyzer.moments import Moment, parse_moment
-from syncline_analyzer.readers import open_capture
-from syncline_analyzer.readers.mcap import McapReader
-from syncline_analyzer.redaction import Redaction, Veil
-from syncline_analyzer.results import Analysis
-from syncline_analyzer.segments import in_segment_order
-from syncline_schemas.batch import FrameBatch, Gap
-from syncline_schemas.description import BusDescription
-from syncline_schemas.devices import Device, load_device
+from syncline_analyzer.reading_child import begun
+from syncline_analyzer.reading_request import Request
 from syncline_schemas.errors import UsageError
 
+# All else is imported when it is needed, so that a process that reads can start before it.
 if TYPE_CHECKING:
     import pandas as pd
+
+    from syncline_analyzer.capture import CaptureFacts
+    from syncline_analyzer.engine import Progress
+    from syncline_analyzer.opened import Opened
+    from syncline_analyzer.results import Analysis
+    from syncline_schemas.batch import FrameBatch
+    from syncline_schemas.description import BusDescription
+    from syncline_schemas.devices import Device
 
 AnyPath = str | PathLike[str]
 
@@ -40,6 +38,8 @@ def open_session(
     data_bitrate: int | None = None,
     start: str | int | None = None,
     end: str | int | None = None,
+    offsets: Mapping[str, str] | None = None,
+    processes: Literal[1, 2] = 2,
 ) -> Session:
     """Open captures as one session; nothing is analyzed before the first question.
 
@@ -50,6 +50,10 @@ def open_session(
         bitrate: bit/s of every bus whose bit rate is not told otherwise.
         data_bitrate: the same of the data phase of CAN FD frames.
         start, end: half-open range: "90s" into the capture, UTC as ISO text, or `t_ns`.
+        offsets: by path or name of a file, how its times are moved: "+3600" or "-2.5" seconds, or
+            the UTC time of its first frame as ISO text, which also gives a date to one that has none.
+        processes: 2 lets another process read large captures while this one analyzes, where there
+            are two processors; 1 does everything in this one, where many analyses run at once.
 
     Raises:
         CaptureError: a file is no capture that can be read.
@@ -59,16 +63,16 @@ def open_session(
     paths = [captures] if isinstance(captures, (str, PathLike)) else list(captures)
     if not paths:
         raise UsageError("no capture given: name at least one file")
-    if description is not None and not isinstance(description, BusDescription):
-        description = BusDescription.load(Path(description))
     return Session(
         [Path(path) for path in paths],
-        description,
-        {node: load_device(name) for node, name in (devices or {}).items()},
+        _loaded(description),
+        _devices(devices or {}),
         bitrate,
         _moment(start),
         _moment(end),
         data_bitrate,
+        offsets,
+        processes,
     )
 
 
@@ -84,8 +88,12 @@ class Session:
         start: Moment | None,
         end: Moment | None,
         data_bitrate: int | None = None,
+        offsets: Mapping[str, str] | None = None,
+        processes: Literal[1, 2] = 2,
     ) -> None:
         self.paths = list(paths)
+        self._offsets = dict(offsets or {})
+        self._processes = processes
         self._description = description
         self._devices = dict(devices)
         self._bitrate = bitrate
@@ -95,31 +103,40 @@ class Session:
         self._analysis: Analysis | None = None
 
     def __repr__(self) -> str:
+        if self._analysis is not None:
+            return f"<syncline session of {repr(self._analysis).removeprefix('<analysis of ')}"
         files = ", ".join(path.name for path in self.paths)
-        return f"<syncline session of {files}{'' if self._analysis else ', not analyzed yet'}>"
+        return f"<syncline session of {files}, not analyzed yet>"
+
+    def _repr_html_(self) -> str:
+        from syncline_analyzer.views.notebook import session_html
+
+        return session_html(self.paths, self._analysis)
 
     def analyze(self, progress: Progress | None = None) -> Analysis:
         """Everything one pass over the captures tells; `progress` is called after each batch."""
         if self._analysis is None:
-            readers = self._readers()
-            merge = Merge(readers)
-            self._check_range(readers)
-            veil = Veil(Redaction.of_metadata(reader.facts.metadata for reader in readers))
-            self._analysis = analyze(
-                veil.over(self._stream(merge, readers)),
-                [reader.facts for reader in readers],
-                merge.buses,
-                description=self._description_of(readers),
+            self._analysis = self._analyzed(progress)
+        return self._analysis
+
+    def _analyzed(self, progress: Progress | None) -> Analysis:
+        with rare_collections(), begun(self._request, self._processes) as opened:
+            # Imported while another process begins to read.
+            from syncline_analyzer.engine import analyze_prepared
+
+            reading = opened()
+            analysis = analyze_prepared(
+                reading,
+                description=self._description_of(reading.facts),
                 devices=self._devices,
                 bitrate=self._bitrate,
                 data_bitrate=self._data_bitrate,
-                origin_ns=merge.first_ns,
+                origin_ns=reading.origin_ns,
                 progress=progress,
             )
-            self._analysis = veil.lifted(self._analysis)
-            if merge.first_ns is not None and not self._analysis.capture.frames:
-                raise UsageError("no frame lies between --from and --to of these captures")
-        return self._analysis
+        if reading.origin_ns is not None and not analysis.capture.frames:
+            raise UsageError("no frame lies between --from and --to of these captures")
+        return reading.veil.lifted(analysis)
 
     @cached_property
     def analysis(self) -> Analysis:
@@ -130,13 +147,36 @@ class Session:
         self, start: str | int | None = None, end: str | int | None = None
     ) -> Iterator[FrameBatch]:
         """Batches of the session, or of the half-open range given within it."""
-        readers = self._readers()
-        merge = Merge(readers)
-        own, within = (self._start, self._end), (_moment(start), _moment(end))
-        stretch = _stretch(merge, own).common(_stretch(merge, within))
-        for _, item in _cut(_numbered(merge, readers, stretch), stretch):
+        from syncline_analyzer.reading import Captures
+        from syncline_schemas.batch import FrameBatch
+
+        captures = Captures(self.paths, self._offsets)
+        own = captures.stretch(self._start, self._end)
+        within = captures.stretch(_moment(start), _moment(end))
+        for _, item in captures.numbered(own.common(within)):
             if isinstance(item, FrameBatch):
                 yield item
+
+    def opened(self) -> Opened:
+        """The captures opened once more, for a pass over all frames from the first one on."""
+        from syncline_analyzer.opened import Opened
+        from syncline_analyzer.reading import EVERYTHING, Captures, check_range
+        from syncline_analyzer.redaction import Redaction
+
+        captures = Captures(self.paths, self._offsets)
+        check_range(self._request, captures.facts)
+        stretch = captures.stretch(self._start, self._end)
+        return Opened(
+            facts=captures.facts,
+            buses=captures.buses,
+            description=self._description_of(captures.facts),
+            devices=self._devices,
+            redaction=Redaction.of_metadata(each.metadata for each in captures.facts),
+            first_ns=captures.first_ns,
+            low_ns=stretch.low_ns,
+            high_ns=stretch.high_ns,
+            stream=captures.numbered(EVERYTHING),
+        )
 
     def findings(self) -> pd.DataFrame:
         """One row per finding, the worst first; `analysis.findings` holds them as dataclasses."""
@@ -308,117 +348,44 @@ class Session:
         chosen = [row for row in rows if row.node == node and bus in (None, row.bus)]
         return to_frame(chosen, table, dated=self._dated)
 
-    def _check_range(self, readers: Sequence[CaptureReader]) -> None:
-        """Raises: UsageError where the range cannot hold anything."""
-        start, end = self._start, self._end
-        if start and end and start.relative == end.relative and start.ns >= end.ns:
-            raise UsageError("the range is empty: --from is not before --to")
-        absolute = any(moment and not moment.relative for moment in (start, end))
-        if absolute and any(reader.facts.time_base != "utc" for reader in readers):
-            raise UsageError("these logs have no dates: write times as 90s or 1m30s into them")
+    @property
+    def _request(self) -> Request:
+        return Request(self.paths, self._start, self._end, self._offsets)
 
     @property
     def _dated(self) -> bool:
         """Whether the stamps are UTC, so that they may be shown as dates."""
         return self.analysis.capture.start_utc_ns is not None
 
-    def _readers(self) -> list[CaptureReader]:
-        return in_segment_order([open_capture(path) for path in self.paths])
-
-    def _description_of(self, readers: Sequence[CaptureReader]) -> BusDescription:
+    def _description_of(self, facts: Sequence[CaptureFacts]) -> BusDescription:
         """The user's description, else the one that the recorder attached to the capture."""
+        from syncline_schemas.description import BusDescription
+
         if self._description is not None:
             return self._description
-        for reader in readers:
-            if reader.facts.description_toml:
-                return BusDescription.loads(
-                    reader.facts.description_toml, files=reader.facts.eds_files
-                )
+        for each in facts:
+            if each.description_toml:
+                return BusDescription.loads(each.description_toml, files=each.eds_files)
         return BusDescription()
 
-    def _stream(self, merge: Merge, readers: Sequence[CaptureReader]) -> Iterator[Numbered]:
-        stretch = _stretch(merge, (self._start, self._end))
-        return _cut(_numbered(merge, readers, stretch), stretch)
+
+def _loaded(description: AnyPath | BusDescription | None) -> BusDescription | None:
+    if not isinstance(description, (str, PathLike)):
+        return description
+    from syncline_schemas.description import BusDescription
+
+    return BusDescription.load(Path(description))
 
 
-Numbered = tuple[int, FrameBatch | Gap]
-_EARLIEST_NS, _LATEST_NS = int(np.iinfo(np.int64).min), int(np.iinfo(np.int64).max)
+def _devices(named: Mapping[int, str]) -> dict[int, Device]:
+    if not named:
+        return {}
+    from syncline_schemas.devices import load_device
 
-
-@dataclass(frozen=True, slots=True)
-class _Stretch:
-    """The half-open stretch of time [low_ns, high_ns) that is wanted."""
-
-    low_ns: int = _EARLIEST_NS
-    high_ns: int = _LATEST_NS
-
-    def common(self, other: _Stretch) -> _Stretch:
-        """What lies in both."""
-        return _Stretch(max(self.low_ns, other.low_ns), min(self.high_ns, other.high_ns))
-
-
-_EVERYTHING = _Stretch()
+    return {node: load_device(name) for node, name in named.items()}
 
 
 def _moment(value: str | int | None) -> Moment | None:
     if value is None:
         return None
     return parse_moment(value) if isinstance(value, str) else Moment(value, relative=False)
-
-
-def _stretch(merge: Merge, bounds: tuple[Moment | None, Moment | None]) -> _Stretch:
-    origin_ns = merge.first_ns or 0
-    start, end = bounds
-    return _Stretch(
-        start.resolved(origin_ns) if start else _EARLIEST_NS,
-        end.resolved(origin_ns) if end else _LATEST_NS,
-    )
-
-
-def _numbered(
-    merge: Merge, readers: Sequence[CaptureReader], stretch: _Stretch
-) -> Iterator[Numbered]:
-    """The merged stream with the place of each first frame; outside the stretch it may be wrong.
-
-    Of our own captures only the chunks are read that the stretch needs.
-    """
-    skipped = _Skipped()
-    for reader in readers if stretch != _EVERYTHING else ():
-        if isinstance(reader, McapReader):
-            reader.limit(stretch.low_ns, stretch.high_ns, skipped.add)
-    seq = 0
-    for item in merge.stream():
-        yield seq + skipped.frames, item
-        seq += len(item) if isinstance(item, FrameBatch) else 0
-
-
-class _Skipped:
-    """Counts the frames before a stretch that were not read."""
-
-    def __init__(self) -> None:
-        self.frames = 0
-
-    def add(self, frames: int) -> None:
-        """Count some more."""
-        self.frames += frames
-
-
-def _cut(stream: Iterator[Numbered], stretch: _Stretch) -> Iterator[Numbered]:
-    """The rows within a stretch; `seq` stays the place in the whole capture."""
-    if stretch == _EVERYTHING:
-        yield from stream
-        return
-    for seq, item in stream:
-        if isinstance(item, Gap):
-            if item.start_ns < stretch.high_ns and item.end_ns > stretch.low_ns:
-                yield seq, item
-        else:
-            inside = (item.t_ns >= stretch.low_ns) & (item.t_ns < stretch.high_ns)
-            yield from _runs(seq, item, inside)
-
-
-def _runs(seq: int, batch: FrameBatch, inside: np.ndarray) -> Iterator[Numbered]:
-    """Unbroken runs of the chosen rows, so that each piece keeps its `seq`."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], inside, [False])).astype(np.int8)))
-    for begin, stop in edges.reshape(-1, 2).tolist():
-        yield seq + begin, batch[begin:stop]

@@ -11,9 +11,11 @@ from syncline_analyzer.capture import CaptureFacts
 from syncline_analyzer.context import Context
 from syncline_analyzer.engine import analyze
 from syncline_analyzer.fold import IndexedBatch
+from syncline_analyzer.preparing import Step
 from syncline_analyzer.results import Analysis
 from syncline_analyzer.session import open_session
 from syncline_analyzer.shadow import Shadow
+from syncline_analyzer.spacings import SPAN_FRAMES, SpacingGauge
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
 from syncline_schemas.description import BusDescription
 from tests.analyzer.timing_builder import MS, SECOND, T0, US, frame, ordered, regular
@@ -177,12 +179,17 @@ def test_each_bus_has_its_own() -> None:
 
 def test_the_stream_is_held_back_no_longer_than_needed_and_complete() -> None:
     rows = FrameBatch.from_rows([frame(t, 0x701, b"\5") for t in regular(5000, 100 * MS)])
-    parts = [IndexedBatch(rows, k * 5000) for k in range(80)]
+    gauge = SpacingGauge(timed=True)
+    parts = [
+        Step((k + 1) * 5000, [], spacings=gauge.measured(IndexedBatch(rows, k * 5000)))
+        for k in range(80)
+    ]
+    parts.append(Step(400_000, [], last=True))
     facts = CaptureFacts(Path("x"), "test", ["can0"])
     context = Context(["can0"], Shadow(lambda bus: "can0"))
     taken = 0
 
-    def stream() -> Iterator[IndexedBatch]:
+    def stream() -> Iterator[Step]:
         nonlocal taken
         for part in parts:
             taken += 1
@@ -195,10 +202,14 @@ def test_the_stream_is_held_back_no_longer_than_needed_and_complete() -> None:
 
 
 def test_nothing_is_held_back_where_the_bit_rate_is_told() -> None:
-    rows = FrameBatch.from_rows([frame(t, 0x701, b"\5") for t in regular(50, 100 * MS)])
+    rows = FrameBatch.from_rows([frame(t, 0x701, b"\5") for t in regular(SPAN_FRAMES, MS)])
     facts = CaptureFacts(Path("x"), "test", ["can0"])
     context = Context(["can0"], Shadow(lambda bus: "can0"))
-    parts = [IndexedBatch(rows, 0), IndexedBatch(rows, 50)]
+    gauge = SpacingGauge(timed=True)
+    parts = [
+        Step(at + len(rows), [], spacings=gauge.measured(IndexedBatch(rows, at)))
+        for at in (0, len(rows))
+    ]
     settled = BitRates(context, [facts], 500_000, None).settled(iter(parts))
     assert next(settled) is parts[0]
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from syncline_analyzer.folds.nmt import error_control
+from syncline_analyzer.folds.nmt import calm
 from syncline_analyzer.folds.nmt.error_control import ErrorControl
 from syncline_schemas.batch import Gap
 from tests.analyzer.control_runs import MS, Row, Run, frame, remote, run
@@ -52,7 +52,7 @@ def tables(found: Run) -> list[object]:
 @pytest.mark.parametrize("size", [40, 400])
 def test_calm_changes_nothing(seed: int, size: int, monkeypatch: pytest.MonkeyPatch) -> None:
     items = [*life(seed, 60)]
-    monkeypatch.setattr(error_control, "ENOUGH", 100)
+    monkeypatch.setattr(calm, "ENOUGH", 100)
     waited = 0
     go_on = ErrorControl.go_on
 
@@ -62,7 +62,7 @@ def test_calm_changes_nothing(seed: int, size: int, monkeypatch: pytest.MonkeyPa
         go_on(self, *args)  # type: ignore[arg-type]
 
     monkeypatch.setattr(ErrorControl, "go_on", counting)
-    calm = tables(run(*items, batch=size))
+    waiting = tables(run(*items, batch=size))
     assert waited, "some batches hold nothing but heartbeats that go on"
-    monkeypatch.setattr(ErrorControl, "_as_calm", lambda self: None)
-    assert tables(run(*items, batch=size)) == calm
+    monkeypatch.setattr(ErrorControl, "steady", None)
+    assert tables(run(*items, batch=size)) == waiting

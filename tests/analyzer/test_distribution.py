@@ -199,15 +199,17 @@ def test_a_column_that_some_blocks_lack_is_not_a_number_there() -> None:
     assert columns["bound"][3:].tolist() == [7, 8]
 
 
-@given(st.integers(1, 60), st.integers(0, 2**32))
+@given(st.lists(st.integers(0, 400), min_size=1, max_size=40), st.integers(0, 2**32))
 @settings(max_examples=30, deadline=None)
-def test_rows_chosen_beforehand_are_those_that_stay(blocks: int, seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    whole, chosen = Thinner("value", 50), Thinner("value", 50)
-    for _ in range(blocks):
-        value = rng.integers(0, 20, rng.integers(0, 40)).astype(np.float64)
-        whole.add({"value": value})
-        chosen.add_chosen({"value": value[chosen.chosen(value)]})
-    assert whole.columns().keys() == chosen.columns().keys()
-    for name, column in whole.columns().items():
-        assert column.tolist() == chosen.columns()[name].tolist()
+def test_what_is_added_at_a_time_changes_nothing(cuts: list[int], seed: int) -> None:
+    value = np.random.default_rng(seed).integers(0, 20, sum(cuts)).astype(np.float64)
+    row = np.arange(len(value))
+    whole, parts = Thinner("value", 48), Thinner("value", 48)
+    whole.add({"value": value, "row": row})
+    for part in np.split(row, np.cumsum(cuts)[:-1]):
+        parts.add({"value": value[part], "row": part})
+        assert parts.empty or len(parts.columns()["row"]) <= 48
+    assert whole.stride == parts.stride
+    assert whole.empty == (not len(value))
+    if len(value):
+        assert whole.columns()["row"].tolist() == parts.columns()["row"].tolist()

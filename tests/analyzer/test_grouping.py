@@ -87,7 +87,7 @@ def test_many_rows_and_high_bus_numbers_are_sorted_the_same_way() -> None:
         assert np.array_equal(grouping.keys, np.unique(key))
 
 
-def test_parts_and_what_is_prepared_are_the_same_frames() -> None:
+def test_parts_are_the_same_frames() -> None:
     rows = [(10 * n, 0, 0x181 + n % 3, 0, n % 9) for n in range(40)]
     whole = IndexedBatch(batch_of(rows), 100)
     assert whole.part(slice(0, 40)) is whole
@@ -100,7 +100,6 @@ def test_parts_and_what_is_prepared_are_the_same_frames() -> None:
     apart = IndexedBatch.joined([part, whole.part(slice(30, 40))])
     assert apart.seqs.tolist() == [*range(107, 120), *range(130, 140)]
     bits = wire_bits(whole.frames)
-    assert whole.prepared() is whole
     assert np.array_equal(whole.wire_bits, bits)
     assert whole.ascending
     assert not IndexedBatch(whole.frames[np.array([3, 1])]).ascending

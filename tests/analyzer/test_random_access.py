@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from syncline_analyzer import open_session
-from syncline_analyzer.merge import Merge
 from syncline_analyzer.readers.mcap import McapReader
+from syncline_analyzer.reading import Captures
 from syncline_analyzer.session import Session
 from syncline_schemas.batch import FrameBatch, Gap
 from syncline_schemas.capture.gap_message import gap_message
@@ -83,10 +83,11 @@ def read(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 
 def numbered(session: Session) -> list[tuple[int, int, int]]:
     """(seq, t_ns, bus) of each frame of a session, as the analyses get them."""
-    readers = session._readers()
+    captures = Captures(session.paths)
+    stretch = captures.stretch(session._start, session._end)
     return [
         (seq + i, int(item.t_ns[i]), int(item.bus[i]))
-        for seq, item in session._stream(Merge(readers), readers)
+        for seq, item in captures.numbered(stretch)
         if isinstance(item, FrameBatch)
         for i in range(len(item))
     ]

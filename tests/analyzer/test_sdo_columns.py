@@ -125,7 +125,7 @@ def known_of(shadow: Shadow) -> dict[Any, Any]:
             shadow.identity(*place),
             [shadow.read_again(*place, *key) for key in OBJECTS],
             [shadow.is_refused(*place, *key) for key in OBJECTS],
-            shadow.device(*place),
+            device.name if (device := shadow.device(*place)) else None,
         )
         for place in places
     }

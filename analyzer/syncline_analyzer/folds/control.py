@@ -55,6 +55,7 @@ class ControlFold:
         self._clock.update(batch)
         self._bus_errors.update(batch)
         self._sdo.update(batch, self._nmt.update(batch))
+        self._nmt.follow(batch)
         self._emcy.update(batch)
         self._lss.update(batch)
         self._time.update(batch)

@@ -60,7 +60,7 @@ class Series:
     value: NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Analysis:
     """Everything one pass over a capture tells."""
 
@@ -120,3 +120,13 @@ class Analysis:
     """Wear counters, hours, temperatures and error lists that were read."""
     pdo_lengths: list[PdoLengthRow] = field(default_factory=list)
     """How long the frames of each PDO identifier are."""
+
+    def __repr__(self) -> str:
+        from syncline_analyzer.views.markdown import extent, verdict
+
+        return f"<analysis of {extent(self).rstrip('.')}: {verdict(self).lower()}>"
+
+    def _repr_html_(self) -> str:
+        from syncline_analyzer.views.notebook import analysis_html
+
+        return analysis_html(self)

@@ -50,6 +50,8 @@ class CaptureRow:
     """First stamp taken in where only a part of the capture was; capture time stays since `first_ns`."""
 
     marks: list[MarkRow] = field(default_factory=list)
+    remote_lost: bool = False
+    """Whether a log of it does not mark remote frames: they stand as empty data frames."""
 
     @property
     def begin_ns(self) -> int:

@@ -40,6 +40,20 @@ class Finding:
     assumed: list[str] = field(default_factory=list)
     """What it rests on that was only assumed, for example "100Ch = 0 (eds-default)"."""
 
+    def __repr__(self) -> str:
+        where = "all buses" if self.bus is None else self.bus
+        node = "" if self.node is None else f" node {self.node}"
+        frames = f", frames {', '.join(map(str, self.evidence))}" if self.evidence else ""
+        return f"<{self.severity} {self.id} on {where}{node}{frames}: {self.text}>"
+
+    def __str__(self) -> str:
+        return f"{self.severity}: {self.text} [{self.id}]"
+
+    def _repr_html_(self) -> str:
+        from syncline_analyzer.views.notebook import finding_html
+
+        return finding_html(self)
+
     def as_link(self) -> Link:
         """The finding as a piece of another one's story, without what followed from it."""
         return Link(

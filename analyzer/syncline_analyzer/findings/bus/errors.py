@@ -130,7 +130,7 @@ def _burst(facts: Facts, group: list[ErrorStretch]) -> Finding:
 def _hit(facts: Facts, group: list[ErrorStretch]) -> tuple[str, int | None] | None:
     """Whose frame was destroyed, by what its sender repeats at once: (words, node)."""
     followers = sum((each.followers for each in group[1:]), group[0].followers)
-    usual = sum((each.usual for each in group[1:]), group[0].usual)
+    usual = facts.control.bus_errors.usual[group[0].bus]
     told = sum(followers.values())
     if told < max(MANY, _MOSTLY * sum(each.runs for each in group)):
         return None

@@ -209,7 +209,10 @@ def _standing_out(steps: Integers, per_turn: int) -> NDArray[np.intp]:
     """Starts of windows of steps whose middle one is far bigger than those around it."""
     size = np.abs(steps)
     least = _least(per_turn)
-    big = np.flatnonzero(size[STEADY : len(size) - STEADY - 1] >= least)
+    middle = size[STEADY : len(size) - STEADY - 1]
+    big = np.flatnonzero(middle >= least)
+    # Most steps of a shaft that turns are as big as the one before.
+    big = big[middle[big] > TIMES * size[big + STEADY - 1]]
     if not len(big):
         return big
     windows = sliding_window_view(size, _WIDTH)[big]

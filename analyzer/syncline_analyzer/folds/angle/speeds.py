@@ -160,16 +160,21 @@ def _on_and_on(
         return rate
     steps, spans = step[:whole].reshape(-1, many), span[:whole].reshape(-1, many)
     way = steps.sum(axis=1)
-    along = steps * np.sign(way)[:, None]
-    ranked = np.sort(along, axis=1)
-    moved = np.abs(way) - ranked[:, -2:].sum(axis=1) + 2 * np.median(along, axis=1)
     longest = spans.max(axis=1)
     late_ns = SLACK_NS + np.maximum(longest - usual_ns, 0.0)
     good = (spans.min(axis=1) > 0) & (longest <= PAUSES * usual_ns)
     good &= ~unsure[:whole].reshape(-1, many).any(axis=1)
     lasted = np.maximum(spans.sum(axis=1), 1)
-    beyond = good & (moved > limit * (lasted + late_ns))
-    rate[:whole] = np.repeat(np.where(beyond, moved / lasted, 0.0), many)
+    least = limit * (lasted + late_ns)
+    # Two median steps move no further than the two biggest.
+    far = np.flatnonzero(good & (np.abs(way) > least))
+    if len(far):
+        along = steps[far] * np.sign(way[far])[:, None]
+        ranked = np.sort(along, axis=1)
+        moved = np.abs(way[far]) - ranked[:, -2:].sum(axis=1) + 2 * np.median(along, axis=1)
+        beyond = np.zeros(len(way))
+        beyond[far] = np.where(moved > least[far], moved / lasted[far], 0.0)
+        rate[:whole] = np.repeat(beyond, many)
     return rate
 
 

@@ -200,8 +200,10 @@ class TraceState:
         if self.first_ns is None:
             self.first_seq, self.first_ns = int(piece.seq[0]), int(piece.t_ns[0])
         self.samples += len(piece.seq)
-        for bit in range(len(TRACE_FLAGS)):
-            self.flag_counts[bit] += int((flags >> bit & 1).sum())
+        combined = np.bincount(flags, minlength=1)
+        for seen in np.flatnonzero(combined).tolist():
+            bits = seen >> np.arange(len(TRACE_FLAGS)) & 1
+            self.flag_counts += combined[seen] * bits
         known = derived.value[~np.isnan(derived.value)]
         if len(known):
             self.low, self.high = min(self.low, known.min()), max(self.high, known.max())

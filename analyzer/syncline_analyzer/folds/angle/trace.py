@@ -137,8 +137,10 @@ class Encoder:
         sends them all has told which they are.
         """
         whole = float(self.scale.range_counts or np.inf)
-        width = np.minimum(whole, np.exp2(piece.widths))
-        sent = np.mod(piece.raw, width) if np.isfinite(whole) else piece.raw.astype(np.float64)
+        width = _widths(piece, whole)
+        sent = piece.raw.astype(np.float64)
+        if np.isfinite(whole) and not bool(((sent >= 0.0) & (sent < width)).all()):
+            sent = np.mod(piece.raw, width)
         line = line_through(state, piece, sent, width, whole, _around_zero)
         position = sent
         if state.offset is not None and (width < whole).any():
@@ -289,8 +291,19 @@ class Plain:
         return Derived(value, {}, np.zeros(len(value), np.uint16), counted)
 
 
+def _widths(piece: Samples, whole: float) -> Floats:
+    """(n,) what the samples repeat after: the whole range, or the bits that are sent."""
+    if piece.bits is None:
+        return np.full(len(piece.seq), min(whole, 2.0**piece.entry.bits))
+    return np.minimum(whole, np.exp2(piece.bits))
+
+
 def _around_zero(away: Floats, width: Floats) -> Floats:
     """The shortest way: in (-width / 2, width / 2]; all the way where nothing repeats."""
+    if bool((np.abs(away) < width).all()) and bool(np.isfinite(width).all()):
+        # Division takes much longer.
+        rest = np.where(away < 0.0, away + width, away + 0.0)
+        return np.where(rest > width / 2, rest - width, rest)
     finite = np.where(np.isfinite(width), width, 1.0)
     rest = np.mod(away, finite)
     short = np.where(rest > finite / 2, rest - finite, rest)

@@ -105,7 +105,7 @@ class ClockFold:
         passed[0] = 0 if last is None else t_ns[0] - last
         np.subtract(t_ns[1:], t_ns[:-1], out=passed[1:])
         self._last[bus] = int(t_ns[-1])
-        if int(passed.min()) < 0:
+        if not batch.ascending or passed[0] < 0:
             for row in np.flatnonzero(passed < 0)[: MAX_STEPS - len(self._steps)].tolist():
                 seq, back_ns = batch.seq(row), -int(passed[row])
                 name = self._context.bus_name(bus)
@@ -114,11 +114,12 @@ class ClockFold:
 
     def _keep_longest(self, bus: int, batch: IndexedBatch, passed: NDArray[np.int64]) -> None:
         kept = self._silences.get(bus, _NO_SILENCES)
-        full = kept.shape[1] == MAX_SILENCES
+        full = kept.shape[1] >= MAX_SILENCES
         shortest = int((kept[_END] - kept[_START]).min()) if full else 0
         rows = np.flatnonzero(passed > shortest)
         if len(rows) > MAX_SILENCES:
-            rows = rows[np.argpartition(passed[rows], -MAX_SILENCES)[-MAX_SILENCES:]]
+            limit = int(np.partition(passed[rows], -MAX_SILENCES)[-MAX_SILENCES])
+            rows = rows[passed[rows] >= limit]
         if len(rows):
             t_ns = batch.frames.t_ns[rows]
             found = np.stack((t_ns - passed[rows], t_ns, batch.seqs[rows]))
@@ -126,11 +127,11 @@ class ClockFold:
 
 
 def _longest(silences: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The longest ones, from the longest on where some are left out."""
+    """The longest ones, of equal ones the first, in order."""
     if silences.shape[1] <= MAX_SILENCES:
         return silences
     order = np.argsort(silences[_START] - silences[_END], kind="stable")
-    return silences[:, order[:MAX_SILENCES]]
+    return silences[:, np.sort(order[:MAX_SILENCES])]
 
 
 def _told(silences: NDArray[np.int64]) -> list[BusSilence]:

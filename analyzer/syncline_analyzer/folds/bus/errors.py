@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.fold import IndexedBatch
+from syncline_analyzer.grouping import BUS_SHIFT
 from syncline_analyzer.results import BusErrorRow, BusStateRow
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
 from syncline_schemas.can_errors import (
@@ -35,6 +36,7 @@ RETRY_NS = 1_000_000
 """The same where the bit rate is not known [ns]."""
 
 Rows = NDArray[np.intp]
+Ints = NDArray[np.int64]
 
 
 class BusError(NamedTuple):
@@ -60,8 +62,6 @@ class ErrorStretch:
     """Destroyed frames, those one after the other without a frame in between counted once."""
     followers: Counter[int] = field(default_factory=Counter)
     """How often which 11-bit identifier came next after a destroyed frame."""
-    usual: Counter[int] = field(default_factory=Counter)
-    """Frames by identifier, of the batches in which the error frames lie."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +77,8 @@ class BusErrorTable:
     no_ack: list[ErrorStretch] = field(default_factory=list)
     overflow: list[ErrorStretch] = field(default_factory=list)
     """Overruns of the controller's receive buffer."""
+    usual: dict[str, Counter[int]] = field(default_factory=dict)
+    """By bus, how many frames there are of each 11-bit identifier."""
 
 
 @dataclass(slots=True)
@@ -94,6 +96,14 @@ class _Bus:
     rows: list[BusStateRow] = field(default_factory=list)
     kinds: dict[str, _Kind] = field(default_factory=dict)
     stretches: dict[str, list[ErrorStretch]] = field(default_factory=dict)
+    usual: Counter[int] = field(default_factory=Counter)
+    open: tuple[ErrorStretch, int] | None = None
+    """Stretch and time of a destroyed frame that nothing followed yet."""
+
+    @property
+    def waits(self) -> bool:
+        """Whether frames without an error tell something."""
+        return self.state in ("bus-off", "restarted") or self.open is not None
 
 
 class BusErrorFold:
@@ -112,13 +122,20 @@ class BusErrorFold:
         frames = batch.frames
         if len(frames) and (self._begin is None or batch.seq0 < self._begin[0]):
             self._begin = batch.seq0, int(frames.t_ns[0])
-        rows = np.flatnonzero(frames.flags & FrameFlag.ERROR)
-        waiting = [n for n, bus in self._buses.items() if bus.state in ("bus-off", "restarted")]
+        for bus, counts in _by_id(batch).items():
+            self._buses.setdefault(bus, _Bus()).usual.update(counts)
+        rows = np.zeros(0, np.intp)
+        if batch.flags_seen & FrameFlag.ERROR:
+            rows = np.flatnonzero(frames.flags & FrameFlag.ERROR)
+        waiting = [n for n, bus in self._buses.items() if bus.waits]
         for bus in sorted({*frames.bus[rows].tolist(), *waiting}):
             self._take(batch, bus, rows[frames.bus[rows] == bus])
 
     def gap(self, gap: Gap) -> None:
         """After a gap the state is not known until it is told again."""
+        for number, bus in self._buses.items():
+            if gap.bus in (None, number):
+                bus.open = None
         if gap.reason in (RECORDER_OFF, RECORDER_OVERFLOW):
             return
         for number, bus in self._buses.items():
@@ -138,6 +155,7 @@ class BusErrorFold:
             table.destroyed.extend(bus.stretches.get("destroyed", ()))
             table.no_ack.extend(bus.stretches.get("no_ack", ()))
             table.overflow.extend(bus.stretches.get("overflow", ()))
+            table.usual[name] = bus.usual
         return table
 
     def _take(self, batch: IndexedBatch, bus: int, rows: Rows) -> None:
@@ -146,17 +164,19 @@ class BusErrorFold:
         if len(rows):
             self._frames[name] = self._frames.get(name, 0) + len(rows)
         group, errors = _decoded(batch.frames, rows)
-        for number, error in enumerate(errors):
-            self._count(batch, state, rows[group == number], error)
+        texts = _texts(state, errors)
+        for text in dict.fromkeys(texts):
+            same = [number for number, each in enumerate(texts) if each == text]
+            self._count(batch, state, rows[np.isin(group, same)], text)
+        destroyed: list[tuple[Rows, ErrorStretch]] = []
         for sort, chosen in _sorts(group, errors):
-            self._stretch(batch, bus, sort, rows[chosen], errors, group[chosen])
+            found = self._stretch(batch, bus, sort, rows[chosen], errors, group[chosen])
+            destroyed += found if sort == "destroyed" else []
+        self._add_followers(batch, bus, destroyed)
         self._follow(batch, bus, rows, group, errors)
 
-    def _count(self, batch: IndexedBatch, state: _Bus, rows: Rows, error: CanError) -> None:
+    def _count(self, batch: IndexedBatch, state: _Bus, rows: Rows, text: str) -> None:
         t_ns = batch.frames.t_ns[rows]
-        text = error.words
-        if text not in state.kinds and len(state.kinds) >= MAX_KINDS:
-            text = OTHER_KINDS
         kind = state.kinds.setdefault(text, _Kind(0, int(t_ns[0]), int(t_ns[0]), []))
         kind.count += len(rows)
         kind.last_ns = int(t_ns[-1])
@@ -171,8 +191,9 @@ class BusErrorFold:
         rows: Rows,
         errors: list[CanError],
         group: NDArray[np.intp],
-    ) -> None:
-        """Gather error frames of one sort to stretches."""
+    ) -> list[tuple[Rows, ErrorStretch]]:
+        """Gather error frames of one sort to stretches; tells which are of which."""
+        found = []
         stretches = self._buses[bus].stretches.setdefault(sort, [])
         t_ns = batch.frames.t_ns[rows]
         before = stretches[-1].end_ns if stretches else int(t_ns[0])
@@ -182,15 +203,43 @@ class BusErrorFold:
         for first, stop in zip(starts, [*starts[1:], len(rows)], strict=True):
             goes_on = bool(stretches) and first not in cuts
             if not goes_on and len(stretches) >= MAX_STRETCHES:
-                return
+                break
             if not goes_on:
                 start_ns = int(t_ns[first])
                 stretches.append(ErrorStretch(self._context.bus_name(bus), start_ns, start_ns))
             _extend(stretches[-1], batch, rows[first:stop], group[first:stop], errors)
-            if sort == "destroyed":
-                bitrate = self._context.bitrates.get(self._context.bus_name(bus))
-                retry_ns = RETRY_BITS * 10**9 // bitrate if bitrate else RETRY_NS
-                _add_followers(stretches[-1], batch, bus, rows[first:stop], retry_ns)
+            found.append((rows[first:stop], stretches[-1]))
+        return found
+
+    def _add_followers(
+        self, batch: IndexedBatch, bus: int, destroyed: list[tuple[Rows, ErrorStretch]]
+    ) -> None:
+        """Count which identifier came next after each destroyed frame: its sender tries again.
+
+        Of several destroyed frames before the same one, it is the repetition of the last.
+        """
+        state, frames = self._buses[bus], batch.frames
+        if not destroyed and state.open is None:
+            return
+        bitrate = self._context.bitrates.get(self._context.bus_name(bus))
+        retry_ns = RETRY_BITS * 10**9 // bitrate if bitrate else RETRY_NS
+        plain = (frames.flags & (FrameFlag.ERROR | FrameFlag.EXTENDED)) == 0
+        mine = np.flatnonzero(plain & (frames.bus == bus))
+        rows = np.concatenate([np.zeros(0, np.intp), *(rows for rows, _ in destroyed)])
+        after = mine.searchsorted(rows)
+        if state.open is not None and len(mine) and not (len(after) and after[0] == 0):
+            stretch, t_ns = state.open
+            _followed(stretch, frames, mine[:1], np.array([t_ns]), retry_ns)
+        state.open = None if len(mine) or len(rows) else state.open
+        last = np.append(after[1:] != after[:-1], True)[: len(after)] & (after < len(mine))
+        begin = 0
+        for own, stretch in destroyed:
+            chosen = np.flatnonzero(last[begin : begin + len(own)])
+            next_rows = mine[after[begin + chosen]]
+            _followed(stretch, frames, next_rows, frames.t_ns[own[chosen]], retry_ns)
+            begin += len(own)
+        if len(rows) and after[-1] == len(mine):
+            state.open = destroyed[-1][1], int(frames.t_ns[rows[-1]])
 
     def _follow(
         self,
@@ -248,7 +297,7 @@ class BusErrorFold:
 
 
 def _decoded(frames: FrameBatch, rows: Rows) -> tuple[NDArray[np.intp], list[CanError]]:
-    """Which error frames say the same, and what: (n,) numbers, and one error for each."""
+    """Which error frames say the same, and what: (n,) numbers by their order, an error for each."""
     data = frames.data[rows, :8].astype(np.int64)
     counters = np.maximum(data[:, 6], data[:, 7])
     level = np.searchsorted([1, WARNING_COUNT, PASSIVE_COUNT], counters, side="right")
@@ -258,11 +307,14 @@ def _decoded(frames: FrameBatch, rows: Rows) -> tuple[NDArray[np.intp], list[Can
         key |= data[:, place] << 8 * place
     table = np.stack([key, data[:, 4]], axis=1)
     _, first, group = np.unique(table, axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(first)
     errors = [
         can_error(int(frames.can_id[row]), frames.data[row, :8].tobytes())
-        for row in rows[first].tolist()
+        for row in rows[first[order]].tolist()
     ]
-    return group.reshape(-1), errors
+    number = np.empty_like(order)
+    number[order] = np.arange(len(order))
+    return number[group.reshape(-1)], errors
 
 
 def _sorts(
@@ -305,26 +357,37 @@ def _extend(
     stretch.evidence.extend(batch.seqs[rows[:room]].tolist())
 
 
-def _add_followers(
-    stretch: ErrorStretch, batch: IndexedBatch, bus: int, rows: Rows, retry_ns: int
+def _followed(
+    stretch: ErrorStretch, frames: FrameBatch, rows: Rows, since_ns: Ints, retry_ns: int
 ) -> None:
-    """Count which identifier came next after each destroyed frame: its sender tries again."""
-    frames = batch.frames
-    plain = (frames.flags & (FrameFlag.ERROR | FrameFlag.EXTENDED)) == 0
-    mine = np.flatnonzero(plain & (frames.bus == bus))
-    stretch.usual.update(_counts(frames.can_id[mine]))
-    after = np.searchsorted(mine, rows)
-    # Of several destroyed frames before the same one, it is the repetition of the last.
-    last = np.append(after[1:] != after[:-1], True) & (after < len(mine))
-    stretch.runs += int(last.sum())
-    next_rows = mine[after[last]]
-    soon = frames.t_ns[next_rows] - frames.t_ns[rows[last]] <= retry_ns
-    stretch.followers.update(_counts(frames.can_id[next_rows[soon]]))
+    """Note the frames that came next after destroyed ones."""
+    stretch.runs += len(rows)
+    soon = rows[frames.t_ns[rows] - since_ns <= retry_ns]
+    found, counts = np.unique(frames.can_id[soon], return_counts=True)
+    stretch.followers.update(dict(zip(found.tolist(), counts.tolist(), strict=True)))
 
 
-def _counts(can_id: NDArray[np.uint32]) -> dict[int, int]:
-    found, counts = np.unique(can_id, return_counts=True)
-    return dict(zip(found.tolist(), counts.tolist(), strict=True))
+def _by_id(batch: IndexedBatch) -> dict[int, dict[int, int]]:
+    """By bus and 11-bit identifier, how many frames there are; remote ones count as well."""
+    found: dict[int, dict[int, int]] = {bus: {} for bus in batch.buses}
+    grouping = batch.grouping
+    counts = (grouping.edges[1:] - grouping.edges[:-1]).tolist()
+    for key, count in zip(grouping.keys.tolist(), counts, strict=True):
+        of_bus, can_id = found[key >> BUS_SHIFT], key & 0x7FF
+        of_bus[can_id] = of_bus.get(can_id, 0) + count
+    return found
+
+
+def _texts(state: _Bus, errors: list[CanError]) -> list[str]:
+    """What each of the errors is counted as, in order of their first frames."""
+    known, texts = set(state.kinds), []
+    for error in errors:
+        if error.words not in known and len(known) >= MAX_KINDS:
+            texts.append(OTHER_KINDS)
+        else:
+            known.add(error.words)
+            texts.append(error.words)
+    return texts
 
 
 def _closed(

@@ -64,12 +64,14 @@ class LssFold:
 
     def update(self, batch: IndexedBatch) -> None:
         """Take in the next frames."""
-        found = [
-            (int(row), bus, can_id == REQUEST_ID)
-            for bus, can_id in batch.ids()
-            if can_id in (REQUEST_ID, ANSWER_ID)
-            for row in batch.rows(bus, can_id)[: MAX_ROWS + 1]
-        ]
+        found: list[tuple[int, int, bool]] = []
+        for bus in batch.buses:
+            for can_id in (REQUEST_ID, ANSWER_ID):
+                rows = batch.rows(bus, can_id)
+                # No more of them can be listed, whatever the other identifiers hold.
+                listed = rows[:MAX_ROWS].tolist()
+                self._beyond += len(rows) - len(listed)
+                found += [(row, bus, can_id == REQUEST_ID) for row in listed]
         for row, bus, request in sorted(found):
             self._take(batch, row, bus, request=request)
 

@@ -27,20 +27,31 @@ class EmcyIds:
     def __init__(self, context: Context) -> None:
         self._context = context
         self._bindings = PdoBindings(context.shadow)
+        self._settled: dict[tuple[int, int], tuple[int, bool]] = {}
+        """Node of each identifier, and whether SYNCs come on it, while the shadow learns nothing."""
+        self._moved: dict[int, set[int]] = {}
+        """By bus, the same for identifiers to which EMCYs were moved."""
+        self._version = -1
 
     def frames(self, batch: IndexedBatch) -> tuple[NDArray[np.intp], NDArray[np.uint8]]:
         """(n,) rows of the batch that are EMCYs, in order, and (n,) the nodes that they are of."""
-        nodes = np.zeros(len(batch), np.uint8)
-        for bus in {bus for bus, _ in batch.ids()}:
-            moved = self._moved_ids(bus)
-            ids = [i for b, i in batch.ids() if b == bus and (0x80 < i <= 0xFF or i in moved)]
-            if ids:
+        if self._version != self._context.shadow.version:
+            self._version = self._context.shadow.version
+            self._settled.clear()
+            self._moved = {}
+        found, senders = [np.zeros(0, np.intp)], [np.zeros(0, np.uint8)]
+        for bus, can_id in batch.ids():
+            if bus not in self._moved:
+                self._moved[bus] = self._moved_ids(bus)
                 self._bindings.refresh(bus)
-            for can_id in ids:
+            if 0x80 < can_id <= 0xFF or can_id in self._moved[bus]:
                 rows = batch.rows(bus, can_id)
-                nodes[rows] = self._senders(batch, bus, can_id, rows)
-        found = np.flatnonzero(nodes)
-        return found, nodes[found]
+                found.append(rows)
+                senders.append(self._senders(batch, bus, can_id, rows))
+        rows, nodes = np.concatenate(found), np.concatenate(senders)
+        order = np.argsort(rows)
+        order = order[nodes[order] > 0]
+        return rows[order], nodes[order]
 
     def _moved_ids(self, bus: int) -> set[int]:
         """Every identifier to which 1014h ever moved the EMCYs of a node of the bus."""
@@ -55,9 +66,14 @@ class EmcyIds:
         self, batch: IndexedBatch, bus: int, can_id: int, rows: NDArray[np.intp]
     ) -> NDArray[np.uint8]:
         """(n,) node of each row of an identifier, 0 where the frame is a SYNC or a PDO."""
+        settled = self._settled.get((bus, can_id))
+        if settled is not None:
+            nodes = np.full(len(rows), settled[0], np.uint8)
+            return np.where(batch.frames.dlc[rows] <= SYNC_BYTES, 0, nodes) if settled[1] else nodes
         moments = self._moments(bus, can_id, batch.seq0, batch.last_seq)
         sender = np.array([self._sender(bus, can_id, seq) for seq in moments], np.uint8)
         sync = np.array([self._is_sync(bus, can_id, seq) for seq in moments])
+        self._settled[bus, can_id] = int(sender[-1]), bool(sync[-1])
         at = np.searchsorted(moments, batch.seqs[rows], side="right") - 1
         empty = batch.frames.dlc[rows] <= SYNC_BYTES
         return np.where(sync[at] & empty, 0, sender[at]).astype(np.uint8)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -42,9 +43,35 @@ _LONGER_PAIR = 1.25
 """Two intervals in a row that are this much longer than the two before are no pair of two devices."""
 _BIN = 1e-3
 """Relative width of a bin of the period statistics."""
+_DENSE = 4
+"""With no more bins than so many for each period, they are counted in place."""
 
 Int64s = NDArray[np.int64]
 Mask = NDArray[np.bool_]
+
+
+class Bins(NamedTuple):
+    """Periods counted in bins: the shortest, the longest, and (number of the bin, count, sum)."""
+
+    shortest: int
+    longest: int
+    filled: list[tuple[int, int, float]]
+
+    @classmethod
+    def of(cls, periods: Int64s) -> Self:
+        """At least one period, all above 0."""
+        numbers = np.floor(np.log(periods) / _BIN).astype(np.int64)
+        lowest = int(numbers.min())
+        within = numbers - lowest
+        if int(within.max()) > _DENSE * len(periods):
+            bins, within = np.unique(within, return_inverse=True)
+        else:
+            bins = np.arange(int(within.max()) + 1)
+        counts, sums = np.bincount(within), np.bincount(within, weights=periods)
+        used = np.flatnonzero(counts)
+        columns = ((bins[used] + lowest), counts[used], sums[used])
+        filled = zip(*(column.tolist() for column in columns), strict=True)
+        return cls(int(periods.min()), int(periods.max()), list(filled))
 
 
 @dataclass(slots=True)
@@ -58,17 +85,14 @@ class Periods:
 
     def add(self, periods: Int64s) -> None:
         """Take in further periods, all above 0."""
-        if not len(periods):
-            return
-        short, long = int(periods.min()), int(periods.max())
-        low, high = self._edges or (short, long)
-        self._edges = (min(low, short), max(high, long))
-        numbers = np.floor(np.log(periods) / _BIN).astype(np.int64)
-        bins, place, counts = np.unique(numbers, return_inverse=True, return_counts=True)
-        sums = np.bincount(place, weights=periods)
-        for number, count, length in zip(
-            bins.tolist(), counts.tolist(), sums.tolist(), strict=True
-        ):
+        if len(periods):
+            self.take(Bins.of(periods))
+
+    def take(self, bins: Bins) -> None:
+        """Take in further periods by their bins."""
+        low, high = self._edges or (bins.shortest, bins.longest)
+        self._edges = (min(low, bins.shortest), max(high, bins.longest))
+        for number, count, length in bins.filled:
             before = self._bins.get(number, (0, 0.0))
             self._bins[number] = (before[0] + count, before[1] + length)
 
@@ -121,13 +145,15 @@ class Doubles:
 
     def note(self, seq: Int64s, t_ns: Int64s, passed: Int64s, regular: Mask) -> None:
         """Take in the intervals before some messages; `regular` ones are between like messages."""
-        news = np.stack((passed, regular.astype(np.int64), seq, t_ns))
-        rows = np.concatenate((self._trail, news), axis=1)
-        held = self._trail.shape[1]
-        self._trail = rows[:, -DOUBLE_WINDOW - 1 :]
-        length, even = rows[0], rows[1] != 0
-        if rows.shape[1] < 3 or int(np.ptp(length)) <= 2 * _ALIKE * int(length.min()):
+        before, held = self._trail, self._trail.shape[1]
+        last = slice(-DOUBLE_WINDOW - 2, None)
+        news = np.stack((passed[last], regular[last].astype(np.int64), seq[last], t_ns[last]))
+        self._trail = np.concatenate((before, news), axis=1)[:, last]
+        length = np.concatenate((before[0], passed))
+        if len(length) < 3 or int(np.ptp(length)) <= 2 * _ALIKE * int(length.min()):
             return
+        columns = ((before[1] != 0, regular), (before[2], seq), (before[3], t_ns))
+        even, seqs, times = (np.concatenate(pair) for pair in columns)
         pair = (length[:-2] + length[1:-1]).astype(np.float64)
         # One long interval between others, as where the clock was set, is no second producer.
         usual = pair <= _LONGER_PAIR * np.concatenate((pair[:1], pair[:-1]))
@@ -146,14 +172,14 @@ class Doubles:
         steady[: max(0, held - 2)] = False
         if not steady.any():
             return
-        found = rows[2:, 2:][:, steady]
+        found, found_ns = seqs[2:][steady], times[2:][steady]
         first = int(np.flatnonzero(steady)[0])
         if not self.count:
             self.count = int(sums[first]) - 1
-            self.span = (int(rows[3, max(0, first - DOUBLE_WINDOW + 3)]), 0)
-        self.count += found.shape[1]
-        self.at.extend(found[0, : max(0, KEPT_DOUBLES - len(self.at))].tolist())
-        self.span = (self.span[0], int(found[1, -1]))
+            self.span = (int(times[max(0, first - DOUBLE_WINDOW + 3)]), 0)
+        self.count += len(found)
+        self.at.extend(found[: max(0, KEPT_DOUBLES - len(self.at))].tolist())
+        self.span = (self.span[0], int(found_ns[-1]))
         pairs = pair[steady]
         shares = (np.minimum(length[:-2], length[1:-1])[steady] / pairs).tolist()
         self.first_shares.extend(shares[: max(0, KEPT_DOUBLES - len(self.first_shares))])
@@ -255,7 +281,8 @@ class Twins:
             windows = sliding_window_view(passed, length - 1)[begins]
             short = windows < _SHORT * np.median(windows, axis=1, keepdims=True)
             found = np.count_nonzero(short, axis=1) >= TWIN_SERIES
-            for begin in begins[found].tolist():
+            room = TWIN_TRIES - self._tries.get(length, 0)
+            for begin in begins[found][: max(0, room)].tolist():
                 self._look(rows[:, begin : begin + length])
         return rows[:, begins[-1] + length // 3 :]
 

@@ -39,6 +39,12 @@ class Columns(NamedTuple):
         )
 
 
+def no_columns() -> Columns:
+    """No frame."""
+    none, bytes_ = np.zeros(0, np.int64), np.zeros(0, np.uint8)
+    return Columns(none, none, np.zeros(0, np.bool_), bytes_, bytes_)
+
+
 @dataclass(slots=True)
 class Life:
     """Signs of life of the node since its last beat: the longest silence between them."""

@@ -1,5 +1,6 @@
 """NMT commands of each bus, and the frames on 000h and 080h that are not CANopen's."""
 
+from bisect import bisect_left
 from collections import Counter
 from dataclasses import dataclass, field
 
@@ -26,23 +27,19 @@ class Commands:
     """Frames on 000h that are no command."""
     odd: list[OddCommand] = field(default_factory=list)
     """The first of them."""
-    synced: set[int] = field(default_factory=set)
-    """Buses with SYNC."""
+    _syncs: Counter[int] = field(default_factory=Counter)
+    """By bus number: frames on 080h that may be SYNCs, less those that have another length."""
     foreign: Counter[int] = field(default_factory=Counter)
     """By bus number: frames on 000h and 080h that have another length than CANopen's."""
 
     def take(self, batch: IndexedBatch) -> list[Reset]:
         """Take in the next frames; tells the resets among them."""
         resets = []
-        for bus, can_id in batch.ids():
-            if can_id == SYNC_ID:
-                long = int(np.count_nonzero(batch.frames.dlc[batch.rows(bus, can_id)] > 1))
-                self.foreign[bus] += long
-                if not long:
-                    self.synced.add(bus)
-            if can_id != 0:
-                continue
+        for bus in batch.buses:
+            self._take_syncs(batch, bus)
             rows = batch.rows(bus, 0)
+            if not len(rows):
+                continue
             good = rows[batch.frames.dlc[rows] == 2]
             self._take_odd(batch, bus, rows)
             self.foreign[bus] += len(rows) - len(good)
@@ -54,6 +51,25 @@ class Commands:
                 if specifier in RESETS:
                     resets.append(Reset(seq, t_ns, bus, node, specifier))
         return resets
+
+    @property
+    def synced(self) -> set[int]:
+        """Buses with SYNC: most frames on its identifier are as long as one."""
+        return {bus for bus, more in self._syncs.items() if more > 0}
+
+    def _take_syncs(self, batch: IndexedBatch, bus: int) -> None:
+        rows = batch.rows(bus, SYNC_ID)
+        if not len(rows):
+            return
+        longest = batch.lengths[bus, SYNC_ID][1]
+        long = int(np.count_nonzero(batch.frames.dlc[rows] > 1)) if longest > 1 else 0
+        self.foreign[bus] += long
+        self._syncs[bus] += len(rows) - 2 * long
+
+    def since(self, bus: int, seq: int) -> list[Command]:
+        """The commands of a bus from a `seq` on, in order."""
+        commands = self.by_bus.get(bus, [])
+        return commands[bisect_left(commands, seq, key=lambda command: command.seq) :]
 
     def _take_odd(self, batch: IndexedBatch, bus: int, rows: NDArray[np.intp]) -> None:
         """Note the frames on 000h that no node can follow (CiA 301 7.2.8.3.1)."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,7 @@ from syncline_analyzer.distribution import quantile_of
 from syncline_analyzer.folds.nmt.cadence import (
     CANDIDATE_RATIO,
     MIN_PERIODS,
+    Bins,
     Doubles,
     Int64s,
     Mask,
@@ -17,8 +19,8 @@ from syncline_analyzer.folds.nmt.cadence import (
     Twins,
     longer_than_before,
 )
-from syncline_analyzer.folds.nmt.calm import ENOUGH, QUEUED_NS, STATES, Calm
-from syncline_analyzer.folds.nmt.columns import Columns, Life
+from syncline_analyzer.folds.nmt.calm import QUEUED_NS, STATES, Steady, Waited
+from syncline_analyzer.folds.nmt.columns import Columns, Life, no_columns
 from syncline_analyzer.folds.nmt.events import (
     Beat,
     BeatKind,
@@ -39,6 +41,7 @@ from syncline_analyzer.folds.nmt.kinds import (
 )
 from syncline_analyzer.folds.nmt.pace import HeartbeatPeriods
 from syncline_analyzer.folds.nmt.pairs import Pairs
+from syncline_analyzer.folds.nmt.restarts import LastTold, Restart, restarts
 
 WINDOW = 15
 """Periods whose median a silence is held against."""
@@ -56,6 +59,14 @@ MAX_ODD = 100
 """Messages that are no state, kept one by one per node."""
 _NONE = np.zeros(0, np.int64)
 _KINDS: tuple[BeatKind, ...] = ("heartbeat", "guard answer", "boot-up", "empty")
+
+
+class _Fresh(NamedTuple):
+    """Messages that are no requests, (n,) their kinds, and (r,) `seq` of the requests."""
+
+    beats: Columns = no_columns()
+    kinds: NDArray[np.int8] = np.zeros(0, np.int8)
+    requests: Int64s = _NONE
 
 
 @dataclass(slots=True)
@@ -81,10 +92,13 @@ class ErrorControl:
     last_beat_ns: int | None = None
     heard_last_ns: int | None = None
     """Time of the node's last frame of any kind."""
-    calm: Calm | None = None
-    """Heartbeats that wait; None where anything but further ones of their kind may come."""
+    booted_again_seq: int | None = None
+    """`seq` of the second boot-up."""
+    _fresh: _Fresh = field(default_factory=_Fresh)
+    """What `hear` took in, for `live`."""
+    _before: LastTold | None = None
     _held: Columns | None = None
-    """A row whose meaning depends on what follows, ..."""
+    """Rows whose meaning depends on what follows, ..."""
     _held_life: tuple[Int64s, Int64s] = (_NONE, _NONE)
     """... and the signs of life from it on."""
     _life: Life | None = None
@@ -107,53 +121,64 @@ class ErrorControl:
         self.guarding.timed = self.timed
         self._classifier = Kinds(self.guarding, self.counts, self.timed)
 
-    def feed(self, rows: Columns, life: tuple[Int64s, Int64s], marks: list[int]) -> None:
-        """Take in the frames of a batch.
+    def hear(self, rows: Columns, marks: list[int]) -> list[Restart]:
+        """Take in the messages of a batch; `live` has to follow.
 
         Args:
             rows: data and remote frames of 700h + n.
-            life: (seq, t_ns) of every data frame of the node, the ones above included.
             marks: `seq` of NMT commands to the node, ascending; of resets as `reset_mark(seq)`.
+
+        Returns: what may be restarts of the node, those of earlier batches that are understood only
+            now among them.
         """
-        self._take_calm()
         rows = rows if self._held is None else rows.after(self._held)
-        if self._held is not None:
-            before = self._held_life
-            life = (np.concatenate((before[0], life[0])), np.concatenate((before[1], life[1])))
-        if len(life[0]):
-            self.heard_last_ns = int(life[1][-1])
         self._note_marks(marks)
         cut = len(rows.seq) - self._classifier.undecided(rows)
         self._held = rows.rows(slice(cut, None)) if cut < len(rows.seq) else None
+        rows = rows.rows(slice(0, cut))
+        before = self._before
+        self._fresh = self._classified(rows)
+        beats, kinds, _ = self._fresh
+        return list(restarts(before, beats, kinds))
+
+    def live(self, life: tuple[Int64s, Int64s]) -> None:
+        """Take in when the node was heard in the batch whose messages `hear` took in.
+
+        Args:
+            life: (seq, t_ns) of every data frame of the node, its error control included.
+        """
+        before = self._held_life
+        if len(before[0]):
+            life = (np.concatenate((before[0], life[0])), np.concatenate((before[1], life[1])))
+        if len(life[0]):
+            self.heard_last_ns = int(life[1][-1])
+        self._held_life = (_NONE, _NONE)
         if self._held is not None:
             at = int(np.searchsorted(life[0], self._held.seq[0]))
             self._held_life = (life[0][at:], life[1][at:])
             life = (life[0][:at], life[1][:at])
-        self._take(rows.rows(slice(0, cut)), life)
-        if self._held is not None and len(self._held_life[0]) > MAX_HELD:
+        self._follow(life)
+        if self._held is not None and max(len(self._held_life[0]), len(self._held.seq)) > MAX_HELD:
             self._take_held()
-        self.calm = self._as_calm()
 
-    def go_on(self, seq: Int64s, t_ns: Int64s, life: tuple[Int64s, Int64s]) -> None:
-        """Take in further heartbeats of a node that is `calm`.
-
-        Args:
-            seq, t_ns: of the heartbeats.
-            life: (seq, t_ns) of the last of them and of every frame of the node after it.
-        """
-        assert self.calm is not None
-        self.calm.add(seq, t_ns, life)
-        self.heard_last_ns = int(life[1][-1])
-        if self.calm.number >= ENOUGH:
-            self._take_calm()
-            self.calm = self._as_calm()
-
-    def mark(self, marks: list[int]) -> None:
-        """Take in commands of a batch that holds no frame of the node."""
-        self._take_calm()
-        self._note_marks(marks)
-        self._classifier.pass_resets(self._stop_seq)
-        del self._marks[:-MAX_MARKS]
+    def go_on(self, waited: Waited) -> None:
+        """Take in heartbeats of a node that was `steady`, which only went on: none came late."""
+        assert self._last is not None
+        seq, t_ns, life = waited
+        self.counts.heartbeats += len(seq)
+        self._classifier.go_on(t_ns)
+        self._before = LastTold(int(seq[-1]), HEARTBEAT, self._state)
+        passed = np.empty_like(t_ns)
+        passed[0] = t_ns[0] - self._last[1]
+        np.subtract(t_ns[1:], t_ns[:-1], out=passed[1:])
+        every, bins = np.ones(len(seq), np.bool_), Bins.of(passed)
+        self._note_cadence(seq, t_ns, passed, every)
+        self.paces.go_on(seq, t_ns, passed, bins)
+        self._periods.take(bins)
+        self._recent = np.concatenate((self._recent, passed[-WINDOW:]))[-WINDOW:]
+        self._end_at(int(seq[-1]), int(t_ns[-1]), HEARTBEAT)
+        self._hear_rest(life, _NONE)
+        self.heard_last_ns = self._heard = int(life[1][-1])
 
     def gap(self, start_ns: int, next_seq: int) -> None:
         """Nothing follows from the time between the frames around a gap."""
@@ -168,7 +193,6 @@ class ErrorControl:
 
     def finish(self, end_ns: int, next_seq: int) -> None:
         """Decide what was held back, and look at the silence up to the end or a gap."""
-        self._take_calm()
         self._take_held()
         self.guarding.gap()
         self.paces.cut()
@@ -228,16 +252,24 @@ class ErrorControl:
         return counts.boot_ups + counts.heartbeats + counts.guard_answers + counts.empty > 0
 
     @property
-    def _stop_seq(self) -> int | None:
-        """`seq` of the row that is held back, None without one."""
+    def unheard(self) -> bool:
+        """Whether no message came since the beginning or a gap, so that no silence can be told."""
+        return self._life is None and self._held is None
+
+    @property
+    def held_seq(self) -> int | None:
+        """`seq` of the message that is held back, None without one."""
         return int(self._held.seq[0]) if self._held is not None else None
 
     def _note_marks(self, marks: list[int]) -> None:
         """Note the commands of a batch."""
+        # The marks before these have no message behind them yet: the last ones say it all.
+        del self._marks[:-MAX_MARKS]
         self._marks.extend([_seq_of(mark), KEPT_AFTER_MARK] for mark in marks)
         self._classifier.resets.extend(_seq_of(mark) for mark in marks if mark < 0)
 
-    def _as_calm(self) -> Calm | None:
+    @property
+    def steady(self) -> Steady | None:
         """What further heartbeats go on from; None where more than them decides what they are."""
         last = self._last
         if not self.timed or last is None or last[2] != HEARTBEAT or self._state not in STATES:
@@ -245,30 +277,33 @@ class ErrorControl:
         waiting = self._held is not None or self._marks or self._classifier.resets
         if waiting or not self.guarding.idle or len(self._recent) < MIN_PERIODS:
             return None
-        floor_ns = int(self._recent[-MIN_PERIODS:].min())
-        return Calm(self._state, floor_ns, last[1], (_NONE, _NONE))
-
-    def _take_calm(self) -> None:
-        calm, self.calm = self.calm, None
-        if calm is not None and calm.number:
-            self._take(calm.rows(), calm.life)
+        return Steady(self._state, int(self._recent[-MIN_PERIODS:].min()), last[1])
 
     def _take_held(self) -> None:
         if self._held is not None:
             held, self._held = self._held, None
-            self._take(held, self._held_life)
+            life, self._held_life = self._held_life, (_NONE, _NONE)
+            self._fresh = self._classified(held)
+            self._follow(life)
 
-    def _take(self, rows: Columns, life: tuple[Int64s, Int64s]) -> None:
-        spoke = self._last is not None and self._last[2] in (HEARTBEAT, ANSWER)
-        kinds = self._classifier.classify(rows, spoke=spoke, stop_seq=self._stop_seq)
-        requests = rows.seq[kinds == REQUEST]
+    def _classified(self, rows: Columns) -> _Fresh:
+        """What each row is; counts them."""
+        kinds = self._classifier.classify(rows, self.held_seq)
         self._keep_odd(rows, kinds)
-        beat_rows = np.flatnonzero(kinds < REQUEST)
-        beats = rows.rows(beat_rows)
+        told = np.flatnonzero(kinds < REQUEST)
+        beats, beat_kinds = rows.rows(told), kinds[told]
+        self._count(kinds, beats, beat_kinds)
+        if len(told):
+            state = int(beats.byte[-1]) & 0x7F
+            self._before = LastTold(int(beats.seq[-1]), int(beat_kinds[-1]), state)
+        return _Fresh(beats, beat_kinds, rows.seq[kinds == REQUEST])
+
+    def _follow(self, life: tuple[Int64s, Int64s]) -> None:
+        """Take in the fresh messages, and the signs of life from the first of them on."""
+        (beats, kinds, requests), self._fresh = self._fresh, _Fresh()
         heard_ns = self._heard
-        self._count(kinds, beats, kinds[beat_rows])
-        self._follow_periods(beats, kinds[beat_rows], life, requests)
-        self._keep_beats(beats, kinds[beat_rows], life, heard_ns)
+        self._follow_periods(beats, kinds, life, requests)
+        self._keep_beats(beats, kinds, life, heard_ns)
         if len(life[0]):
             self._heard = int(life[1][-1])
 
@@ -287,6 +322,9 @@ class ErrorControl:
         counts = self.counts
         counts.heartbeats += int(number[HEARTBEAT])
         counts.guard_answers += int(number[ANSWER])
+        if counts.boot_ups < 2 <= counts.boot_ups + number[BOOT_UP]:
+            second = np.flatnonzero(beat_kinds == BOOT_UP)[1 - counts.boot_ups]
+            self.booted_again_seq = int(beats.seq[second])
         counts.boot_ups += int(number[BOOT_UP])
         counts.empty += int(number[EMPTY])
         counts.guard_requests += int(number[REQUEST])
@@ -328,13 +366,11 @@ class ErrorControl:
         recent = np.concatenate((self._recent, passed[regular]))
         known = len(self._recent) + np.cumsum(regular) - regular
         ends = slice(n - len(passed), None)
-        self.doubles.note(beats.seq[ends], beats.t_ns[ends], passed, steady)
-        self.twins.note(beats.seq[ends], beats.t_ns[ends], steady)
-        self.pairs.note(beats.seq[ends], beats.t_ns[ends], passed, steady)
         rows = longer_than_before(passed, recent, known)
         rows = rows[~_within_usual(passed[rows], recent, known[rows])]
         late = np.zeros(len(passed), np.bool_)
         late[rows] = known[rows] >= MIN_PERIODS
+        self._note_cadence(beats.seq[ends], beats.t_ns[ends], passed, steady)
         self.paces.note(beats.seq[ends], beats.t_ns[ends], passed, steady, late)
         offset = n - len(passed)
         done = 0
@@ -347,9 +383,17 @@ class ErrorControl:
             done = self._silence_before(
                 beats, kinds, row + offset, life_seq, life_ns, requests, period, done
             )
-        self._hear_rest(beats, kinds, life_seq, life_ns, requests)
+        if n:
+            self._end_at(int(beats.seq[-1]), int(beats.t_ns[-1]), int(kinds[-1]))
+        self._hear_rest(life, requests)
         self._periods.add(passed[regular])
         self._recent = recent[-WINDOW:]
+
+    def _note_cadence(self, seq: Int64s, t_ns: Int64s, passed: Int64s, steady: Mask) -> None:
+        """Look for a second producer in intervals; `steady` ones are between heartbeats."""
+        self.doubles.note(seq, t_ns, passed, steady)
+        self.twins.note(seq, t_ns, steady)
+        self.pairs.note(seq, t_ns, passed, steady)
 
     def _silence_before(
         self,
@@ -380,24 +424,19 @@ class ErrorControl:
         self._add_silence(self._last[2], period, int(beats.seq[row]))
         return row
 
-    def _hear_rest(
-        self,
-        beats: Columns,
-        kinds: NDArray[np.int8],
-        life_seq: Int64s,
-        life_ns: Int64s,
-        requests: Int64s,
-    ) -> None:
+    def _end_at(self, seq: int, t_ns: int, kind: int) -> None:
+        """Go on from the last message of a batch."""
+        self._last = (seq, t_ns, kind)
+        self.last_beat_ns = t_ns
+        self._life = Life(seq, t_ns)
+        self._waiting = 0
+
+    def _hear_rest(self, life: tuple[Int64s, Int64s], requests: Int64s) -> None:
         """Keep the signs of life after the last beat for the next batch."""
-        if len(beats.seq):
-            self._last = (int(beats.seq[-1]), int(beats.t_ns[-1]), int(kinds[-1]))
-            self.last_beat_ns = self._last[1]
-            self._life = Life(self._last[0], self._last[1])
-            self._waiting = 0
         if self._life is None or self._last is None:
             return
-        begin = int(np.searchsorted(life_seq, self._life.last_seq, "right"))
-        self._life.hear(life_seq[begin:], life_ns[begin:])
+        begin = int(np.searchsorted(life[0], self._life.last_seq, "right"))
+        self._life.hear(life[0][begin:], life[1][begin:])
         self._waiting += int(np.count_nonzero(requests > self._last[0]))
 
     def _add_silence(self, kind: int, period: int | None, order: int) -> None:
@@ -427,7 +466,6 @@ class ErrorControl:
         """Keep the beats that change the state, and the first ones after each command."""
         n = len(beats.seq)
         if not n:
-            del self._marks[:-MAX_MARKS]
             return
         states = np.where(kinds == EMPTY, -2, np.where(kinds == BOOT_UP, -3, beats.byte & 0x7F))
         keep = states != np.concatenate(([self._state], states[:-1]))
@@ -441,7 +479,7 @@ class ErrorControl:
             at = int(np.searchsorted(beats.seq, mark[0], "right"))
             keep[at : at + mark[1]] = True
             mark[1] -= min(mark[1], n - at)
-        self._marks = [mark for mark in self._marks if mark[1]][-MAX_MARKS:]
+        self._marks = [mark for mark in self._marks if mark[1]]
         self._state = int(states[-1])
         life_seq, life_ns = life
         for row in np.flatnonzero(keep)[: max(0, MAX_EVENTS - len(self.beats))].tolist():

@@ -148,6 +148,9 @@ class PdoSpan:
         self.count += len(seq)
         self.last_ns = int(t_ns[-1])
         since_ns = self.since[1] if self.since else 0
+        if self.late_seq is not None and int(t_ns.min()) > since_ns + IN_FLIGHT_NS:
+            self.late_count += len(seq)
+            return
         late = np.flatnonzero(t_ns > since_ns + IN_FLIGHT_NS)
         if len(late):
             self.late_count += len(late)

@@ -3,29 +3,29 @@
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
-from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.folds.bus.clock import ClockTable
-from syncline_analyzer.folds.nmt.cadence import Doubles, Int64s, Mask
-from syncline_analyzer.folds.nmt.calm import FIRST_ID, Beats, measured
-from syncline_analyzer.folds.nmt.columns import Columns
+from syncline_analyzer.folds.nmt.cadence import Int64s, Mask
+from syncline_analyzer.folds.nmt.calm import FIRST_ID, CalmNodes
+from syncline_analyzer.folds.nmt.columns import Columns, no_columns
 from syncline_analyzer.folds.nmt.command_rows import command_rows
 from syncline_analyzer.folds.nmt.commands import Commands
 from syncline_analyzer.folds.nmt.emptied import never_booted, powered_on, restarted
 from syncline_analyzer.folds.nmt.error_control import ErrorControl, reset_mark
 from syncline_analyzer.folds.nmt.events import (
     RESETS,
-    Beat,
     Command,
     NodeHistory,
     PdoSpan,
     Repeated,
 )
 from syncline_analyzer.folds.nmt.measures import Measures, quantiles_ms, shares
+from syncline_analyzer.folds.nmt.node_pdos import NodePdos
 from syncline_analyzer.folds.nmt.others import (
     booted_with,
     others_anew,
@@ -38,16 +38,16 @@ from syncline_analyzer.folds.nmt.timeline import Timeline
 from syncline_analyzer.folds.nmt.timeout import PRODUCER_TIME
 from syncline_analyzer.folds.nmt.witness import Witnesses
 from syncline_analyzer.folds.sdo.fold import Reset
-from syncline_analyzer.folds.timing.pdo_spans import PdoSpans, Quietness
+from syncline_analyzer.folds.timing.pdo_spans import Quietness
 from syncline_analyzer.results import NmtStateRow
 from syncline_schemas.batch import FrameFlag, Gap
-from syncline_schemas.canopen.nmt import STATE_OF_BYTE, NmtState
-from syncline_schemas.canopen.services import Service
+from syncline_schemas.canopen.services import SERVICE_OF_ID, Service
 from syncline_schemas.devices import quirks
 
-_ON_COMMAND = (0x04, 0x05)
-"""State bytes of STOPPED and OPERATIONAL, into which a node does not boot."""
-_NOT_PDO = (Service.EMCY, Service.SDO_ANSWER, Service.ERROR_CONTROL)
+Rows = NDArray[np.intp]
+
+_ERROR_CONTROL: NDArray[np.bool_] = SERVICE_OF_ID == Service.ERROR_CONTROL
+"""By identifier."""
 
 FOREIGN = 10
 """So many frames that CANopen does not know on its identifiers mean another protocol."""
@@ -66,7 +66,7 @@ class NmtFold:
         """`seq` and time of the first frame of all buses so far."""
         self._commands = Commands()
         self._control: dict[NodeKey, ErrorControl] = {}
-        self._pdos: dict[NodeKey, PdoSpans] = {}
+        self._pdos = NodePdos(self._control, self._cuts)
         self._gaps: dict[int | None, list[tuple[int, Gap]]] = {}
         self._cut_beats: dict[NodeKey, int] = {}
         self._cut_commands: dict[NodeKey, int] = {}
@@ -74,43 +74,60 @@ class NmtFold:
         self._quietness: dict[NodeKey, Quietness] = {}
         self._blank: dict[NodeKey, bool] = {}
         """Whether the last message of a node's error control told no state."""
-        self._pdo_doubles: dict[NodeKey, dict[int, Doubles]] = {}
-        self._pdo_last: dict[tuple[int, int], int] = {}
-        """By bus number and identifier: time of the last of them."""
         self._next_seq = 0
         self._senders = Senders(context.shadow)
-        self._last_ns: dict[int, int] = {}
-        """By bus number: time of the last frame."""
+        self._calm: dict[int, CalmNodes] = {}
+        """By bus number."""
+        self._passed: dict[int, set[int]] = {}
+        """By bus number: the nodes of the last batch whose heartbeats only go on."""
+        self._heard: dict[NodeKey, Columns] = {}
+        """Error control of the last batch of the other nodes."""
         self._errors: Mapping[NodeKey, Sequence[int]] = {}
         self._measures: dict[NodeKey, Measures] = {}
 
     def update(self, batch: IndexedBatch) -> list[Reset]:
-        """Take in the next frames; tells the resets among them, in order of `seq`."""
+        """Take in the commands and the error control of the next frames.
+
+        `follow` takes in the rest, once the shadow knows what the frames tell it.
+
+        Returns: the resets among them, in order of `seq`.
+        """
         if not len(batch):
             return []
         if self._first is None or batch.seq0 < self._first[0]:
             self._first = batch.seq0, int(batch.frames.t_ns[0])
         self._next_seq = max(self._next_seq, batch.last_seq + 1)
         resets = self._commands.take(batch)
-        sent = self._senders.of(batch)
-        calm = self._pass_calm(batch, sent)
-        for key in sent.keys() - calm:
-            resets += self._take_node(batch, key, sent[key])
-        for key in self._control.keys() - sent.keys():
-            if key[0] in batch.buses and (marks := self._marks(batch, key)):
-                self._control[key].mark(marks)
-        self._take_pdos(batch, sent)
+        for bus in batch.buses:
+            resets += self._hear_bus(batch, bus)
         return sorted(resets)
+
+    def follow(self, batch: IndexedBatch) -> None:
+        """Take in when each node was heard in the frames that came last, and their PDOs."""
+        if not len(batch):
+            return
+        sent = self._senders.of(batch)
+        for key in sent.keys() | self._heard.keys():
+            if key[1] not in self._passed[key[0]]:
+                self._live(batch, key, sent.get(key, Sent()))
+        for bus in batch.buses:
+            calm = self._calm[bus]
+            calm.keep_tail(batch, sent)
+            full = calm.full()
+            for node in full:
+                self._wake((bus, node))
+            for node in full:
+                calm.settle(node, self._control[bus, node].steady)
+        self._pdos.take(batch, sent)
 
     def gap(self, gap: Gap) -> None:
         """States are not known after a gap until something tells them."""
         self._gaps.setdefault(gap.bus, []).append((self._next_seq, gap))
+        self._wake_all(gap.bus)
         for (bus, _), control in self._control.items():
             if gap.bus in (None, bus):
                 control.gap(gap.start_ns, self._next_seq)
-        for (bus, _), pdos in self._pdos.items():
-            if gap.bus in (None, bus):
-                pdos.close()
+        self._pdos.close(gap.bus)
         for (bus, _), quietness in self._quietness.items():
             if gap.bus in (None, bus):
                 quietness.cut()
@@ -129,6 +146,7 @@ class NmtFold:
         `errors` are the times of each node's EMCYs that tell of communication errors.
         """
         self._errors = errors or {}
+        self._wake_all()
         for control in self._control.values():
             control.finish(end_ns, self._next_seq)
         alive = {key for key, control in self._control.items() if control.alive}
@@ -160,8 +178,8 @@ class NmtFold:
     def _spans(self, buses: AbstractSet[int]) -> dict[NodeKey, list[PdoSpan]]:
         """Stretches of PDOs by node, as the bindings stand now that everything was seen."""
         spans: dict[NodeKey, list[PdoSpan]] = {}
-        for (bus, _), pdos in self._pdos.items():
-            for span in pdos.spans() if bus in buses else ():
+        for (bus, _), stretches in self._pdos.spans():
+            for span in stretches if bus in buses else ():
                 pdo = self._senders.tpdo(bus, span.can_id, span.first_seq)
                 if pdo is not None:
                     span.guess = pdo.guess
@@ -178,72 +196,88 @@ class NmtFold:
             found[bus] += control.counts.odd
         return {bus for bus, number in found.items() if number >= FOREIGN}
 
-    def _pass_calm(self, batch: IndexedBatch, sent: Mapping[NodeKey, Sent]) -> set[NodeKey]:
-        """Take in the nodes whose heartbeats only go on; tells which they are."""
-        t_ns = batch.frames.t_ns
-        last_ns = max((self._last_ns.get(bus, 0) for bus in batch.buses), default=0)
-        self._last_ns |= dict.fromkeys(batch.buses, int(t_ns[-1]))
-        if not self._context.timed or not batch.ascending or t_ns[0] < last_ns:
-            return set()
-        return {
-            (bus, beats.node)
-            for bus in batch.buses
-            for beats in measured(batch, bus, partial(self._calm_ns, bus))
-            if self._goes_on(batch, (bus, beats.node), sent.get((bus, beats.node), Sent()), beats)
+    def _hear_bus(self, batch: IndexedBatch, bus: int) -> Iterator[Reset]:
+        """Take in the error control of a bus; tells what may be resets.
+
+        Of the nodes whose heartbeats only go on it waits.
+        """
+        commands = self._commands.since(bus, batch.seq0)
+        asked = _asked(batch, bus)
+        calm = self._calm.setdefault(bus, CalmNodes(bus))
+        told = range(128) if any(c.node == 0 for c in commands) else {c.node for c in commands}
+        passed = self._passed[bus] = calm.going_on(batch, {*asked, *told})
+        for node in calm.awake(passed):
+            self._wake((bus, node))
+        calm.add(batch)
+        concerned = {node for on, node in self._control if on == bus and node in told}
+        heard = {
+            can_id & 0x7F
+            for on, can_id in batch.ids()
+            if on == bus and FIRST_ID < can_id <= FIRST_ID + 0x7F
         }
+        for node in (heard | asked.keys() | concerned) - passed:
+            marks = [_mark(c) for c in commands if c.node in (0, node)]
+            yield from self._hear(batch, (bus, node), asked.get(node), marks)
 
-    def _calm_ns(self, bus: int, node: int) -> int | None:
-        """The last heartbeat of a node that is calm."""
-        control = self._control.get((bus, node))
-        return control.calm.last_ns if control is not None and control.calm is not None else None
-
-    def _goes_on(self, batch: IndexedBatch, key: NodeKey, sent: Sent, beats: Beats) -> bool:
-        """Take in a node's frames, unless there is more to them than heartbeats that go on."""
-        control, quietness = self._control.get(key), self._quietness.get(key)
-        if control is None or control.calm is None or quietness is None:
-            return False
-        limit_ns = control.calm.limit_ns(beats, quietness.shortest_ns)
-        alone = sent.control == [FIRST_ID + key[1]] and not len(sent.asked)
-        if limit_ns is None or not alone or self._marks(batch, key):
-            return False
-        after = sent.after(int(batch.rows_by_id[beats.place.stop - 1]))
-        life_ns = batch.frames.t_ns[after]
-        longest_ns = int((life_ns[1:] - life_ns[:-1]).max(initial=0))
-        if longest_ns > limit_ns:
-            return False
-        seq, t_ns = batch.seqs_by_id[beats.place], batch.t_ns_by_id[beats.place]
-        control.go_on(seq, t_ns, (batch.seqs[after], life_ns))
-        quietness.go_on(t_ns, longest_ns, int(life_ns[-1]))
-        self._blank[key] = False
-        return True
-
-    def _take_node(self, batch: IndexedBatch, key: NodeKey, sent: Sent) -> list[Reset]:
-        """One node's frames of a batch, with the remote frames to it."""
-        frames, rows = batch.frames, sent.rows
-        beat = batch.service[rows] == Service.ERROR_CONTROL
-        control_rows = rows[beat]
+    def _hear(
+        self, batch: IndexedBatch, key: NodeKey, asked: Rows | None, marks: list[int]
+    ) -> Iterator[Reset]:
+        """Take in the error control of one node, and the remote frames that ask for it."""
+        frames, rows = batch.frames, batch.rows(key[0], FIRST_ID + key[1])
+        if asked is not None:
+            rows = np.sort(np.concatenate((rows, asked)))
         control = self._control.get(key)
         if control is None:
             control = self._control[key] = ErrorControl(timed=self._context.timed)
-        data = frames.data[control_rows, 0]
-        remote = (frames.flags[control_rows] & FrameFlag.REMOTE) != 0
-        seq = batch.seqs[control_rows]
-        columns = Columns(seq, frames.t_ns[control_rows], remote, frames.dlc[control_rows], data)
+        remote = (frames.flags[rows] & FrameFlag.REMOTE) != 0
+        columns = (batch.seqs[rows], frames.t_ns[rows], remote, frames.dlc[rows])
+        heard = self._heard[key] = Columns(*columns, frames.data[rows, 0])
+        for found in control.hear(heard, marks):
+            if found.since_seq is None or not self._commanded(key, found.since_seq, found.seq):
+                yield Reset(found.seq, found.t_ns, *key, byte=found.byte)
+
+    def _commanded(self, key: NodeKey, first: int, last: int) -> bool:
+        """Whether a node was told anything between two frames."""
+        return any(
+            command.seq < last and command.node in (0, key[1])
+            for command in self._commands.since(key[0], first + 1)
+        )
+
+    def _wake(self, key: NodeKey) -> None:
+        """Take in what waits of a node."""
+        waited = self._calm[key[0]].wake(key[1])
+        if waited is None:
+            return
+        self._control[key].go_on(waited)
+        life_ns = waited.life[1]
+        longest_ns = int((life_ns[1:] - life_ns[:-1]).max(initial=0))
+        self._quietness[key].go_on(waited.t_ns, longest_ns, int(life_ns[-1]))
+        self._blank[key] = False
+
+    def _wake_all(self, bus: int | None = None) -> None:
+        for number, calm in self._calm.items():
+            for node in calm.awake(()) if bus in (None, number) else ():
+                self._wake((number, node))
+
+    def _live(self, batch: IndexedBatch, key: NodeKey, sent: Sent) -> None:
+        """Take in when a node was heard."""
+        control = self._control.get(key)
+        if control is None:
+            control = self._control[key] = ErrorControl(timed=self._context.timed)
+        heard = self._heard.pop(key, None)
+        if heard is None and control.unheard:
+            control.heard_last_ns = int(batch.frames.t_ns[sent.last])
+            return
+        frames, rows = batch.frames, sent.rows
+        beat = _ERROR_CONTROL[frames.can_id[rows]]
         # A request that a logger stored as a data frame without data is no sign of life.
-        bare = beat & (frames.dlc[rows] == 0)
-        told = ((frames.flags[rows] & FrameFlag.REMOTE) == 0) & ~bare
+        told = ~(beat & (frames.dlc[rows] == 0))
         alive = rows[told]
         life = (batch.seqs[alive], frames.t_ns[alive])
-        self._note_cuts(key, columns, life, beat[told])
-        seen = len(control.beats)
-        control.feed(columns, life, self._marks(batch, key))
-        fresh = control.beats[seen:]
-        before = [control.beats[seen - 1] if seen else None, *fresh]
-        return [
-            Reset(beat.seq, beat.t_ns, *key, byte=beat.state)
-            for last, beat in zip(before, fresh, strict=False)
-            if beat.kind == "boot-up" or (last is not None and self._may_restart(key, last, beat))
-        ]
+        self._note_cuts(key, heard or no_columns(), life, beat[told])
+        control.live(life)
+        if heard is not None:
+            self._calm[key[0]].settle(key[1], control.steady)
 
     def _note_cuts(
         self,
@@ -266,69 +300,19 @@ class NmtFold:
             cuts += zip(columns.seq[first].tolist(), columns.t_ns[first].tolist(), strict=True)
             self._blank[key] = bool(blank[-1])
 
-    def _may_restart(self, key: NodeKey, last: Beat, beat: Beat) -> bool:
-        """Whether a heartbeat may be the boot-up of a device that starts with its state byte.
-
-        It falls to that state without a command; whether the device does so the SDO fold knows.
-        """
-        if (last.kind, beat.kind) != ("heartbeat", "heartbeat") or last.state not in _ON_COMMAND:
-            return False
-        told = any(
-            last.seq < command.seq < beat.seq and command.node in (0, key[1])
-            for command in reversed(self._commands.by_bus.get(key[0], []))
-        )
-        return not told and STATE_OF_BYTE.get(beat.state) is NmtState.PRE_OPERATIONAL
-
-    def _marks(self, batch: IndexedBatch, key: NodeKey) -> list[int]:
-        """Marks of the commands of this batch that concern a node."""
-        marks = []
-        for command in reversed(self._commands.by_bus.get(key[0], [])):
-            if command.seq < batch.seq0:
-                break
-            if command.node in (0, key[1]):
-                reset = command.specifier in RESETS
-                marks.append(reset_mark(command.seq) if reset else command.seq)
-        return marks[::-1]
-
-    def _take_pdos(self, batch: IndexedBatch, sent: Mapping[NodeKey, Sent]) -> None:
-        asked = batch.rows_of(Service.PDO, remote=True)
-        asked_id, asked_bus = batch.frames.can_id[asked], batch.frames.bus[asked]
-        for key, frames in sent.items():
-            if frames.pdos and key not in self._pdos:
-                self._pdos[key] = PdoSpans()
-        for key, pdos in self._pdos.items():
-            pdos.cut(self._cuts(key))
-        for key, frames in sent.items():
-            control = self._control.get(key)
-            twice = control is not None and control.counts.boot_ups > 1
-            for can_id in frames.pdos:
-                seq, t_ns = batch.seqs_of(key[0], can_id), batch.t_ns_of(key[0], can_id)
-                own = asked[(asked_id == can_id) & (asked_bus == key[0])] if len(asked) else asked
-                self._pdos[key].take(can_id, seq, t_ns, batch.seqs[own])
-                if twice:
-                    self._follow_pdo(key, can_id, seq, t_ns)
-
-    def _follow_pdo(self, key: NodeKey, can_id: int, seq: Int64s, t_ns: Int64s) -> None:
-        """Look for two cadences of one PDO: a second device may have told the second boot-up."""
-        before = self._pdo_last.get((key[0], can_id))
-        self._pdo_last[key[0], can_id] = int(t_ns[-1])
-        passed = np.diff(t_ns, prepend=t_ns[:1] if before is None else before)
-        doubles = self._pdo_doubles.setdefault(key, {}).setdefault(can_id, Doubles())
-        doubles.note(seq, t_ns, passed, passed > 0)
-
     def _cuts(self, key: NodeKey) -> list[tuple[int, int]]:
         """(seq, t_ns) of what may change the node's state and was not told before."""
-        cuts: list[tuple[int, int]] = []
+        cuts = self._found_cuts.pop(key, [])
         control = self._control.get(key)
         beats = control.beats if control else []
-        cuts.extend((beat.seq, beat.t_ns) for beat in beats[self._cut_beats.get(key, 0) :])
-        self._cut_beats[key] = len(beats)
-        cuts += self._found_cuts.pop(key, [])
+        if (told := self._cut_beats.get(key, 0)) < len(beats):
+            cuts += [(beat.seq, beat.t_ns) for beat in beats[told:]]
+            self._cut_beats[key] = len(beats)
         commands = self._commands.by_bus.get(key[0], [])
-        fresh = commands[self._cut_commands.get(key, 0) :]
-        self._cut_commands[key] = len(commands)
-        cuts.extend((c.seq, c.t_ns) for c in fresh if c.node in (0, key[1]))
-        return sorted(cuts)
+        if (told := self._cut_commands.get(key, 0)) < len(commands):
+            cuts += [(c.seq, c.t_ns) for c in commands[told:] if c.node in (0, key[1])]
+            self._cut_commands[key] = len(commands)
+        return cuts
 
     def _tell(
         self,
@@ -401,7 +385,7 @@ class NmtFold:
             doubles=control.doubles,
             twins=control.twins,
             pairs=control.pairs,
-            pdo_doubles=self._pdo_doubles.get(key, {}),
+            pdo_doubles=self._pdos.doubles.get(key, {}),
             toggles=toggles,
             violations=timeline.violations,
             heard_ns=control.heard_last_ns,
@@ -475,3 +459,15 @@ class NmtFold:
                 if known and change.cause == "sdo-write" and known.value == writes[place]:
                     how = f"reset by SDO ({place[0]:04X}h)"
                     yield Command(change.seq, change.t_ns, RESETS[0], key[1], how)
+
+
+def _mark(command: Command) -> int:
+    return reset_mark(command.seq) if command.specifier in RESETS else command.seq
+
+
+def _asked(batch: IndexedBatch, bus: int) -> dict[int, Rows]:
+    """By node, the remote frames to its error control."""
+    asked = batch.rows_of(Service.ERROR_CONTROL, remote=True)
+    asked = asked[batch.frames.bus[asked] == bus]
+    nodes = batch.frames.can_id[asked] & 0x7F
+    return {node: asked[nodes == node] for node in np.unique(nodes).tolist()}

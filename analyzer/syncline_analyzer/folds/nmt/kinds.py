@@ -39,26 +39,49 @@ class Kinds:
     _remote_seq: int = -1
     _since_remote: int = 0
     """States told since the last remote frame."""
+    _spoke: bool = False
+    """Whether the last data frame told a byte."""
     _spoken: tuple[Int64s, int] = field(default_factory=lambda: (np.zeros(0, np.int64), 0))
     """Times of the last states (-1 for one that was asked for), and of the last empty heartbeat."""
 
     def gap(self) -> None:
         """Nothing follows from the time between the frames around a gap."""
         self._spoken = (np.zeros(0, np.int64), 0)
+        self._spoke = False
 
     def undecided(self, rows: Columns) -> int:
-        """Rows at the end whose meaning depends on what follows: no byte, or a suspicious 00h."""
-        seen_remote = self._remote_seq > self.reset_seq or bool(rows.remote.any())
-        seen_remote = seen_remote and not (self.guarding.answers_seen and not self.counts.empty)
-        quiet = (rows.dlc == 0) | ((rows.dlc == 1) & (rows.byte == 0) & seen_remote)
-        return int(len(rows.seq) and not rows.remote[-1] and quiet[-1])
+        """Rows at the end whose meaning depends on what follows.
 
-    def classify(self, rows: Columns, *, spoke: bool, stop_seq: int | None) -> NDArray[np.int8]:
+        That is the last data frame, if it has no byte or a suspicious 00h, and what asks after it.
+        """
+        data = np.flatnonzero(~rows.remote)
+        if not len(data):
+            return 0
+        blank = (rows.dlc[data] == 0) | ((rows.dlc[data] == 1) & (rows.byte[data] == 0))
+        if not blank[-1]:
+            return 0
+        sure = rows.dlc[data[-1]] == 1 and self._boots(rows, others=bool(blank[:-1].any()))
+        return 0 if sure else len(rows.seq) - int(data[-1])
+
+    def _boots(self, rows: Columns, *, others: bool) -> bool:
+        """Whether a byte 00h at the end is a boot-up, whatever follows."""
+        if self._remote_seq <= self.reset_seq and not rows.remote.any():
+            return True
+        return self.guarding.answers_seen and not self.counts.empty and not others
+
+    def go_on(self, t_ns: Int64s) -> None:
+        """Take in plain heartbeats between which nothing else came."""
+        self.guarding.in_row += len(t_ns)
+        self._since_remote += len(t_ns)
+        self._spoke = True
+        spoken = np.concatenate((self._spoken[0], t_ns[-MIN_PERIODS - 1 :]))
+        self._spoken = (spoken[-MIN_PERIODS - 1 :], self._spoken[1])
+
+    def classify(self, rows: Columns, stop_seq: int | None) -> NDArray[np.int8]:
         """Kind of each row; requests that a logger stored as empty data frames are recognised.
 
         Args:
             rows: the frames.
-            spoke: whether the last message before told a state.
             stop_seq: of a row behind these that is held back, None without one.
         """
         n = len(rows.seq)
@@ -80,12 +103,14 @@ class Kinds:
         kinds[talk[self.guarding.follow(said)]] = ANSWER
         since = self._told_since_remote(rows, kinds)
         zeros = np.flatnonzero(one_byte & (rows.byte == 0))
-        self._tell_zeros(rows, kinds, zeros, since, spoke)
+        self._tell_zeros(rows, kinds, zeros, since)
         if rows.remote.any():
             self._remote_seq = max(self._remote_seq, int(rows.seq[rows.remote][-1]))
         if (blank := np.flatnonzero(kinds == EMPTY)).size:
             self._empty_seq = max(self._empty_seq, int(rows.seq[blank[-1]]))
         self._since_remote = int(since[-1])
+        if (data := np.flatnonzero(~rows.remote)).size:
+            self._spoke = bool(rows.byte[data[-1]] != 0)
         self.pass_resets(stop_seq)
         return kinds
 
@@ -141,7 +166,6 @@ class Kinds:
         kinds: NDArray[np.int8],
         zeros: NDArray[np.intp],
         since: Int64s,
-        spoke: bool,
     ) -> None:
         """A byte 00h: a boot-up, unless a remote frame has emptied the heartbeats of the node.
 
@@ -165,7 +189,7 @@ class Kinds:
             silent = answers[row] and not empties[row] and last_empty[row] < 0
             spoiled = last_empty[row] > last_reset
             single = at + 1 < len(byte) and byte[at + 1] != 0
-            single = single and (bool(byte[at - 1] != 0) if at else spoke)
+            single = single and (bool(byte[at - 1] != 0) if at else self._spoke)
             single = (single or since[row] >= STATES_SINCE) and not spoiled
             plain = spoiled and self.zero_seq <= last_reset
             if asked[row] <= last_reset or silent or not talked[row] or single or plain:

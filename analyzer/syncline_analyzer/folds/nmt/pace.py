@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from syncline_analyzer.folds.nmt.cadence import MIN_PERIODS, Int64s, Mask, Periods
+from syncline_analyzer.folds.nmt.cadence import MIN_PERIODS, Bins, Int64s, Mask, Periods
 from syncline_analyzer.results import Quantiles
 
 WINDOW = 8
@@ -125,6 +125,11 @@ class HeartbeatPeriods:
         self._usual.add(passed[usual])
         self._follow(seq, t_ns, passed, steady)
 
+    def go_on(self, seq: Int64s, t_ns: Int64s, passed: Int64s, bins: Bins) -> None:
+        """Take in intervals between heartbeats, none of them late; `bins` are theirs."""
+        self._usual.take(bins)
+        self._take_in(seq, t_ns, passed)
+
     def cut(self) -> None:
         """What follows is not one pace with what was before, as after a gap."""
         self._end_window()
@@ -148,14 +153,18 @@ class HeartbeatPeriods:
         for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1) if len(rows) else ():
             if run[0] != following:
                 self._end_window()
-            self._seq = np.concatenate((self._seq, seq[run]))
-            self._t_ns = np.concatenate((self._t_ns, t_ns[run]))
-            self._passed = np.concatenate((self._passed, passed[run]))
-            self._take_windows()
-            self._take_runs(seq[run], t_ns[run], passed[run])
+            self._take_in(seq[run], t_ns[run], passed[run])
             following = int(run[-1]) + 1
         if following != len(seq):
             self._end_window()
+
+    def _take_in(self, seq: Int64s, t_ns: Int64s, passed: Int64s) -> None:
+        """Take in intervals between heartbeats, each begins where the one before ended."""
+        self._seq = np.concatenate((self._seq, seq))
+        self._t_ns = np.concatenate((self._t_ns, t_ns))
+        self._passed = np.concatenate((self._passed, passed))
+        self._take_windows()
+        self._take_runs(seq, t_ns, passed)
 
     def _take_windows(self) -> None:
         number = len(self._seq) // WINDOW
@@ -165,7 +174,8 @@ class HeartbeatPeriods:
         columns = (self._seq[:used], self._t_ns[:used], self._passed[:used])
         seqs, times, lengths = (column.reshape(number, WINDOW) for column in columns)
         medians = np.sort(lengths, axis=1)[:, WINDOW // 2]
-        changes = np.flatnonzero(np.abs(np.diff(np.log(medians))) > np.log(ALIKE)) + 1
+        shorter = np.minimum(medians[1:], medians[:-1])
+        changes = np.flatnonzero(np.maximum(medians[1:], medians[:-1]) >= ALIKE * shorter) + 1
         for rows in np.split(np.arange(number), changes):
             first, last = int(rows[0]), int(rows[-1])
             ends = (int(seqs[first, 0]), int(seqs[last, -1]))
@@ -179,8 +189,9 @@ class HeartbeatPeriods:
     def _take_runs(self, seq: Int64s, t_ns: Int64s, passed: Int64s) -> None:
         """Follow runs of periods of about one length."""
         before = self._run.length_ns if self._run else int(passed[0])
-        steps = np.abs(np.diff(np.log(np.concatenate(([before], passed)))))
-        cuts = np.flatnonzero(steps > np.log(ALIKE))
+        lengths = np.concatenate(([before], passed))
+        longer = np.maximum(lengths[1:], lengths[:-1])
+        cuts = np.flatnonzero(longer >= ALIKE * np.minimum(lengths[1:], lengths[:-1]))
         edges = np.unique(np.concatenate(([0], cuts, [len(passed)])))
         if len(cuts) and cuts[0] == 0:
             self._end_run()
@@ -240,7 +251,7 @@ class HeartbeatPeriods:
             last.total_ns += pace.total_ns
             return
         for before in self._complete():
-            if self.halved is None and _halves(before, pace, times):
+            if self.halved is None and _halves(before, begins, times):
                 self.halved = Halved(
                     before.first_seq, pace.first_seq, pace.first_ns, before.median_ns
                 )
@@ -248,10 +259,13 @@ class HeartbeatPeriods:
             self.paces.append(pace)
 
 
-def _halves(before: Pace, pace: Pace, times: Int64s) -> bool:
-    """Whether every second heartbeat comes when one was due before, and the others in between."""
+def _halves(before: Pace, median_ns: int, times: Int64s) -> bool:
+    """Whether every second heartbeat comes when one was due before, and the others in between.
+
+    `median_ns` and `times` are of the first window after the stretch before.
+    """
     period = before.median_ns
-    if before.number < WINDOW or not 0.45 <= pace.median_ns / period <= 0.55:
+    if before.number < WINDOW or not 0.45 <= median_ns / period <= 0.55:
         return False
     phase = (times - before.anchor_ns) % period / period
     at_grid = np.minimum(phase, 1 - phase) <= GRID_TOLERANCE

@@ -1,6 +1,7 @@
 """Which frames of a batch each node sends."""
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,29 +13,30 @@ from syncline_analyzer.pdo_binding import Pdo, PdoBindings
 from syncline_analyzer.shadow import Shadow
 from syncline_schemas.canopen.services import SERVICE_OF_ID, Service
 
+_SERVICES: list[Service] = [Service(number) for number in SERVICE_OF_ID.tolist()]
 _OWN = (Service.EMCY, Service.SDO_ANSWER, Service.ERROR_CONTROL)
 """Services whose identifiers say which node sends."""
-_SERVICES: list[int] = SERVICE_OF_ID.tolist()
 _NO_ROWS = np.zeros(0, np.intp)
 
 
 @dataclass(slots=True)
 class Sent:
-    """What one node sends in a batch, and who asks for its error control."""
+    """What one node sends in a batch."""
 
     groups: list[NDArray[np.intp]] = field(default_factory=list)
-    """Rows of each identifier."""
-    control: list[int] = field(default_factory=list)
-    """Identifiers of error control."""
-    pdos: list[int] = field(default_factory=list)
-    """Identifiers of PDOs."""
-    asked: NDArray[np.intp] = field(default_factory=lambda: _NO_ROWS)
-    """Remote frames of its error control."""
+    """Rows of each identifier, not none."""
+    pdos: list[tuple[int, slice]] = field(default_factory=list)
+    """Identifiers of PDOs, and where in the columns by identifier the node's are."""
 
     @property
     def rows(self) -> NDArray[np.intp]:
         """All of them, in order."""
-        return np.sort(np.concatenate((*self.groups, self.asked)))
+        return np.sort(np.concatenate(self.groups)) if self.groups else _NO_ROWS
+
+    @property
+    def last(self) -> int:
+        """The last row, -1 without any."""
+        return max((int(group[-1]) for group in self.groups), default=-1)
 
     def after(self, row: int) -> NDArray[np.intp]:
         """What the node sends from a row on, in order."""
@@ -43,33 +45,41 @@ class Sent:
 
 
 class Senders:
-    """Tells the sender of every identifier, by its service and by the PDO that it carries."""
+    """Tells the sender of every identifier, by its service and by the PDO that it carries.
+
+    A PDO is its node's from the frame on that binds it to its identifier. Comes after the fold that
+    fills the shadow.
+    """
 
     def __init__(self, shadow: Shadow) -> None:
         self._shadow = shadow
         self._bindings = PdoBindings(shadow)
         self._tpdos: dict[tuple[int, int], Pdo | None] = {}
+        """The TPDO on each identifier as long as the shadow learns nothing."""
         self._version = -1
 
     def of(self, batch: IndexedBatch) -> dict[NodeKey, Sent]:
-        """What each node sends, in order of bus and node."""
+        """What each node sends."""
         found: dict[NodeKey, Sent] = {}
+        if self._version != self._shadow.version:
+            self._version = self._shadow.version
+            self._tpdos.clear()
         for bus, can_id in batch.ids():
-            service, rows = _SERVICES[can_id], batch.rows(bus, can_id)
-            pdo = self._now(bus, can_id, batch.seq0)
-            if pdo is None and service == Service.EMCY:
-                rows = rows[batch.frames.dlc[rows] > SYNC_BYTES]
-            if (pdo is None and service not in _OWN) or not len(rows):
-                continue
-            node = can_id & 0x7F if pdo is None else pdo.node
-            sent = found.setdefault((bus, node), Sent())
-            sent.groups.append(rows)
-            if service == Service.ERROR_CONTROL:
-                sent.control.append(can_id)
-            elif pdo is not None and service not in _OWN:
-                sent.pdos.append(can_id)
-        self._add_asked(batch, found)
-        return dict(sorted(found.items()))
+            service = _SERVICES[can_id]
+            for place, pdo in self._bound(batch, bus, can_id):
+                if pdo is None and service not in _OWN:
+                    continue
+                rows = batch.rows_by_id[place]
+                if service is Service.EMCY and pdo is None:
+                    rows = _emcys(batch, bus, can_id, rows)
+                if len(rows):
+                    own = pdo is None or service is Service.ERROR_CONTROL
+                    node = can_id & 0x7F if own or pdo is None else pdo.node
+                    sent = found.setdefault((bus, node), Sent())
+                    sent.groups.append(rows)
+                    if service not in _OWN:
+                        sent.pdos.append((can_id, place))
+        return found
 
     def tpdo(self, bus: int, can_id: int, seq: int) -> Pdo | None:
         """The TPDO on an identifier: as bound at `seq`, as bound later, or by a guess."""
@@ -77,21 +87,31 @@ class Senders:
         pdo = self._bindings.owner(bus, can_id, seq)
         if pdo is None or pdo.guess:
             pdo = self._bindings.owner(bus, can_id) or pdo
-        return pdo if pdo is not None and pdo.kind == "tpdo" else None
+        return _sent(pdo)
 
-    def _now(self, bus: int, can_id: int, seq: int) -> Pdo | None:
-        """The same for the next frames: it stays as it is until the shadow learns something."""
-        if self._version != self._shadow.version:
-            self._version = self._shadow.version
-            self._tpdos.clear()
-        if (bus, can_id) not in self._tpdos:
-            self._tpdos[bus, can_id] = self.tpdo(bus, can_id, seq)
-        return self._tpdos[bus, can_id]
+    def _bound(self, batch: IndexedBatch, bus: int, can_id: int) -> list[tuple[slice, Pdo | None]]:
+        """Where in the columns by identifier the frames of one are, by the TPDO that they carry."""
+        place = batch.place(bus, can_id)
+        if (bus, can_id) in self._tpdos:
+            return [(place, self._tpdos[bus, can_id])]
+        self._bindings.refresh(bus)
+        cuts = self._bindings.cuts(bus, can_id, batch.seq0, batch.last_seq)
+        bound = [_sent(self._bindings.owner(bus, can_id, seq)) for seq in (batch.seq0, *cuts)]
+        self._tpdos[bus, can_id] = bound[-1]
+        if not cuts:
+            return [(place, bound[0])]
+        edges = (place.start + batch.seqs_by_id[place].searchsorted(cuts)).tolist()
+        places = (slice(*edge) for edge in pairwise((place.start, *edges, place.stop)))
+        pieces = zip(places, bound, strict=True)
+        return [(piece, pdo) for piece, pdo in pieces if piece.start < piece.stop]
 
-    @staticmethod
-    def _add_asked(batch: IndexedBatch, found: dict[NodeKey, Sent]) -> None:
-        """Remote frames of error control count to their node."""
-        asked = batch.rows_of(Service.ERROR_CONTROL, remote=True)
-        buses, nodes = batch.frames.bus[asked], batch.node[asked]
-        for bus, node in sorted(set(zip(buses.tolist(), nodes.tolist(), strict=True))):
-            found.setdefault((bus, node), Sent()).asked = asked[(buses == bus) & (nodes == node)]
+
+def _emcys(batch: IndexedBatch, bus: int, can_id: int, rows: NDArray[np.intp]) -> NDArray[np.intp]:
+    """The frames on the identifier of a node's EMCYs that are no SYNC."""
+    if batch.lengths[bus, can_id][0] > SYNC_BYTES:
+        return rows
+    return rows[batch.frames.dlc[rows] > SYNC_BYTES]
+
+
+def _sent(pdo: Pdo | None) -> Pdo | None:
+    return pdo if pdo is not None and pdo.kind == "tpdo" else None

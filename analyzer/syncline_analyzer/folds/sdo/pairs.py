@@ -63,20 +63,20 @@ class SdoFrames:
     def plain(self) -> "Plain":
         """The plain transfers."""
         asks, answers = self.pairs()
-        words = self.data.view("<u4")
-        asked = self.data[asks]
-        read = asked[:, 0] == _READ
-        held = np.where(read[:, None], self.data[answers], asked)
-        command = held[:, 0]
+        words = self.data.view("<u8")[:, 0]
+        asked = words[asks]
+        read = (asked & 0xFF) == _READ
+        held = np.where(read, words[answers], asked)
+        command = held.astype(np.uint8)
         size = np.where(command & 1, 4 - (command >> 2 & 3), 0).astype(np.uint8)
         return Plain(
             asks,
             answers,
             self.channel[asks],
-            words[asks, 0] >> np.uint32(8),
+            (asked >> 8).astype(np.uint32) & np.uint32(0xFFFFFF),
             read,
             size,
-            held.view("<u4")[:, 1] & _HELD[size],
+            (held >> 32).astype(np.uint32) & _HELD[size],
             self.seq[asks],
             self.t_ns[asks],
             self.seq[answers],

@@ -56,7 +56,7 @@ class Stretch:
             batch.seqs[rows],
             frames.t_ns[rows],
             np.minimum(frames.dlc[rows], 8).astype(np.uint8),
-            np.ascontiguousarray(frames.data[rows, :8]),
+            _first_eight(frames.data, rows),
             np.array(channel, np.uint16)[self._of],
             np.array([each.request for each in self._sides])[self._of],
             np.array([each.can_id for each in self._sides], np.int16)[self._of],
@@ -138,3 +138,9 @@ class Stretch:
     ) -> NDArray[np.int64]:
         """Channel and place as one number that sorts by both."""
         return channel.astype(np.int64) * (len(self._of) + 1) + place
+
+
+def _first_eight(data: NDArray[np.uint8], rows: NDArray[np.intp]) -> NDArray[np.uint8]:
+    """(n, 8) the first bytes of some rows; words are gathered several times as fast as bytes."""
+    words = np.ascontiguousarray(data[:, :8]).view(np.uint64)[:, 0]
+    return words.take(rows).view(np.uint8).reshape(-1, 8)

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from syncline_analyzer.folds.timing.sync import SyncHole
+from syncline_analyzer.folds.timing.sync_state import SyncHole
 from syncline_analyzer.results import NmtCommandRow
 
 AROUND_NS = 100_000_000

@@ -139,10 +139,10 @@ class Busy:
             ends = ends[_possible(ends, since, soon)]
         if not len(ends):
             return
-        # Knots of the busy time over time: it grows while a frame is on the wire.
-        starts = since - wire_ns
-        np.maximum(starts[1:], since[:-1], out=starts[1:])
-        knots, levels = _alternating(starts, since), _alternating(busy - wire_ns, busy)
+        at = np.searchsorted(since, np.concatenate([ends, ends - BURST_NS]))
+        near = np.zeros(len(since) + 2, np.bool_)
+        near[at], near[at + 1], near[at + 2] = True, True, True
+        knots, levels = _busy_around(np.flatnonzero(near[1:-1]), since, wire_ns, busy)
         carried = np.interp(ends, knots, levels) - np.interp(ends - BURST_NS, knots, levels)
         fullest = int(np.argmax(carried))
         share = min(1.0, float(carried[fullest]) / BURST_NS)
@@ -190,6 +190,20 @@ class Busy:
         return np.concatenate(
             [since[rows[rows >= known]], since[starting] - wire_ns[starting] + BURST_NS]
         )
+
+
+def _busy_around(
+    rows: NDArray[np.intp], since: Floats, wire_ns: Floats, busy: Floats
+) -> tuple[Floats, Floats]:
+    """Knots of the busy time over time, where some frames begin and end, and the time at each.
+
+    It grows while a frame is on the wire.
+    """
+    until, took, level = since[rows], wire_ns[rows], busy[rows]
+    starts = until - took
+    later = rows > 0
+    starts[later] = np.maximum(starts[later], since[rows[later] - 1])
+    return _alternating(starts, until), _alternating(level - took, level)
 
 
 def _alternating(first: Floats, second: Floats) -> Floats:

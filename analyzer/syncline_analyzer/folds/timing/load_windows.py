@@ -113,7 +113,7 @@ class Windows:
 
     def close(self) -> None:
         """End a stretch; its last window is not whole and only drawn when it is the only one."""
-        if self._origin_ns is not None and self._frames and not self.over_time.columns():
+        if self._origin_ns is not None and self._frames and self.over_time.empty:
             start_ns = np.array([self._origin_ns + self._number * self.width_ns])
             self._draw(Whole(start_ns, np.array([self._frames]), np.array([self._bits])))
         self._origin_ns = None

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from syncline_analyzer.folds.timing.pdo import PAUSE_NS, PAUSE_PERIODS
+from syncline_analyzer.folds.timing.pdo_periods import PAUSE_NS, PAUSE_PERIODS
 from syncline_analyzer.folds.timing.pdo_state import Pause, PdoState
 from syncline_analyzer.folds.timing.rhythm import Operational
 from syncline_analyzer.folds.timing.silence import Silence

@@ -1,47 +1,52 @@
 """PDO timing: answers to SYNC with the bounds of the device time, missed and extra ones, periods."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.folds.timing.block import UNKNOWN_BITS, Block
+from syncline_analyzer.folds.timing.device_times import DeviceTimes
 from syncline_analyzer.folds.timing.extremes import limits_of
-from syncline_analyzer.folds.timing.lateness import others_as_late
 from syncline_analyzer.folds.timing.on_wire import OnWire
-from syncline_analyzer.folds.timing.overdue import lacking_after
+from syncline_analyzer.folds.timing.pdo_answers import PdoAnswers
+from syncline_analyzer.folds.timing.pdo_columns import PdoColumns
 from syncline_analyzer.folds.timing.pdo_frames import PdoFrames
-from syncline_analyzer.folds.timing.pdo_state import Pause, PdoState
+from syncline_analyzer.folds.timing.pdo_periods import follow, widen
+from syncline_analyzer.folds.timing.pdo_state import PdoState
 from syncline_analyzer.folds.timing.phase import UNTOLD, Phase
 from syncline_analyzer.folds.timing.sync import SyncFold
 from syncline_analyzer.folds.timing.sync_index import SyncIndex
 from syncline_analyzer.folds.timing.waiting_fold import WaitingFold
-from syncline_analyzer.pdo_binding import PdoBindings, Transmission, settled
+from syncline_analyzer.pdo_binding import Pdo, PdoBindings, Transmission, settled
 from syncline_schemas.batch import FrameFlag
 from syncline_schemas.canopen.services import SERVICE_OF_ID, Service
-from syncline_schemas.wire_length import INTERMISSION_BITS
 
-MAX_PAUSES = 1000
+_NO_ROWS = np.zeros(0, np.intp)
 MAX_EVIDENCE = 20
-PAUSE_NS = 5_000_000_000
-PAUSE_PERIODS = 20
-"""A PDO that stays away for so long, and so many of its periods, has stopped."""
-_BY_EVENTS = (0xFE, 0xFF)
-"""Transmission types of a PDO that answers no SYNC, so that none can have kept it waiting."""
-DEADLINE = 1.1
-"""An RPDO is overdue when it takes longer than so many times what its node allows (140xh:5)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Pass:
-    """A block as one bus sees it; `sent` (n,) bits on the bus up to the end of each row."""
+    """A block as one bus sees it, and what is found of its PDOs.
+
+    Attributes:
+        columns: of the PDOs that were sent.
+        numbers: of these PDOs there, by their identifiers.
+        answers: those of which the times tell something, with the SYNCs that they answer.
+        unanswered: identifier and owner of PDOs, and positions of SYNCs that they left unanswered.
+    """
 
     block: Block
     bus: int
-    sent: NDArray[np.int64]
-    bit_ns: float | None
     syncs: dict[int, SyncIndex | None]
+    columns: PdoColumns
+    numbers: dict[int, int]
+    answers: list[tuple[SyncIndex, PdoAnswers]] = field(default_factory=list)
+    unanswered: list[tuple[int, Pdo | None, NDArray[np.int64], SyncIndex]] = field(
+        default_factory=list
+    )
 
 
 class PdoFold:
@@ -76,29 +81,25 @@ class PdoFold:
         for can_id, state in self._states_of(bus):
             if version is None or state.bound_version != version:
                 self._rebind(state, bus, can_id, first_seq, last_seq)
+                state.window_ns = self._window_ns(bus, state, last_seq)
                 state.bound_version = version
         requests = self._requests(block, bus)
-        bit_ns = self._on_wire.bit_ns(bus)
         sent = self._sent_bits(block, bus)
         syncs = {
             cob: self._sync.update(block, bus, cob, sent, version)
             for cob in self._followed_syncs(bus, last_seq, version)
         }
-        passing = _Pass(block, bus, sent, bit_ns, syncs)
-        self._waiting.begin(block, bus, passing.bit_ns)
+        passing = _Pass(block, bus, syncs, *self._columns(block, bus))
+        self._waiting.begin(block, bus, self._on_wire.bit_ns(bus))
         for can_id, state in self._states_of(bus):
-            frames = PdoFrames.in_block(block, bus, can_id)
-            if len(frames.rows):
-                self._follow(block, state, frames, syncs.get(state.sync_cob_id))
-            asked = state.requested.follow(frames.rows, requests[can_id])
-            state.request_answers.add(
-                frames.rows,
-                requests[can_id],
-                block.frames.t_ns,
-                block.batch.seqs,
-                timed=self._context.timed,
-            )
-            self._answer(passing, can_id, state, frames, asked)
+            self._take(passing, can_id, state, requests.get(can_id, _NO_ROWS))
+        times = DeviceTimes(self._context, self._on_wire, self._waiting, block, bus, sent)
+        for sync in syncs.values():
+            answers = [each for to, each in passing.answers if to is sync]
+            if sync is not None and answers:
+                times.measure(sync, answers)
+        for can_id, owner, missed, sync in passing.unanswered:
+            self._waiting.unanswered(can_id, owner, missed, sync)
 
     def gap(self, bus: int | None) -> None:
         """Nothing is due and no period counts over a gap."""
@@ -113,11 +114,42 @@ class PdoFold:
                 state.request_answers.restart()
                 state.overdue.flush()
 
+    def _columns(self, block: Block, bus: int) -> tuple[PdoColumns, dict[int, int]]:
+        """The PDOs that were sent, and the number of each by its identifier."""
+        places = [(block.batch.place(bus, can_id), can_id) for can_id, _ in self._states_of(bus)]
+        found = sorted((at.start, at.stop, can_id) for at, can_id in places if at.stop > at.start)
+        states = [self.states[bus, can_id] for *_, can_id in found]
+        columns = PdoColumns(block, [slice(start, stop) for start, stop, _ in found], states)
+        return columns, {can_id: number for number, (*_, can_id) in enumerate(found)}
+
+    def _take(
+        self, passing: _Pass, can_id: int, state: PdoState, requests: NDArray[np.intp]
+    ) -> None:
+        """Take in the frames of one PDO, and the requests for it."""
+        block, sync = passing.block, passing.syncs.get(state.sync_cob_id)
+        frames = PdoFrames.in_block(block, passing.bus, can_id)
+        if len(frames.rows):
+            number = passing.numbers[can_id]
+            follow(passing.columns, number, state, frames, sync, timed=self._context.timed)
+        asked = state.requested.follow(frames.rows, requests)
+        state.request_answers.add(
+            frames.rows,
+            requests,
+            block.frames.t_ns,
+            block.batch.seqs,
+            timed=self._context.timed,
+        )
+        if sync is not None:
+            self._answer(passing, can_id, state, frames, sync, asked)
+
     def _requests(self, block: Block, bus: int) -> dict[int, NDArray[np.intp]]:
-        """Rows of the remote frames that asked for each PDO (CiA 301 7.2.2.5.2), counted as well."""
-        remote = _remote(block, bus)
+        """Rows of the remote frames that asked for PDOs (CiA 301 7.2.2.5.2), counted as well."""
+        remote, lengths = _remote(block, bus), block.batch.lengths
         found = {}
         for can_id, state in self._states_of(bus):
+            shortest, _ = lengths.get((bus, can_id), (1, 1))
+            if shortest and not len(remote):
+                continue
             rows = block.batch.rows(bus, can_id)
             empty = rows[block.frames.dlc.take(rows) == 0]
             asked = remote[block.frames.can_id[remote] == can_id] if len(remote) else remote
@@ -209,143 +241,67 @@ class PdoFold:
         if before is not None and _values(before) != _values(now):
             state.changed_seq = first_seq
 
-    def _follow(
-        self, block: Block, state: PdoState, frames: PdoFrames, sync: SyncIndex | None
-    ) -> None:
-        """Periods of the identifier, SYNC or not; those in a backlog of SYNCs are none."""
-        t_ns, seq, rows = frames.t_ns, frames.seq, frames.rows
-        last_ns, last_seq = state.last_ns, state.last_seq
-        state.last_ns, state.last_seq = int(t_ns[-1]), int(seq[-1])
-        state.frames += len(rows)
-        state.repeats.add(block.batch.words_by_id[frames.place])
-        if not self._context.timed:
-            return
-        if last_ns is not None:
-            t_ns = np.concatenate(([last_ns], t_ns))
-            seq = np.concatenate(([last_seq], seq))
-        periods = t_ns[1:] - t_ns[:-1]
-        if not len(periods):
-            return
-        true = periods >= 0
-        if sync is not None and sync.any_bundled:
-            bundled = np.concatenate(([False], sync.bundled[sync.before[rows]]))
-            true &= ~(bundled[1:] | bundled[:-1])[len(rows) - len(periods) :]
-        if true.all():
-            state.periods.add(periods, seq[1:], t_ns[1:])
-        else:
-            state.periods.add(periods[true], seq[1:][true], t_ns[1:][true])
-        self._find_pauses(state, periods, t_ns, seq)
-        self._find_too_soon(state, periods, true, t_ns[1:], seq[1:])
-        self._find_overdue(block, state, rows[-len(periods) :], periods, t_ns[:-1], seq[:-1])
-
-    @staticmethod
-    def _find_pauses(
-        state: PdoState,
-        periods: NDArray[np.int64],
-        t_ns: NDArray[np.int64],
-        seq: NDArray[np.int64],
-    ) -> None:
-        """Long times without a frame, of which the rhythm of the whole capture tells more."""
-        if int(periods.max()) < PAUSE_NS:
-            return
-        for at in np.flatnonzero(periods >= PAUSE_NS)[: MAX_PAUSES - len(state.pauses)].tolist():
-            state.pauses.append(
-                Pause(int(t_ns[at]), int(t_ns[at + 1]), int(seq[at]), int(seq[at + 1]))
-            )
-
-    @staticmethod
-    def _find_too_soon(
-        state: PdoState,
-        periods: NDArray[np.int64],
-        true: NDArray[np.bool_],
-        t_ns: NDArray[np.int64],
-        seq: NDArray[np.int64],
-    ) -> None:
-        """Frames closer than half the inhibit time: more than arbitration can pull together."""
-        inhibit_ns = state.told_inhibit_ns()
-        if inhibit_ns is None:
-            return
-        soon = np.flatnonzero(true & (periods < inhibit_ns / 2) & (seq > state.changed_seq))
-        if len(soon):
-            state.broken_inhibit_ns = inhibit_ns
-        state.too_soon += len(soon)
-        _span(state.too_soon_ns, t_ns[soon])
-        state.too_soon_seq.extend(seq[soon[: MAX_EVIDENCE - len(state.too_soon_seq)]].tolist())
-
-    @staticmethod
-    def _find_overdue(
-        block: Block,
-        state: PdoState,
-        rows: NDArray[np.intp],
-        periods: NDArray[np.int64],
-        before_ns: NDArray[np.int64],
-        before_seq: NDArray[np.int64],
-    ) -> None:
-        """Missing periods of a cyclic TPDO whose event timer was told, late ones of such an RPDO.
-
-        Not where others on the bus are as late: then nobody was heard, or the clock was set.
-        """
-        timer_ns, deadline_ns = state.told_timer_ns(), state.told_deadline_ns()
-        if timer_ns is None:
-            state.overdue.flush()
-        due_ns = timer_ns or deadline_ns
-        if state.owner is None or due_ns is None:
-            return
-        if timer_ns is not None:
-            late = lacking_after(periods, timer_ns)[0]
-        else:
-            late = np.flatnonzero(periods > DEADLINE * due_ns)
-        judged = before_seq >= state.changed_seq
-        for at in late[judged[late]].tolist():
-            begin = block.batch.row_at(int(before_seq[at]))
-            late_ns = int(periods[at]) - due_ns
-            judged[at] = not others_as_late(block, state.owner, begin, int(rows[at]), late_ns)
-        if timer_ns is not None:
-            state.overdue.add(timer_ns, periods, before_ns, before_seq, judged)
-        else:
-            late = late[judged[late]]
-            state.past_deadline.add(before_ns[late] + due_ns, before_seq[late])
-
     def _answer(
         self,
         passing: _Pass,
         can_id: int,
         state: PdoState,
         frames: PdoFrames,
-        asked: NDArray[np.bool_],
+        sync: SyncIndex,
+        asked: NDArray[np.bool_] | None,
     ) -> None:
         """Pair the PDOs of a block with the SYNCs before them; those `asked` for prove less."""
-        sync = passing.syncs.get(state.sync_cob_id)
-        if sync is None:
-            return
-        at = sync.before_by_id[frames.place]
+        at = frames.of(sync.before_by_id)
         spared = None
         if state.told_type() is None:
             spared = state.slips.follow(at, frames.t_ns, sync)
-        # The SYNCs before the frames stand in order.
-        heard = int(np.searchsorted(at, sync.first)) if len(at) and at[0] < sync.first else 0
-        frames, at, asked = frames.since(heard), at[heard:], asked[heard:]
-        ordinal = sync.first_ordinal + at
-        first = state.rhythm.first_of_period(ordinal)
+        # Where every frame is the first after its SYNC, what follows is known of all PDOs at once.
+        number = passing.numbers.get(can_id) if asked is None else None
+        steps = None if number is None else passing.columns.steps(sync, number)
+        if steps is None or steps.limits[0] < 1 or at[0] < sync.first:
+            number = steps = None
         answers = frames
-        if asked.any() or not first.all():
-            # Where a SYNC may be lost, two frames in one period prove nothing.
-            beside = state.requested.beside(ordinal, asked)
-            extra = np.flatnonzero(~first & ~beside)
-            if len(extra):
-                extra = extra[sync.lossless(frames.rows[extra], passing.block.frames.t_ns)]
-                self._count_extra(passing.block, state, frames.rows, ordinal, first, extra)
-            answers = frames.chosen(np.flatnonzero(first & ~asked))
-            frames, at, ordinal = frames.chosen(np.flatnonzero(first)), at[first], ordinal[first]
+        if number is None:
+            frames, answers, at = self._first_ones(passing, state, frames, at, sync, asked)
         if self._context.timed and len(answers.rows):
-            self._respond(passing, can_id, state, answers, sync)
+            self._respond(passing, can_id, state, answers, sync, number)
         fresh = int(np.searchsorted(frames.seq, state.changed_seq))
-        state.rhythm.answered(ordinal[fresh:])
+        ordinal = sync.first_ordinal + at
+        state.rhythm.answered(ordinal[fresh:], None if fresh else steps)
         every = self._due_every(passing.bus, state)
-        self._count_phase(state, at, sync)
+        self._count_phase(passing, state, at, sync, number)
         unanswered = state.rhythm.evaluate(every, sync, spared if every == 1 else None)
         if len(unanswered):
-            self._waiting.unanswered(can_id, state.owner, unanswered, sync)
+            passing.unanswered.append((can_id, state.owner, unanswered, sync))
+
+    def _first_ones(
+        self,
+        passing: _Pass,
+        state: PdoState,
+        frames: PdoFrames,
+        at: NDArray[np.int64],
+        sync: SyncIndex,
+        asked: NDArray[np.bool_] | None,
+    ) -> tuple[PdoFrames, PdoFrames, NDArray[np.int64]]:
+        """The first frames after each SYNC, those of them that answer it, and its position."""
+        # The SYNCs before the frames stand in order.
+        heard = int(np.searchsorted(at, sync.first)) if len(at) and at[0] < sync.first else 0
+        frames, at = frames.since(heard), at[heard:]
+        if asked is not None:
+            asked = asked[heard:] if asked[heard:].any() else None
+        ordinal = sync.first_ordinal + at
+        first = state.rhythm.first_of_period(ordinal)
+        if asked is None and first.all():
+            return frames, frames, at
+        # Where a SYNC may be lost, two frames in one period prove nothing.
+        beside = state.requested.beside(ordinal, asked)
+        extra = np.flatnonzero(~first & ~beside)
+        if len(extra):
+            extra = extra[sync.lossless(frames.rows[extra], passing.block.frames.t_ns)]
+            self._count_extra(passing.block, state, frames.rows, ordinal, first, extra)
+        answering = first if asked is None else first & ~asked
+        answers = frames.chosen(np.flatnonzero(answering))
+        return frames.chosen(np.flatnonzero(first)), answers, at[first]
 
     @staticmethod
     def _count_extra(
@@ -363,17 +319,26 @@ class PdoFold:
         state.extra_alone += len(alone)
         more = rows[alone[: MAX_EVIDENCE - len(state.extra_seq)]]
         state.extra_seq.extend(block.batch.seqs[more].tolist())
-        _span(state.extra_ns, block.frames.t_ns[rows[alone]])
+        widen(state.extra_ns, block.frames.t_ns[rows[alone]])
 
     @staticmethod
-    def _count_phase(state: PdoState, at: NDArray[np.int64], sync: SyncIndex) -> None:
-        """Which of n SYNCs, by their positions, were answered."""
+    def _count_phase(
+        passing: _Pass,
+        state: PdoState,
+        at: NDArray[np.int64],
+        sync: SyncIndex,
+        number: int | None,
+    ) -> None:
+        """Which of n SYNCs, by their positions, were answered; by all frames of PDO `number`."""
         state.answered += len(at)
         told = state.told_type()
         every = UNTOLD if told is None else told
         if state.off or not 2 <= every <= 0xF0:
             return
-        state.phase.add(every, at, sync)
+        if number is not None and every == UNTOLD and not sync.counted:
+            state.phase.add_counts(every, passing.columns.phases(sync, number))
+        else:
+            state.phase.add(every, at, sync)
 
     def _due_every(self, bus: int, state: PdoState) -> int | None:
         if state.off:
@@ -385,85 +350,39 @@ class PdoFold:
             return None
         return state.answers_sync(self._sync.median_ns(bus, state.sync_cob_id))
 
+    @staticmethod
     def _respond(
-        self,
         passing: _Pass,
         can_id: int,
         state: PdoState,
         frames: PdoFrames,
         sync: SyncIndex,
+        number: int | None,
     ) -> None:
-        """Response and both bounds of the device time (analysis.md section 5)."""
-        position = frames.of(sync.before_by_id)
-        response = frames.of(sync.since_by_id)
-        if sync.any_bundled or not sync.all_usable or int(response.min()) < 0:
+        """Responses (analysis.md section 5), which are those of all frames of PDO `number`."""
+        position, response = frames.of(sync.before_by_id), frames.of(sync.since_by_id)
+        limits = passing.columns.responses(sync, number) if number is not None else None
+        limits = limits or limits_of(response)
+        if sync.any_bundled or not sync.all_usable or limits[0] < 0:
             # After a pause of the SYNC a PDO answers one that was not heard.
             to_other = ~sync.usable[position] & (response > sync.cycle_ns)
             true = np.flatnonzero((response >= 0) & ~sync.bundled[position] & ~to_other)
             if not len(true):
                 return
             frames, position, response = frames.chosen(true), position[true], response[true]
-        block, rows, seq, t_ns = passing.block, frames.rows, frames.seq, frames.t_ns
-        limits = limits_of(response)
+            limits = limits_of(response)
         state.response.add(response, limits)
-        state.slowest.add(response, seq, t_ns, limits)
-        state.late += self._late(passing.bus, state, rows, response, block)
-        kept = state.responses.chosen(response.astype(np.float64))
-        # Copies: what is kept must not hold on to the columns of the whole block.
-        columns = {"seq": seq[kept], "t_ns": t_ns[kept], "response_us": response[kept] / 1000}
-        if passing.bit_ns is not None:
-            low, high = self._device_bounds(passing, passing.bit_ns, rows, position, response, sync)
-            state.device_low.add(low)
-            state.device_high.add(high)
-            columns |= {"device_low_us": low[kept] / 1000, "device_high_us": high[kept] / 1000}
-            if state.told_type() not in _BY_EVENTS:
-                least, waiting = self._waiting.answers(
-                    can_id, state.owner, seq, position, sync, low, high
-                )
-                columns |= {
-                    "device_least_us": least[kept] / 1000,
-                    "waiting_us": waiting[kept] / 1000,
-                }
-        state.responses.add_chosen(columns)
+        state.slowest.add(response, frames.seq, frames.t_ns, limits)
+        if state.window_ns is not None and limits[1] > state.window_ns:
+            state.late += int(np.count_nonzero(response > state.window_ns))
+        passing.answers.append((sync, PdoAnswers(can_id, state, frames, position, response)))
 
-    def _device_bounds(
-        self,
-        passing: _Pass,
-        bit_ns: float,
-        rows: NDArray[np.intp],
-        position: NDArray[np.int64],
-        response: NDArray[np.int64],
-        sync: SyncIndex,
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """(low, high) [ns] of the time from the end of the SYNC to the request to send.
-
-        At least: everything since the SYNC, intermissions included, kept the device waiting. At
-        most: the bus was idle, and only the frame itself (which has no intermission before its
-        end) passed. Both are widened by the step of the stamps and by what these prove to be off
-        beyond it.
-        """
-        block = passing.block
-        busy = passing.sent[rows] - sync.bits[position]
-        own = block.wire_bits[rows] - INTERMISSION_BITS
-        step_ns = self._context.resolution_ns - 1 + self._on_wire.noise_ns(passing.bus)
-        low = np.floor(response - busy * bit_ns) - step_ns
-        high = np.ceil(response - own * bit_ns) + step_ns
-        return np.maximum(low, 0.0), np.maximum(high, 0.0)
-
-    def _late(
-        self,
-        bus: int,
-        state: PdoState,
-        rows: NDArray[np.intp],
-        response: NDArray[np.int64],
-        block: Block,
-    ) -> int:
-        """Answers after the synchronous window (1007h), where the node has one."""
+    def _window_ns(self, bus: int, state: PdoState, seq: int) -> int | None:
+        """Synchronous window length (1007h) of the node that sends a PDO."""
         if state.owner is None or state.owner.kind == "rpdo":
-            return 0
-        seq = block.batch.seq(rows[-1])
+            return None
         window_us = self._context.shadow.number(bus, state.owner.node, 0x1007, 0, seq)
-        return int((response > window_us * 1000).sum()) if window_us else 0
+        return window_us * 1000 if window_us else None
 
 
 def _remote(block: Block, bus: int) -> NDArray[np.intp]:
@@ -474,12 +393,6 @@ def _remote(block: Block, bus: int) -> NDArray[np.intp]:
     short = (block.frames.flags[rows] & FrameFlag.EXTENDED) == 0
     found: NDArray[np.intp] = rows[short & (block.frames.bus[rows] == bus)]
     return found
-
-
-def _span(span: list[int], t_ns: NDArray[np.int64]) -> None:
-    """Widen (first, last) by more stamps, in order."""
-    if len(t_ns):
-        span[:] = [span[0] if span else int(t_ns[0]), int(t_ns[-1])]
 
 
 def _kind(state: PdoState) -> int:

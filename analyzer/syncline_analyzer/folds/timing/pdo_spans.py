@@ -40,6 +40,11 @@ class PdoSpans:
         if len(remote) or can_id in self._asked:
             remote = np.concatenate((self._asked.get(can_id, remote[:0]), remote))
             self._asked[can_id] = remote[-1:]
+        since, begun = self._cuts[-1] if self._cuts else None, self._open.get(can_id)
+        goes_on = begun is not None and begun.since == since and not len(remote)
+        if begun is not None and goes_on and (since is None or seq[0] > since[0]):
+            begun.extend(seq, t_ns)
+            return
         edges = seq.searchsorted([cut[0] for cut in self._cuts], "right").tolist()
         for number, (begin, stop) in enumerate(pairwise((0, *edges, len(seq)))):
             if begin == stop:

@@ -50,8 +50,8 @@ class PdoState:
     response: Distribution = field(default_factory=Distribution)
     slowest: Extremes = field(default_factory=lambda: Extremes(both=False))
     """Of the responses."""
-    device_low: Distribution = field(default_factory=Distribution)
-    device_high: Distribution = field(default_factory=Distribution)
+    device_low: Distribution = field(default_factory=lambda: Distribution(moments=False))
+    device_high: Distribution = field(default_factory=lambda: Distribution(moments=False))
     extra: int = 0
     extra_alone: int = 0
     """Those beside which no SYNC went unanswered, so that none is a late or early answer."""
@@ -72,6 +72,8 @@ class PdoState:
     changed_seq: int = 0
     """`seq` since which `transmission` holds."""
     sync_cob_id: int = 0x80
+    window_ns: int | None = None
+    """Synchronous window length (1007h) of its node, if it sends the PDO; None without one."""
     off: bool = False
     """Its owner has switched it off (bit 31 of 180xh:1), or gave it another identifier."""
     repeats: Repeats = field(default_factory=Repeats)

@@ -22,10 +22,15 @@ class Periods:
     spread: Distribution = field(default_factory=Distribution)
     extremes: Extremes = field(default_factory=Extremes)
 
-    def add(self, periods: Ints, seq: Ints, t_ns: Ints) -> None:
-        """Take in periods, none of them negative, with `seq` and stamp of their ends; all (n,)."""
+    def add(
+        self, periods: Ints, seq: Ints, t_ns: Ints, limits: tuple[int, int] | None = None
+    ) -> None:
+        """Take in periods, none of them negative, with `seq` and stamp of their ends; all (n,).
+
+        `limits` are the least and the longest of them, where they are known.
+        """
         if len(periods):
-            limits = limits_of(periods)
+            limits = limits or limits_of(periods)
             self.spread.add(periods, limits)
             self.extremes.add(periods, seq, t_ns, limits)
 

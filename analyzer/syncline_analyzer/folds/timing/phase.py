@@ -36,11 +36,14 @@ class Phase:
     by_counter: NDArray[np.int64] = field(default_factory=_none)
     by_place: NDArray[np.int64] = field(default_factory=_none)
 
+    def add_counts(self, every: int, counts: NDArray[np.int64]) -> None:
+        """Take in how many SYNCs of each number modulo `every` were answered; none has a counter."""
+        self._begin(every)
+        self.by_place += counts
+
     def add(self, every: int, at: NDArray[np.int64], sync: SyncIndex) -> None:
         """Take in the positions of the SYNCs that were answered; (n,)."""
-        if every != self.every:
-            self.every = every
-            self.by_counter, self.by_place = np.zeros(every, np.int64), np.zeros(every, np.int64)
+        self._begin(every)
         if sync.counted:
             counter = sync.counter[at]
             self.by_counter += np.bincount(counter[counter > 0] % every, minlength=every)
@@ -49,6 +52,11 @@ class Phase:
         times = np.concatenate((np.zeros(shift, np.int64), times))
         times = np.concatenate((times, np.zeros(-len(times) % every, np.int64)))
         self.by_place += times.reshape(-1, every).sum(axis=0)
+
+    def _begin(self, every: int) -> None:
+        if every != self.every:
+            self.every = every
+            self.by_counter, self.by_place = np.zeros(every, np.int64), np.zeros(every, np.int64)
 
     def usual(self, every: int, counter_end: int) -> UsualPhase | None:
         """The usual one of n; by the counter where it numbers all and tells n apart.

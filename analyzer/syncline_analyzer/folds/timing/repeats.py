@@ -16,20 +16,21 @@ class Repeats:
     _last: int | None = None
     _run: int = 0
 
-    def add(self, words: NDArray[np.uint64]) -> None:
-        """Take in the eight data bytes of frames in order, at least one, each as one word; (n,)."""
-        same = words[1:] == words[:-1]
-        repeated = int(np.count_nonzero(same))
+    def add(self, words: NDArray[np.uint64], repeated: int) -> None:
+        """Take in the eight data bytes of frames in order, at least one, each as one word; (n,).
+
+        So many of them are `repeated`, the first one aside.
+        """
         first, self._last = self._last == int(words[0]), int(words[-1])
         self.count += repeated + first
         run = self._run * first
-        if repeated == len(same):
+        if repeated == len(words) - 1:
             self._run = run + len(words)
         elif not repeated:
             self.longest = max(self.longest, run + 1)
             self._run = 1
         else:
-            starts = np.flatnonzero(~same) + 1
+            starts = np.flatnonzero(words[1:] != words[:-1]) + 1
             longest = int((starts[1:] - starts[:-1]).max(initial=0))
             self.longest = max(self.longest, run + int(starts[0]), longest)
             self._run = len(words) - int(starts[-1])

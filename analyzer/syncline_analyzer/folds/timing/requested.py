@@ -18,27 +18,27 @@ class Requested:
     _ordinal: int = -1
     """The last SYNC in whose period such a PDO came."""
 
-    def follow(self, rows: Rows, requests: Rows) -> Mask:
+    def follow(self, rows: Rows, requests: Rows) -> Mask | None:
         """(n,) which frames are the first after a request, or one written down as an empty frame.
 
-        Both are rows of one block, in order.
+        Both are rows of one block, in order; None where none of the frames is.
         """
         if not len(rows):
             self._open |= bool(len(requests))
-            return np.zeros(0, np.bool_)
+            return None
         if not len(requests) and not self._open:
-            return np.zeros(len(rows), np.bool_)
+            return None
         until = np.searchsorted(requests, rows)
         asked: Mask = np.diff(until, prepend=-1 if self._open else 0) > 0
         asked |= np.isin(rows, requests)
         self._open = bool(until[-1] < len(requests))
-        return asked
+        return asked if asked.any() else None
 
-    def beside(self, ordinal: NDArray[np.int64], asked: Mask) -> Mask:
+    def beside(self, ordinal: NDArray[np.int64], asked: Mask | None) -> Mask:
         """(n,) which frames came after or as such a one, by the number of the SYNC before each."""
         if not len(ordinal):
             return np.zeros(0, np.bool_)
-        if not asked.any():
+        if asked is None:
             same: Mask = ordinal == self._ordinal
             return same
         last = np.maximum.accumulate(np.where(asked, ordinal, self._ordinal))

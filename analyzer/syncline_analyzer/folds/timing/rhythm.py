@@ -41,6 +41,18 @@ class Operational(NamedTuple):
     left: bool
 
 
+class Steps(NamedTuple):
+    """How many SYNCs lie between one answer and the one before.
+
+    Attributes:
+        each: (k,) of the answers, at least one.
+        limits: the least and the largest of them.
+    """
+
+    each: NDArray[np.int64]
+    limits: tuple[int, int]
+
+
 @dataclass(frozen=True, slots=True)
 class MissedList:
     """Missed moments: (n,) t_ns and seq in order, and how many there were beyond these."""
@@ -159,7 +171,8 @@ class Rhythm:
     """How often n SYNCs lay between two answers, by n; the last one holds all longer ones."""
     crowded: int = 0
     """SYNC periods with more than one frame."""
-    _last: int | None = None
+    last: int | None = None
+    """The last SYNC that was answered."""
     _due: int | None = None
     """The last SYNC that was answered, or found missed."""
     _fresh: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
@@ -170,7 +183,7 @@ class Rhythm:
 
     def restart(self) -> None:
         """Forget where the pattern stands, not what it was."""
-        self._last = self._due = None
+        self.last = self._due = None
 
     def relearn(self) -> None:
         """Forget the pattern too."""
@@ -184,7 +197,7 @@ class Rhythm:
         if not len(ordinal):
             return np.zeros(0, np.bool_)
         first = np.empty(len(ordinal), np.bool_)
-        first[0] = ordinal[0] != (-1 if self._last is None else self._last)
+        first[0] = ordinal[0] != (-1 if self.last is None else self.last)
         np.not_equal(ordinal[1:], ordinal[:-1], out=first[1:])
         return first
 
@@ -201,7 +214,7 @@ class Rhythm:
             extra: (m,) number of the SYNC that each second frame follows.
             every: that many SYNCs lie between two answers.
         """
-        line = answered if self._last is None else np.concatenate(([self._last], answered))
+        line = answered if self.last is None else np.concatenate(([self.last], answered))
         if not len(line):
             return np.ones(len(extra), np.bool_)
         place = np.searchsorted(line, extra)
@@ -209,23 +222,30 @@ class Rhythm:
         near: NDArray[np.bool_] = (extra - before <= every) & (after - extra <= every)
         return near & ~_soon_after_silence(line, extra, every)
 
-    def answered(self, ordinal: NDArray[np.int64]) -> None:
-        """Take in the numbers of the SYNCs that were answered, each once."""
+    def answered(self, ordinal: NDArray[np.int64], steps: Steps | None = None) -> None:
+        """Take in the numbers of the SYNCs that were answered, each once, (n,) and their `steps`."""
         self._fresh, self._longest = ordinal, None
         if not len(ordinal):
             return
-        line = ordinal if self._last is None else np.concatenate(([self._last], ordinal))
-        if len(line) > 1:
-            steps = line[1:] - line[:-1]
-            least, most = limits_of(steps)
-            if least == most:
-                self.steps[min(least, _MAX_STEP)] += len(steps)
-            else:
-                self.steps += np.bincount(np.minimum(steps, _MAX_STEP), minlength=_MAX_STEP + 1)
-            if self._kept is not None and (least, most) != (self._kept[2], self._kept[2]):
-                self._kept = None
-            self._longest = (int(line[0]), most) if self._last is not None else None
-        self._last = int(ordinal[-1])
+        if steps is None:
+            line = ordinal if self.last is None else np.concatenate(([self.last], ordinal))
+            each = line[1:] - line[:-1]
+            steps = Steps(each, limits_of(each)) if len(each) else None
+        if steps is not None:
+            self._count(steps)
+        self.last = int(ordinal[-1])
+
+    def _count(self, steps: Steps) -> None:
+        """Count how many SYNCs lie between answers."""
+        least, most = steps.limits
+        if least == most:
+            self.steps[min(least, _MAX_STEP)] += len(steps.each)
+        else:
+            counted = np.minimum(steps.each, _MAX_STEP)
+            self.steps += np.bincount(counted, minlength=_MAX_STEP + 1)
+        if self._kept is not None and (least, most) != (self._kept[2], self._kept[2]):
+            self._kept = None
+        self._longest = (self.last, most) if self.last is not None else None
 
     def every(self, default: int | None = None) -> int | None:
         """n when at least 95 % of the SYNC periods fit "one PDO on every n-th SYNC".
@@ -279,7 +299,11 @@ class Rhythm:
             whole = not len(fresh) or int((line[1:] - line[:-1]).max()) <= every
         if whole:
             # Nothing is missing between the answers.
-            line = fresh[-1:] if len(fresh) else np.array([start])
+            last = int(fresh[-1]) if len(fresh) else start
+            if index.last_closed - last < every:
+                self._due = last
+                return np.zeros(0, np.int64)
+            line = np.array([last])
         else:
             line = np.concatenate(([start], fresh))
         ends = np.append(line[1:], max(int(line[-1]), index.last_closed) + 1)

@@ -3,6 +3,7 @@
 The predefined connection set tells what nothing else does.
 """
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.folds.timing.waiting import MASTER, UNKNOWN
-from syncline_analyzer.pdo_binding import PdoBindings
+from syncline_analyzer.pdo_binding import PdoBindings, settled
 from syncline_analyzer.service_ids import (
     FRAME_29_BIT,
     PRODUCES,
@@ -49,8 +50,8 @@ class Sender(NamedTuple):
 
 _STRANGER = Sender(UNKNOWN, "other")
 _NODES = 128
-_SPOKEN = (Service.SDO_ANSWER, Service.ERROR_CONTROL)
-"""Services of which only the node itself sends the data frames."""
+_SPOKEN = np.isin(SERVICE_OF_ID, (int(Service.SDO_ANSWER), int(Service.ERROR_CONTROL)))
+"""(2048,) identifiers of services of which only the node itself sends the data frames."""
 
 
 class Senders:
@@ -64,6 +65,8 @@ class Senders:
         self._context = context
         self._bindings = bindings
         self._moved_ids: dict[int, tuple[int, dict[int, Sender]]] = {}
+        self._told: dict[int, tuple[tuple[int | None, int], dict[tuple[int, bool], Sender]]] = {}
+        """What was told on each bus, and what it depends on."""
         self._heard: dict[int, set[int]] = {}
 
     def nodes(self, frames: FrameBatch, bus: int, seq: int) -> NDArray[np.int16]:
@@ -78,13 +81,28 @@ class Senders:
             plain = (frames.flags & _NO_SERVICE) == 0
         node = np.full(2 * _REMOTE, UNKNOWN, np.int16)
         told = place if plain is None else place[plain]
-        keys = np.flatnonzero(np.bincount(told, minlength=len(node))).tolist()
-        spoken = {key % _NODES for key in keys if key < _REMOTE and SERVICE_OF_ID[key] in _SPOKEN}
-        self._heard.setdefault(bus, set()).update(spoken)
-        for key in keys:
-            node[key] = self.of(bus, key & 0x7FF, seq, remote=key >= _REMOTE).node
+        seen = np.bincount(told, minlength=len(node)) > 0
+        spoken = np.flatnonzero(seen[:_REMOTE] & _SPOKEN) % _NODES
+        self._heard.setdefault(bus, set()).update(spoken.tolist())
+        known = self._known(bus, seq)
+        for key in np.flatnonzero(seen).tolist():
+            name = key & 0x7FF, key >= _REMOTE
+            if name not in known:
+                known[name] = self.of(bus, name[0], seq, remote=name[1])
+            node[key] = known[name].node
         sender = node.take(place)
         return sender if plain is None else np.where(plain, sender, np.int16(UNKNOWN))
+
+    def told(self, bus: int) -> Mapping[tuple[int, bool], Sender]:
+        """By identifier, and whether its frames are remote ones: those that `nodes` told last."""
+        return self._told[bus][1]
+
+    def _known(self, bus: int, seq: int) -> dict[tuple[int, bool], Sender]:
+        """What was told before, and holds at `seq` as well."""
+        since = settled(self._context.shadow, bus, seq), len(self._heard[bus])
+        if since[0] is None or self._told.get(bus, (None, {}))[0] != since:
+            self._told[bus] = since, {}
+        return self._told[bus][1]
 
     def of(self, bus: int, can_id: int, seq: int | None = None, *, remote: bool = False) -> Sender:
         """Sender of one 11-bit identifier as of `seq`, by default in the end."""

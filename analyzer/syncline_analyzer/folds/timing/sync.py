@@ -1,37 +1,22 @@
 """SYNC: its periods, those that are missing, and its place between the other frames."""
 
-from dataclasses import dataclass, field
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.context import Context
-from syncline_analyzer.distribution import Distribution
 from syncline_analyzer.folds.timing.backlog import PAUSE, TOO_SHORT, backlog
 from syncline_analyzer.folds.timing.block import LONGEST_ERROR, UNKNOWN_BITS, Block
 from syncline_analyzer.folds.timing.bundles import bundled, lacking, paced
 from syncline_analyzer.folds.timing.catching_up import catching_up
-from syncline_analyzer.folds.timing.double_sync import DoubleSync
-from syncline_analyzer.folds.timing.doubled_sync import Doubled
 from syncline_analyzer.folds.timing.lateness import ClockSet, clock_set
-from syncline_analyzer.folds.timing.periods import Periods
-from syncline_analyzer.folds.timing.sync_counter import SyncCounter, lost_in_time
+from syncline_analyzer.folds.timing.sync_counter import lost_in_time
 from syncline_analyzer.folds.timing.sync_index import SyncIndex
-from syncline_analyzer.folds.timing.sync_pace import SyncPace
-from syncline_analyzer.folds.timing.sync_settings import producers, told_overflow, told_period
-from syncline_analyzer.folds.timing.unsteady import OFF, Unsteady
+from syncline_analyzer.folds.timing.sync_settings import told_overflow
+from syncline_analyzer.folds.timing.sync_state import SyncHole, SyncState, told_of
+from syncline_analyzer.folds.timing.sync_table import SyncTable, sync_table
+from syncline_analyzer.folds.timing.unsteady import OFF
 from syncline_analyzer.folds.timing.usual import MISSING, cycles_of, usual_of
-from syncline_analyzer.results import (
-    ClockStepRow,
-    Series,
-    SyncDoubleRow,
-    SyncJitterRow,
-    SyncRow,
-    WorstRow,
-)
-from syncline_analyzer.series import Thinner
-from syncline_analyzer.shadow import Shadow
+from syncline_analyzer.results import ClockStepRow
 from syncline_schemas.batch import FrameFlag
 from syncline_schemas.wire_length import longest_bits
 
@@ -39,83 +24,10 @@ MAX_HOLES = 1000
 """Stretches without SYNC that are kept one by one."""
 MAX_FILLED = 100_000
 """SYNCs kept one by one after which error frames filled the bus."""
-MAX_POINTS = 20_000
-"""Points of the SYNC period over time."""
 _LEARN = 16
 """Periods from which a block's own median is taken."""
 _REGIME = 8
 """This many long periods in a row are a slower SYNC, not missing ones."""
-
-
-@dataclass(frozen=True, slots=True)
-class SyncHole:
-    """A stretch between two SYNCs in which `missing` are missing; `seq` are those of the two."""
-
-    start_ns: int
-    end_ns: int
-    missing: int
-    seq: tuple[int, int]
-
-
-@dataclass(frozen=True, slots=True)
-class SyncTable:
-    """A SYNC identifier: its row, the holes in it, its period over time and stretches of jitter."""
-
-    row: SyncRow
-    holes: list[SyncHole]
-    series: Series | None
-    jitter: list[SyncJitterRow]
-    doubles: list[SyncDoubleRow] = field(default_factory=list)
-    worst: list[WorstRow] = field(default_factory=list)
-    steps: list[ClockStepRow] = field(default_factory=list)
-
-
-class _Told(NamedTuple):
-    """Settings of a SYNC as of a block: 1006h [us], and 1019h by then and in the end."""
-
-    version: int | None
-    period_us: int | None
-    overflow_by_now: int | None
-    overflow: int | None
-
-
-_UNTOLD = _Told(None, None, None, None)
-
-
-def _told_of(shadow: Shadow, bus: int, cob_id: int, seq: int, version: int | None) -> _Told:
-    period = told_period(shadow, bus, cob_id, seq)
-    by_now, end = told_overflow(shadow, bus, cob_id, seq), told_overflow(shadow, bus, cob_id)
-    return _Told(version, *(found[0] if found else None for found in (period, by_now, end)))
-
-
-@dataclass(slots=True)
-class _State:
-    """A SYNC identifier from block to block."""
-
-    count: int = 0
-    last_ns: int | None = None
-    last_seq: int = 0
-    last_bits: int = 0
-    last_counter: int = 0
-    missing: int = 0
-    bundled: int = 0
-    periods: Periods = field(default_factory=Periods)
-    told: _Told = _UNTOLD
-    pace: SyncPace = field(default_factory=SyncPace)
-    counter: SyncCounter = field(default_factory=SyncCounter)
-    doubled: Doubled = field(default_factory=Doubled)
-    holes: list[SyncHole] = field(default_factory=list)
-    unsteady: Unsteady = field(default_factory=Unsteady)
-    double: DoubleSync = field(default_factory=DoubleSync)
-    filled: list[int] = field(default_factory=list)
-    """`seq` of the SYNCs after which error frames may have kept the bus up to the next one."""
-    over_time: Thinner = field(default_factory=lambda: Thinner("value", MAX_POINTS))
-    steps: list[ClockStepRow] = field(default_factory=list)
-
-    @property
-    def period(self) -> Distribution:
-        """Of all its periods."""
-        return self.periods.spread
 
 
 class SyncFold:
@@ -126,7 +38,7 @@ class SyncFold:
 
     def __init__(self, context: Context) -> None:
         self._context = context
-        self._states: dict[tuple[int, int], _State] = {}
+        self._states: dict[tuple[int, int], SyncState] = {}
 
     def update(
         self,
@@ -147,12 +59,12 @@ class SyncFold:
         key = (bus, cob_id)
         if not len(rows) and key not in self._states:
             return None
-        state = self._states.get(key) or self._states.setdefault(key, _State())
+        state = self._states.get(key) or self._states.setdefault(key, SyncState())
         index = self._index(block, bus, state, rows, sent_bits)
         in_bundles = bundled(block, bus)
         seq = block.batch.last_seq
         if version is None or state.told.version != version:
-            state.told = _told_of(self._context.shadow, bus, cob_id, seq, version)
+            state.told = told_of(self._context.shadow, bus, cob_id, seq, version)
         told = state.told
         state.pace.expect(told.period_us)
         self._measure(state, bus, index, in_bundles)
@@ -196,7 +108,7 @@ class SyncFold:
     def finish(self) -> list[SyncTable]:
         """One table per SYNC identifier that was sent."""
         return [
-            self._table(bus, cob_id, state)
+            sync_table(self._context, bus, cob_id, state)
             for (bus, cob_id), state in sorted(self._states.items())
             if state.count
         ]
@@ -205,7 +117,7 @@ class SyncFold:
         self,
         block: Block,
         bus: int,
-        state: _State,
+        state: SyncState,
         rows: NDArray[np.intp],
         sent_bits: NDArray[np.int64],
     ) -> SyncIndex:
@@ -268,7 +180,7 @@ class SyncFold:
 
     def _note_errors(
         self,
-        state: _State,
+        state: SyncState,
         bus: int,
         periods: NDArray[np.int64],
         bits: NDArray[np.int64],
@@ -283,7 +195,7 @@ class SyncFold:
         begun = np.concatenate(([state.last_seq], seq))[:-1][filled]
         state.filled.extend(begun[: MAX_FILLED - len(state.filled)].tolist())
 
-    def _measure(self, state: _State, bus: int, index: SyncIndex, in_bundles: bool) -> None:
+    def _measure(self, state: SyncState, bus: int, index: SyncIndex, in_bundles: bool) -> None:
         """Periods, and their jitter where the stamps are not those of bundles."""
         if not self._context.timed:
             return
@@ -314,7 +226,7 @@ class SyncFold:
 
     def _find_jitter(
         self,
-        state: _State,
+        state: SyncState,
         bus: int,
         index: SyncIndex,
         t_ns: NDArray[np.int64],
@@ -340,7 +252,7 @@ class SyncFold:
         state.unsteady.add(t_ns, seq, periods, off, cycles)
 
     def _missing_by_time(
-        self, state: _State, bus: int, index: SyncIndex, in_bundles: bool
+        self, state: SyncState, bus: int, index: SyncIndex, in_bundles: bool
     ) -> NDArray[np.int64]:
         """SYNCs that are missing in each period: one per whole median (analysis.md section 5).
 
@@ -376,7 +288,7 @@ class SyncFold:
 
     def _missing_by_counter(
         self,
-        state: _State,
+        state: SyncState,
         index: SyncIndex,
         lost: NDArray[np.int64],
         unsent: NDArray[np.int64],
@@ -394,58 +306,6 @@ class SyncFold:
         in_time = lost_in_time(lost, unsent, cycles, counter, state.counter.end(told))
         return np.where(index.bundled[index.first : -1], by_counter, in_time)
 
-    def _table(self, bus: int, cob_id: int, state: _State) -> SyncTable:
-        name = self._context.bus_name(bus)
-        columns = state.over_time.columns()
-        series = (
-            Series(name, f"SYNC {cob_id:03X}h period", "us", columns["t_ns"], columns["value"])
-            if columns
-            else None
-        )
-        doubles = state.double.rows(name, cob_id)
-        jitter = [
-            each
-            for each in state.unsteady.rows(name, cob_id)
-            if not any(_mostly_within(each, double) for double in doubles)
-        ]
-        row = self._row(bus, cob_id, state, doubles)
-        worst = state.periods.extremes.rows(name, cob_id, None, "sync period")
-        return SyncTable(row, state.holes, series, jitter, doubles, worst, state.steps)
-
-    def _row(self, bus: int, cob_id: int, state: _State, doubles: list[SyncDoubleRow]) -> SyncRow:
-        shadow, step_ns = self._context.shadow, self._context.resolution_ns
-        expected = told_period(shadow, bus, cob_id)
-        overflow = told_overflow(shadow, bus, cob_id)
-        drift, hidden = state.pace.drift_ppm(step_ns)
-        return SyncRow(
-            bus=self._context.bus_name(bus),
-            cob_id=cob_id,
-            count=state.count,
-            period_us=state.period.quantiles(1000),
-            missing=state.missing,
-            counter_jumps=state.counter.jumps,
-            backlog=state.bundled,
-            last_ns=state.last_ns if self._context.timed else None,
-            last_seq=state.last_seq if state.last_ns is not None else None,
-            jitter_us=state.periods.jitter_us(step_ns),
-            mean_us=state.pace.mean_us(),
-            expected_us=expected[0] if expected else None,
-            expected_source=expected[1] if expected else None,
-            deviation_us=state.period.off(expected[0] * 1000, 1000, step_ns) if expected else None,
-            drift_ppm=drift,
-            drift_resolution_ppm=hidden,
-            doubled=state.doubled.count + sum(double.pairs for double in doubles),
-            doubled_seq=state.doubled.seq,
-            producers=2 if doubles else 1,
-            producer_nodes=producers(shadow, bus, cob_id),
-            counter_max=state.counter.highest or None,
-            counter_wraps=state.counter.wraps,
-            counter_overflow=overflow[0] if overflow else None,
-            counter_source=overflow[1] if overflow else None,
-            resolution_us=step_ns / 1000,
-            quantile_error=state.period.relative_error,
-        )
-
 
 def _step(block: Block, bus: str, found: ClockSet) -> ClockStepRow:
     t_ns, seq = block.frames.t_ns, block.batch.seq(found.end)
@@ -453,7 +313,7 @@ def _step(block: Block, bus: str, found: ClockSet) -> ClockStepRow:
     return ClockStepRow(bus, *around, found.by_ns, found.witnesses, [seq])
 
 
-def _counters(block: Block, state: _State, rows: NDArray[np.intp]) -> NDArray[np.int64]:
+def _counters(block: Block, state: SyncState, rows: NDArray[np.intp]) -> NDArray[np.int64]:
     """(m + 1,) counters of the SYNCs, 0 for those without one."""
     if not state.last_counter and not block.frames.dlc.take(rows).any():
         return np.zeros(len(rows) + 1, np.int64)
@@ -461,7 +321,7 @@ def _counters(block: Block, state: _State, rows: NDArray[np.intp]) -> NDArray[np
     return np.concatenate(([state.last_counter], counter)).astype(np.int64)
 
 
-def _lost_by_counter(state: _State, index: SyncIndex, told: int | None) -> NDArray[np.int64]:
+def _lost_by_counter(state: SyncState, index: SyncIndex, told: int | None) -> NDArray[np.int64]:
     """SYNCs lost in each period by their counter."""
     nothing = np.zeros(len(index.periods), np.int64)
     if not len(index.rows):
@@ -470,18 +330,12 @@ def _lost_by_counter(state: _State, index: SyncIndex, told: int | None) -> NDArr
     return lost if index.known else lost[1:]
 
 
-def _mostly_within(jitter: SyncJitterRow, double: SyncDoubleRow) -> bool:
-    """Whether a stretch of jitter is one of two producers: two rhythms are no jitter of either."""
-    both_ns = min(jitter.end_ns, double.end_ns) - max(jitter.start_ns, double.start_ns)
-    return 2 * both_ns > jitter.end_ns - jitter.start_ns
-
-
-def _median(state: _State, periods: NDArray[np.int64]) -> float:
+def _median(state: SyncState, periods: NDArray[np.int64]) -> float:
     """Median of a block's own periods where there are enough of them, so that it may change."""
     return float(np.median(periods)) if len(periods) >= _LEARN else state.period.quantile(0.5)
 
 
-def _median_of(state: _State, index: SyncIndex, periods: NDArray[np.int64]) -> float:
+def _median_of(state: SyncState, index: SyncIndex, periods: NDArray[np.int64]) -> float:
     """The same of the true periods of a block, where all are true known from its index."""
     if len(periods) >= _LEARN and len(periods) == len(index.periods):
         return index.cycle_ns
@@ -490,7 +344,7 @@ def _median_of(state: _State, index: SyncIndex, periods: NDArray[np.int64]) -> f
     return _median(state, periods)
 
 
-def _add_holes(state: _State, index: SyncIndex, missing: NDArray[np.int64]) -> None:
+def _add_holes(state: SyncState, index: SyncIndex, missing: NDArray[np.int64]) -> None:
     """Count what is missing in each period, and keep the first holes."""
     if not missing.any():
         return

@@ -6,7 +6,8 @@ from dataclasses import replace
 from syncline_analyzer.capture import Unread
 from syncline_analyzer.folds.timing.held import held
 from syncline_analyzer.folds.timing.silence import Silence
-from syncline_analyzer.folds.timing.sync import SyncHole, SyncTable
+from syncline_analyzer.folds.timing.sync_state import SyncHole
+from syncline_analyzer.folds.timing.sync_table import SyncTable
 from syncline_analyzer.results import HoleRow, NmtCommandRow, NmtStateRow
 
 MAX_HOLES = 1000

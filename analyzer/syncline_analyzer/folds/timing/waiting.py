@@ -5,9 +5,10 @@ identifier wins (ISO 11898-1). So a frame was not ready yet when the bus was idl
 node started one of lower priority; and it was ready at its own start at the latest.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,23 +40,23 @@ Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 
-def rank(frames: FrameBatch) -> Ints:
+def rank(frames: FrameBatch) -> NDArray[np.uint32]:
     """Place of each frame in the arbitration: the lower wins.
 
     The bits in the order in which they are sent (ISO 11898-1): 11-bit identifier, RTR or SRR, IDE,
     and of 29-bit identifiers the other 18 bits and RTR.
 
-    Returns: (n,) int64.
+    Returns: (n,) uint32.
     """
     kinds = int(np.bitwise_or.reduce(frames.flags, initial=0))
+    can_id = frames.can_id
     if not kinds & (FrameFlag.EXTENDED | FrameFlag.REMOTE):
-        return frames.can_id.astype(np.int64) << 21
+        return can_id << np.uint32(21)
     extended = (frames.flags & FrameFlag.EXTENDED) != 0
-    remote = ((frames.flags & FrameFlag.REMOTE) != 0).astype(np.int64)
-    can_id = frames.can_id.astype(np.int64)
+    remote = ((frames.flags & FrameFlag.REMOTE) != 0).astype(np.uint32)
     short = can_id << 21 | remote << 20
     long = (can_id >> 18) << 21 | 3 << 19 | (can_id & 0x3FFFF) << 1 | remote
-    place: Ints = np.where(extended, long, short)
+    place: NDArray[np.uint32] = np.where(extended, long, short)
     return place
 
 
@@ -78,11 +79,16 @@ class Ready:
     free: Bools
     known: Bools
 
+    def put(self, column: Callable[[NDArray[Any]], NDArray[Any]]) -> "Ready":
+        """The same, in another order or a part of it: what `column` makes of each column."""
+        columns = self.least_ns, self.waiting_ns, self.first, self.free, self.known
+        return Ready(*(column(each) for each in columns))
+
     def within(self, least_ns: Floats, most_ns: Floats) -> "Ready":
         """The same within other bounds of the moment."""
         least = np.minimum(np.maximum(self.least_ns, least_ns), most_ns)
         waiting = np.minimum(self.waiting_ns, np.maximum(most_ns - least, 0.0))
-        return replace(self, least_ns=least, waiting_ns=waiting)
+        return Ready(least, waiting, self.first, self.free, self.known)
 
 
 class Arbitration:
@@ -105,7 +111,7 @@ class Arbitration:
         self,
         t_ns: Ints,
         wire_ns: Floats,
-        rank: Ints,
+        rank: NDArray[np.uint32],
         sender: NDArray[np.int16],
         *,
         bit_ns: float,
@@ -124,7 +130,6 @@ class Arbitration:
         np.subtract(self.end_ns[1:], self.end_ns[:-1], out=self._apart_ns[1:])
         self._spare_ns = self._apart_ns - wire_ns
         self.noise_ns = noise_ns
-        self._rows_of: dict[int, Ints] = {}
 
     @property
     def slack_ns(self) -> float:
@@ -190,15 +195,20 @@ class Arbitration:
         return np.concatenate((np.array([UNKNOWN], np.int16), self.sender[:-1]))
 
     def ready(
-        self, rows: Ints, sync_rows: Ints, sync_ns: Ints, can_rank: int, sender: int
+        self,
+        rows: Ints,
+        sync_rows: Ints,
+        sync_ns: Ints,
+        can_rank: NDArray[np.uint32] | int,
+        sender: NDArray[np.int16] | int,
     ) -> Ready:
-        """When the frames of one identifier can have been ready.
+        """When frames can have been ready.
 
         Args:
-            rows: (r,) the frames, ascending.
+            rows: (r,) the frames.
             sync_rows: (r,) row of the SYNC that each answers, -1 where it lies before these frames.
             sync_ns: (r,) stamp of that SYNC.
-            can_rank, sender: of the identifier.
+            can_rank, sender: of the identifier, or (r,) of that of each frame.
         """
         last = self.last_without(rows, can_rank, sender)
         told = last > sync_rows
@@ -223,7 +233,14 @@ class Arbitration:
             known,
         )
 
-    def last_without(self, rows: Ints, can_rank: int, sender: int, *, itself: bool = False) -> Ints:
+    def last_without(
+        self,
+        rows: Ints,
+        can_rank: NDArray[np.uint32] | int,
+        sender: NDArray[np.int16] | int,
+        *,
+        itself: bool = False,
+    ) -> Ints:
         """(r,) the last row up to each one at whose start no frame of an identifier was ready.
 
         That is where the bus was idle, or another node started a frame of lower priority. This
@@ -231,34 +248,52 @@ class Arbitration:
         one, nor ahead of one of lower priority of its own, behind which it may have stood in line.
         `itself`: the rows are frames of others, each of which may be such a one as well.
         """
-        idle = self._last_idle[rows]
-        if sender in (MASTER, UNKNOWN):
-            return idle
-        every, ranks, senders, before = self._proof
-        others = (ranks > can_rank) & (senders != sender) & (before != sender)
-        proof = every[np.flatnonzero(others)]
-        if not len(proof):
-            return idle
-        last = _last(proof, rows, "right" if itself else "left")
-        own = self._sent_by(sender)
-        in_line = _last(own[self.rank[own] > can_rank], rows, "left")
-        found: Ints = np.maximum(np.where(last > in_line, last, -1), idle)
+        found: Ints = self._last_idle.take(rows)
+        senders = np.broadcast_to(np.asarray(sender, np.int16), rows.shape)
+        ranks = np.broadcast_to(np.asarray(can_rank, np.uint32), rows.shape)
+        if itself:
+            proof = (found < rows) & self._proof(rows, ranks, senders) & (senders > MASTER)
+            found[proof] = rows[proof]
+        left = np.flatnonzero((found < rows - 1) & (senders > MASTER))
+        self._walk(found, left, rows.take(left) - 1, ranks.take(left), senders.take(left))
+        return found
+
+    def _walk(
+        self, found: Ints, left: Ints, at: Ints, rank: NDArray[np.uint32], sender: NDArray[np.int16]
+    ) -> None:
+        """Go back from each row `at` to what proves something, but no further than to `found`."""
+        stop = found.take(left)
+        while len(left):
+            lower = self.rank.take(at) > rank
+            at_end = self._before_run.take(at)
+            over = at_end <= stop
+            below = np.flatnonzero(lower)
+            if len(below):
+                row = at[below]
+                own = self.sender.take(row) == sender[below]
+                proof = self._proof(row, rank[below], sender[below])
+                found[left[below[proof]]] = row[proof]
+                at_end[below] = row - 1
+                over[below] = own | proof | (row - 1 <= stop[below])
+            go_on = np.flatnonzero(~over)
+            left, at, stop = left[go_on], at_end[go_on], stop[go_on]
+            rank, sender = rank[go_on], sender[go_on]
+
+    def _proof(self, rows: Ints, rank: NDArray[np.uint32], sender: NDArray[np.int16]) -> Bools:
+        """(r,) at which rows another node started a frame of lower priority behind another one."""
+        found: Bools = self._proves.take(rows) & (self.rank.take(rows) > rank)
+        found &= (self.sender.take(rows) != sender) & (self._sender_before.take(rows) != sender)
         return found
 
     @cached_property
-    def _proof(self) -> tuple[Ints, Ints, NDArray[np.int16], NDArray[np.int16]]:
-        """(p,) rows that were started behind another frame, with rank, sender and sender before.
+    def _before_run(self) -> Ints:
+        """(n,) the row before those up to each one that follow one another by priority.
 
-        Where the bus was idle before a row, that alone tells all that it could.
+        None of those is of a lower priority than the last of them.
         """
-        rows = np.flatnonzero(self._proves & ~self.idle)
-        return rows, self.rank[rows], self.sender[rows], self._sender_before[rows]
-
-    def _sent_by(self, sender: int) -> Ints:
-        """Rows of one sender."""
-        if sender not in self._rows_of:
-            self._rows_of[sender] = np.flatnonzero(self.sender == sender)
-        return self._rows_of[sender]
+        begins = np.arange(-1, len(self.rank) - 1)
+        begins[1:][self.rank[1:] >= self.rank[:-1]] = -1
+        return np.maximum.accumulate(begins)
 
 
 def close_ns(t_ns: Ints, wire_ns: Floats, bit_ns: float) -> Floats:
@@ -292,12 +327,3 @@ def _stepped(noise_ns: float) -> float:
     """The next of a few steps up, so that a frame more or less changes nothing."""
     steps = [step for step in _NOISE_NS if step >= noise_ns]
     return float(steps[0]) if steps else noise_ns
-
-
-def _last(chosen: NDArray[np.intp], rows: Ints, side: Literal["left", "right"]) -> Ints:
-    """(r,) the last of the chosen rows before each row ("right": or itself), -1 without any."""
-    if not len(chosen):
-        return np.full(len(rows), -1, np.int64)
-    place = np.searchsorted(chosen, rows, side) - 1
-    found: Ints = np.where(place >= 0, chosen[place], -1)
-    return found

@@ -1,8 +1,9 @@
 """A block of one bus for the analysis of waiting: arbitration, and what went ahead of frames."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, fields
 from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +42,7 @@ class Carried:
     can_id: NDArray[np.uint32]
     flags: NDArray[np.uint16]
     wire_ns: Floats
-    rank: Ints
+    rank: NDArray[np.uint32]
     sender: NDArray[np.int16]
 
     def after(self, before: "Carried | None") -> "Carried":
@@ -77,6 +78,36 @@ class Blame:
     ns: Floats
 
 
+class Span(NamedTuple):
+    """Frames ahead of one; all (a,).
+
+    Attributes:
+        names: by their places.
+        places: of their identifiers, in the order of `BusBlock.keys`.
+        ns: their times on the wire.
+        seq: their positions in the capture.
+    """
+
+    names: dict[int, Ahead]
+    places: NDArray[np.intp]
+    ns: Floats
+    seq: Ints
+
+    def ahead(self, most: int) -> list[Ahead]:
+        """The frames by identifier, the longest first, with so many positions `most`."""
+        by_place: dict[int, tuple[list[float], list[int]]] = {}
+        columns = self.places.tolist(), self.ns.tolist(), self.seq.tolist()
+        for place, ns, seq in zip(*columns, strict=True):
+            times, seqs = by_place.setdefault(place, ([], []))
+            times.append(ns)
+            seqs.append(seq)
+        found = []
+        for place, (times, seqs) in by_place.items():
+            name, us = self.names[place], sum(times) / 1000
+            found.append(Ahead(name.cob_id, name.node, name.service, len(times), us, seqs[:most]))
+        return sorted(found, key=lambda each: -each.us)
+
+
 @dataclass(eq=False)
 class BusBlock:
     """The frames of a block on one bus, behind some of those before it, and their arbitration."""
@@ -85,7 +116,10 @@ class BusBlock:
     carried: Carried
     arbitration: Arbitration
     senders: Senders
+    told: Mapping[tuple[int, bool], Sender]
+    """Senders of the identifiers of the block itself."""
     _identities: dict[int, tuple[int, Sender]] = field(default_factory=dict)
+    _named: dict[int, Ahead] = field(default_factory=dict)
 
     @property
     def seq(self) -> Ints:
@@ -111,7 +145,7 @@ class BusBlock:
         return found
 
     @cached_property
-    def _ahead_ns(self) -> Floats:
+    def ahead_ns(self) -> Floats:
         """(n,) how long each frame keeps others waiting; nothing where that is not known."""
         return np.nan_to_num(self.wire_ns)
 
@@ -151,6 +185,11 @@ class BusBlock:
             return np.full(len(rows), np.iinfo(np.int64).min)
         place = np.searchsorted(sdo, rows) - 1
         return np.where(place >= 0, self.t_ns[sdo[place]], np.iinfo(np.int64).min)
+
+    @cached_property
+    def sdo_nodes(self) -> set[int]:
+        """Nodes with SDO traffic."""
+        return set(np.flatnonzero(np.bincount(self._sdo[1])).tolist())
 
     @cached_property
     def _sdo(self) -> tuple[NDArray[np.intp], Ints]:
@@ -216,49 +255,83 @@ class BusBlock:
 
     def _identity(self, at: int) -> tuple[int, Sender]:
         key = int(self.keys[at])
-        return key & (_REMOTE_KEY - 1), sender_of(self.senders, self.bus, key, int(self.seq[-1]))
+        can_id = key & (_REMOTE_KEY - 1)
+        told = self.told.get((can_id, bool(key & _REMOTE_KEY))) if key < _EXTENDED_KEY else None
+        return can_id, told or sender_of(self.senders, self.bus, key, int(self.seq[-1]))
 
-    def ahead(self, first: int, row: int, most: int) -> list[Ahead]:
-        """The frames from `first` to before `row` by identifier, the longest first; no errors."""
-        columns = [each[first:row] for each in (self._identified[1], self._ahead_ns, self.seq)]
+    def span(self, first: int, row: int) -> "Span":
+        """The frames from `first` to before `row`, without errors."""
+        rows = np.arange(first, row)
         if self._errors:
-            columns = [each[self._frame[first:row]] for each in columns]
-        by_place: dict[int, tuple[list[float], list[int]]] = {}
-        for place, ns, seq in zip(*(column.tolist() for column in columns), strict=True):
-            if place not in by_place:
-                by_place[place] = [], []
-            by_place[place][0].append(ns)
-            by_place[place][1].append(seq)
-        found = []
-        for place, (times, seqs) in by_place.items():
-            us = sum(times) / 1000
-            found.append(replace(self.named(place), frames=len(times), us=us, seq=seqs[:most]))
-        return sorted(found, key=lambda each: -each.us)
+            rows = rows[self._frame[first:row]]
+        places = self._identified[1].take(rows)
+        for at in places.tolist():
+            if at not in self._named:
+                self._named[at] = self.named(at)
+        return Span(self._named, places, self.ahead_ns.take(rows), self.seq.take(rows))
 
-    def blame(self, rows: Ints, ready: Ready) -> Iterator[Blame]:
-        """What the frames waited for, a part of them at a time; nothing of those that did not."""
-        waited = np.flatnonzero((ready.first < rows) & (ready.first >= 0) & ready.known)
+    @cached_property
+    def places(self) -> NDArray[np.intp]:
+        """(n,) place of each frame's key among `keys`, behind all of them for errors."""
+        place = self._identified[1]
+        return np.where(self._frame, place, len(self.keys)) if self._errors else place
+
+    def same_sender_within(self, first: Ints, stop: Ints) -> Bools:
+        """(v,) whether any sender has two frames from row `first` to before `stop`."""
+        found: Bools = self._same_sender.take(stop - 1) >= first
+        return found
+
+    def same_key_within(self, first: Ints, stop: Ints) -> Bools:
+        """(v,) the same of identifiers."""
+        found: Bools = self._same_key.take(stop - 1) >= first
+        return found
+
+    @cached_property
+    def _same_sender(self) -> Ints:
+        return _last_pair(self.carried.sender.view(np.uint16))
+
+    @cached_property
+    def _same_key(self) -> Ints:
+        return _last_pair(self.places)
+
+    def blame(self, rows: Ints, ready: Ready, late: Bools) -> Iterator[Blame]:
+        """What the late frames waited for, a part of them at a time; nothing of those that did not."""
+        waited = np.flatnonzero((ready.first < rows) & (ready.first >= 0) & ready.known & late)
         for at in range(0, len(waited), _AT_ONCE):
             part = waited[at : at + _AT_ONCE]
-            victim, ahead = _ahead(ready.first[part], rows[part])
+            count, ahead = laid_out(ready.first[part], rows[part])
+            victim = np.repeat(np.arange(len(part)), count)
             if self._errors:
                 sent = self._frame[ahead]
                 victim, ahead = victim[sent], ahead[sent]
             place = self._identified[1][ahead]
-            yield Blame(part, rows[part], victim, place, self._ahead_ns[ahead])
+            yield Blame(part, rows[part], victim, place, self.ahead_ns[ahead])
 
 
-def _ahead(first: Ints, stop: Ints) -> tuple[Ints, Ints]:
-    """(victim, row) for every row from `first` to before `stop` of each victim.
+def laid_out(first: Ints, stop: Ints) -> tuple[Ints, Ints]:
+    """How many rows lie from `first` to before each `stop`, at least one, and all of these.
 
-    >>> [each.tolist() for each in _ahead(np.array([1, 4]), np.array([3, 5]))]
-    [[0, 0, 1], [1, 2, 4]]
+    >>> [each.tolist() for each in laid_out(np.array([1, 4]), np.array([3, 5]))]
+    [[2, 1], [1, 2, 4]]
     """
     count = stop - first
-    victim = np.repeat(np.arange(len(first)), count)
-    before = np.cumsum(count) - count
-    row = np.arange(int(count.sum())) - np.repeat(before - first, count)
-    return victim, row
+    ends = np.cumsum(count)
+    steps = np.ones(int(ends[-1]) if len(ends) else 0, np.int64)
+    if len(ends):
+        steps[0] = first[0]
+        steps[ends[:-1]] = first[1:] - stop[:-1] + 1
+    return count, np.cumsum(steps, out=steps)
+
+
+def _last_pair(group: NDArray[np.integer[Any]]) -> Ints:
+    """(n,) the latest row up to each one that another one of its group follows, -1 without any."""
+    # Numbers of 16 bits are sorted in linear time.
+    small = int(group.max(initial=0)) < 1 << 16
+    order = np.argsort(group.astype(np.uint16) if small else group, kind="stable")
+    same = np.flatnonzero(group[order[1:]] == group[order[:-1]])
+    before = np.full(len(group), -1, np.int64)
+    before[order[same + 1]] = order[same]
+    return np.maximum.accumulate(before)
 
 
 def sender_of(senders: Senders, bus: int, key: int, seq: int | None = None) -> Sender:

@@ -1,18 +1,22 @@
 """What synchronous PDOs wait for on every bus, block by block."""
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.folds.timing.block import Block
+from syncline_analyzer.folds.timing.delay_sums import DelaySums, Victims
 from syncline_analyzer.folds.timing.delays import Delays
 from syncline_analyzer.folds.timing.on_wire import OnWire
+from syncline_analyzer.folds.timing.pdo_answers import AnswersTo
 from syncline_analyzer.folds.timing.senders import Senders
 from syncline_analyzer.folds.timing.sync_index import SyncIndex
 from syncline_analyzer.folds.timing.tables import TimingTables
-from syncline_analyzer.folds.timing.waiting import MASTER, Arbitration, rank
+from syncline_analyzer.folds.timing.waiting import MASTER, Arbitration, Ready, rank
 from syncline_analyzer.folds.timing.waiting_bus import BusBlock, Carried, sender_of
-from syncline_analyzer.folds.timing.waiting_pdo import Answers, Waits, named
+from syncline_analyzer.folds.timing.waiting_pdo import Answers, Most, Waits, named
 from syncline_analyzer.pdo_binding import Pdo, PdoBindings
 from syncline_analyzer.results import DelayRow, PdoRow
 from syncline_schemas.wire_length import INTERMISSION_BITS
@@ -41,6 +45,7 @@ class WaitingFold:
         self._now: BusBlock | None = None
         self._before: dict[int, Carried] = {}
         self._waits: dict[tuple[int, int], Waits] = {}
+        self._sums: dict[int, DelaySums] = {}
         self._delays: dict[str, Delays] = {}
 
     def begin(self, block: Block, bus: int, bit_ns: float | None) -> None:
@@ -60,28 +65,19 @@ class WaitingFold:
             noise_ns=self._on_wire.noise_ns(bus),
         )
         if arbitration.usable:
-            self._now = BusBlock(bus, carried, arbitration, self._senders)
+            told = self._senders.told(bus)
+            self._now = BusBlock(bus, carried, arbitration, self._senders, told)
 
     def gap(self, bus: int | None) -> None:
         """Nothing is known of the frames in a gap."""
         for each in [bus] if bus is not None else list(self._before):
             self._before.pop(each, None)
 
-    def answers(
-        self,
-        cob_id: int,
-        owner: Pdo | None,
-        seq: Ints,
-        position: Ints,
-        sync: SyncIndex,
-        low_ns: Floats,
-        most_ns: Floats,
-    ) -> tuple[Floats, Floats]:
-        """What the answers of a PDO in this block waited for.
+    def answers(self, answers: AnswersTo, low_ns: Floats, most_ns: Floats) -> tuple[Floats, Floats]:
+        """What the answers of PDOs in this block waited for.
 
         Args:
-            seq: (r,) of the answers.
-            position: (r,) position of the SYNC that each answers.
+            answers: r answers in all.
             low_ns, most_ns: (r,) bounds of the device time (analysis.md section 5).
 
         Returns:
@@ -90,21 +86,86 @@ class WaitingFold:
         """
         now = self._now
         if now is None:
-            nothing = np.full(len(seq), np.nan)
+            nothing = np.full(len(low_ns), np.nan)
             return nothing, nothing
-        found = self._found(now, cob_id, owner, seq, position, sync, low_ns, most_ns)
-        waits = self._waits.setdefault(
-            (now.bus, cob_id), Waits(self._context.bus_name(now.bus), cob_id)
+        ready = self._ready(now, answers).within(low_ns, most_ns)
+        self._add_each(now, answers, ready, most_ns)
+        mine = now.rows(answers.seq)
+        waited = np.flatnonzero((ready.first < mine) & (ready.first >= 0) & ready.known)
+        self._sums.setdefault(now.bus, DelaySums()).add(
+            now,
+            [each.can_id for each in answers.pdos],
+            [_sender(each.state.owner) for each in answers.pdos],
+            Victims(answers.pdo.take(waited), mine.take(waited), ready.first.take(waited)),
         )
-        waits.add(now, found)
-        for blame in now.blame(found.rows, found.ready):
-            waits.delays.add(now, blame, cob_id, _sender(owner))
-            waits.add_blame(now, blame, found, _sender(owner))
-        ready, unknown = found.ready, ~found.ready.known
-        return (
-            np.where(unknown, np.nan, ready.least_ns),
-            np.where(unknown, np.nan, ready.waiting_ns),
+        if ready.known.all():
+            return ready.least_ns, ready.waiting_ns
+        nothing = np.where(ready.known, 0.0, np.nan)
+        return ready.least_ns + nothing, ready.waiting_ns + nothing
+
+    @staticmethod
+    def _ready(now: BusBlock, answers: AnswersTo) -> Ready:
+        """When the answers can have been ready."""
+        senders = np.array([_sender(each.state.owner) for each in answers.pdos], np.int16)
+        ranks = np.array([each.can_id << 21 for each in answers.pdos], np.uint32)
+        return now.arbitration.ready(
+            now.rows(answers.seq),
+            now.rows(answers.sync.seq).take(answers.position),
+            answers.sync_ns,
+            ranks.take(answers.pdo),
+            senders.take(answers.pdo),
         )
+
+    def _add_each(self, now: BusBlock, answers: AnswersTo, ready: Ready, most_ns: Floats) -> None:
+        """Take in the answers PDO by PDO."""
+        mine = now.rows(answers.seq)
+        own_ns = now.wire_ns.take(mine) - INTERMISSION_BITS * now.arbitration.bit_ns
+        rows, own_ns = answers.by_pdo(mine), answers.by_pdo(own_ns)
+        most_ns = answers.by_pdo(most_ns)
+        ready = ready.put(answers.by_pdo)
+        figures = _figures(answers.starts, ready, rows, own_ns, most_ns)
+        for each, part, most in zip(answers.pdos, answers.parts, figures, strict=True):
+            owner, sync = each.state.owner, answers.sync
+            window_ns, sync_ns = each.state.window_ns, None
+            if window_ns is not None or (owner is not None and owner.node in now.sdo_nodes):
+                sync_ns = sync.t_ns.take(each.position)
+            shown = None
+            if sync_ns is not None and window_ns is not None:
+                shown = now.idle_at(sync_ns + window_ns - own_ns[part])
+            found = Answers(
+                rows[part],
+                sync.seq,
+                each.position,
+                each.response,
+                own_ns[part],
+                most_ns[part],
+                ready.put(lambda column, part=part: column[part]),  # type: ignore[misc]
+                self._beside_sdo(now, owner, rows[part], sync_ns),
+                window_ns,
+                shown,
+                most,
+            )
+            waits = self._waits_of(now.bus, each.can_id)
+            waits.add(now, found)
+            if window_ns is not None and found.late.any():
+                for blame in now.blame(found.rows, found.ready, found.late):
+                    waits.add_blame(now, blame, found, _sender(owner))
+
+    def _waits_of(self, bus: int, can_id: int) -> Waits:
+        if (bus, can_id) not in self._waits:
+            self._waits[bus, can_id] = Waits(self._context.bus_name(bus), can_id)
+        return self._waits[bus, can_id]
+
+    @staticmethod
+    def _beside_sdo(
+        now: BusBlock, owner: Pdo | None, rows: Ints, sync_ns: Ints | None
+    ) -> Bools | None:
+        """(r,) whether there was SDO traffic with the node of a PDO shortly before the SYNCs."""
+        if owner is None or owner.kind == "rpdo" or sync_ns is None:
+            return None
+        if owner.node not in now.sdo_nodes:
+            return None
+        return now.last_sdo_ns(owner.node, rows) >= sync_ns - BESIDE_NS
 
     def unanswered(self, cob_id: int, owner: Pdo | None, position: Ints, sync: SyncIndex) -> None:
         """Note when the bus was free for a PDO that left SYNCs of this block unanswered."""
@@ -131,7 +192,9 @@ class WaitingFold:
         tables.lateness.append(waits.row(pdo, missed_seq))
         self._context.late_behind[pdo.bus, cob_id] = waits.late_behind
         own = self._senders.of(bus, cob_id).node
-        delays = waits.delays.told(lambda key: sender_of(self._senders, bus, key), own)
+        delays = (
+            self._sums[bus].of(cob_id).told(lambda key: sender_of(self._senders, bus, key), own)
+        )
         self._delays.setdefault(pdo.bus, Delays()).join(delays)
         return waits.measured(pdo)
 
@@ -153,47 +216,29 @@ class WaitingFold:
             self._senders.nodes(frames, bus, int(seq[-1])),
         )
 
-    def _found(
-        self,
-        now: BusBlock,
-        cob_id: int,
-        owner: Pdo | None,
-        seq: Ints,
-        position: Ints,
-        sync: SyncIndex,
-        low_ns: Floats,
-        most_ns: Floats,
-    ) -> Answers:
-        mine, begun = now.rows(seq), now.rows(sync.seq[position])
-        sync_ns = sync.t_ns[position]
-        ready = now.arbitration.ready(mine, begun, sync_ns, cob_id << 21, _sender(owner))
-        ready = ready.within(low_ns, most_ns)
-        beside = np.zeros(len(seq), np.bool_)
-        if owner is not None and owner.kind == "tpdo":
-            beside = now.last_sdo_ns(owner.node, mine) >= sync_ns - BESIDE_NS
-        own_ns = now.wire_ns[mine] - INTERMISSION_BITS * now.arbitration.bit_ns
-        window_ns = self._window_ns(now, owner)
-        shown = np.zeros(len(seq), np.bool_)
-        if window_ns is not None:
-            shown = now.idle_at(sync_ns + window_ns - own_ns)
-        return Answers(
-            mine,
-            sync.seq[position],
-            now.t_ns[mine] - sync_ns,
-            own_ns,
-            most_ns,
-            ready,
-            beside,
-            window_ns,
-            shown,
-        )
 
-    def _window_ns(self, now: BusBlock, owner: Pdo | None) -> int | None:
-        """Synchronous window length (1007h) of a TPDO's node."""
-        if owner is None or owner.kind == "rpdo":
-            return None
-        window_us = self._context.shadow.number(now.bus, owner.node, 0x1007, 0, int(now.seq[-1]))
-        return window_us * 1000 if window_us else None
+def _figures(
+    starts: Ints, ready: Ready, rows: Ints, own_ns: Floats, most_ns: Floats
+) -> Iterator[Most]:
+    """Those of the answers of each PDO, which begin at `starts`."""
+    known, most, least = ready.known, np.maximum.reduceat, np.minimum.reduceat
+    low, high = ready.least_ns, ready.least_ns
+    short, long = ready.waiting_ns, ready.waiting_ns
+    if not known.all():
+        low, high = np.where(known, low, np.inf), np.where(known, low, -np.inf)
+        short, long = np.where(known, short, np.inf), np.where(known, short, -np.inf)
+        most_ns = np.where(known, most_ns, 0.0)
+    columns = (
+        np.add.reduceat((ready.first < rows) & known, starts, dtype=np.int64),
+        np.fmax.reduceat(own_ns, starts),
+        most(most_ns, starts),
+        least(low, starts),
+        most(high, starts),
+        least(short, starts),
+        most(long, starts),
+    )
+    for waited, own, latest, a, b, c, d in zip(*(each.tolist() for each in columns), strict=True):
+        yield Most(waited, max(own, 0.0), latest, (a, b), (c, d))
 
 
 def _sender(owner: Pdo | None) -> int:

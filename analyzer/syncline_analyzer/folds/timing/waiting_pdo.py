@@ -5,19 +5,21 @@ from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.distribution import Distribution
-from syncline_analyzer.folds.timing.delays import MAX_IDS, Delays
 from syncline_analyzer.folds.timing.late_behind import LateBehind
 from syncline_analyzer.folds.timing.waiting import Ready
-from syncline_analyzer.folds.timing.waiting_bus import Blame, BusBlock
+from syncline_analyzer.folds.timing.waiting_bus import Blame, BusBlock, Span
 from syncline_analyzer.results import Ahead, LatenessRow, PdoRow, WaitRow
 
 WORST = 10
 MAX_EVIDENCE = 20
+MAX_IDS = 256
+"""Identifiers ahead of late answers that are followed one by one."""
 MAX_UNANSWERED = 10_000
 """SYNCs without an answer of which it is kept when the bus was free."""
 _ENOUGH = 20
@@ -30,31 +32,56 @@ Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 
+def _no_moments() -> Distribution:
+    return Distribution(moments=False)
+
+
+class Most(NamedTuple):
+    """Figures of the answers of one PDO in a block: those of a known time only.
+
+    Attributes:
+        waited: how many waited.
+        own_ns: longest time on the wire.
+        most_ns: longest time that the device can have taken.
+        least_ns, waiting_ns: least and most of both.
+    """
+
+    waited: int
+    own_ns: float
+    most_ns: float
+    least_ns: tuple[float, float]
+    waiting_ns: tuple[float, float]
+
+
 @dataclass(frozen=True, eq=False)
 class Answers:
     """Answers of a PDO in one block of its bus.
 
     Attributes:
         rows: (r,) rows on the bus.
-        sync_seq: (r,) `seq` of the SYNC that each answers.
+        sync_seq: (m,) `seq` of the SYNCs.
+        position: (r,) of the one that each answers.
         response_ns, own_ns: (r,) response, and time on the wire without intermission.
         most_ns: (r,) the device took no longer than this.
         ready: when they can have been ready.
-        beside_sdo: (r,) whether there was SDO traffic with the node.
+        beside_sdo: (r,) whether there was SDO traffic with the node; None for none at all.
         window_ns: 1007h, None where it is not known.
         shown: (r,) whether the bus was idle when the frame had to start to be in time: a device that
-            was slower would have been seen.
+            was slower would have been seen. None without a window.
+        most: of the whole of them.
     """
 
     rows: Ints
     sync_seq: Ints
+    position: Ints
     response_ns: Ints
     own_ns: Floats
     most_ns: Floats
     ready: Ready
-    beside_sdo: Bools
+    beside_sdo: Bools | None
     window_ns: int | None
-    shown: Bools
+    shown: Bools | None
+    most: "Most"
 
     @cached_property
     def late(self) -> Bools:
@@ -89,16 +116,23 @@ class _Late:
     blockers: dict[tuple[int, int | None, str], Ahead] = field(default_factory=dict)
 
 
+class _Worst(NamedTuple):
+    """One of the worst answers, and the frames ahead of it."""
+
+    row: WaitRow
+    span: Span
+
+
 @dataclass(slots=True)
 class Waits:
     """A PDO from block to block."""
 
     bus: str
     cob_id: int
-    least: Distribution = field(default_factory=Distribution)
-    waiting: Distribution = field(default_factory=Distribution)
-    free: Distribution = field(default_factory=Distribution)
-    beside_sdo: Distribution = field(default_factory=Distribution)
+    least: Distribution = field(default_factory=_no_moments)
+    waiting: Distribution = field(default_factory=_no_moments)
+    free: Distribution = field(default_factory=_no_moments)
+    beside_sdo: Distribution = field(default_factory=_no_moments)
     without_sdo: Distribution | None = None
     """None while there was no SDO traffic: then it is `least`."""
     waited: int = 0
@@ -110,26 +144,31 @@ class Waits:
     most_ns: float = 0.0
     """Latest that it can have been ready when it answered, after the SYNC."""
     late: _Late = field(default_factory=_Late)
-    delays: Delays = field(default_factory=Delays)
     unanswered: dict[int, float] = field(default_factory=dict)
     """By the `seq` of the SYNC: when the bus was last free for the PDO before the next one [ns]."""
-    slowest: list[WaitRow] = field(default_factory=list)
-    longest: list[WaitRow] = field(default_factory=list)
+    slowest: list[_Worst] = field(default_factory=list)
+    longest: list[_Worst] = field(default_factory=list)
 
     def add(self, block: BusBlock, answers: Answers) -> None:
         """Take in the answers of a block."""
-        ready, known = answers.ready, answers.ready.known
-        chosen = slice(None) if known.all() else np.flatnonzero(known)
-        least_ns = ready.least_ns[chosen]
-        self._add_beside_sdo(least_ns, answers.beside_sdo[chosen])
-        self.least.add(least_ns)
-        self.waiting.add(ready.waiting_ns[chosen])
-        self.free.add(ready.least_ns[np.flatnonzero(known & ready.free)])
-        self.waited += int(np.count_nonzero(known & (ready.first < answers.rows)))
-        self.shown += int(np.count_nonzero(known & answers.shown))
-        self.own_ns = max(self.own_ns, float(np.fmax.reduce(answers.own_ns, initial=0.0)))
-        self.most_ns = max(self.most_ns, float(np.max(answers.most_ns[chosen], initial=0.0)))
-        self._add_late(block, answers)
+        ready, most = answers.ready, answers.most
+        known = np.flatnonzero(ready.known)
+        least_ns, waiting_ns = ready.least_ns, ready.waiting_ns
+        if len(known) < len(ready.known):
+            least_ns, waiting_ns = least_ns[known], waiting_ns[known]
+        self._add_beside_sdo(answers, known)
+        if len(known):
+            self.least.add(least_ns, most.least_ns)
+            self.waiting.add(waiting_ns, most.waiting_ns)
+        self.free.add(ready.least_ns[known[ready.free[known]]])
+        self.waited += most.waited
+        if answers.shown is not None:
+            self.shown += int(np.count_nonzero(ready.known & answers.shown))
+        self.own_ns = max(self.own_ns, most.own_ns)
+        self.most_ns = max(self.most_ns, most.most_ns)
+        self.window_ns = answers.window_ns
+        if answers.window_ns is not None:
+            self._add_late(block, answers)
         self._add_worst(block, answers)
 
     def add_blame(self, block: BusBlock, blame: Blame, answers: Answers, sender: int) -> None:
@@ -179,8 +218,11 @@ class Waits:
 
     def worst(self) -> list[WaitRow]:
         """The slowest answers and those that waited longest, in order of time."""
-        rows = {row.seq: row for row in [*self.slowest, *self.longest]}
-        return [rows[seq] for seq in sorted(rows)]
+        found = {each.row.seq: each for each in [*self.slowest, *self.longest]}
+        return [
+            replace(found[seq].row, ahead=found[seq].span.ahead(MAX_EVIDENCE))
+            for seq in sorted(found)
+        ]
 
     def measured(self, pdo: PdoRow) -> PdoRow:
         """The row of the PDO with what arbitration tells of its device and its waiting."""
@@ -230,12 +272,17 @@ class Waits:
             missed_seq=[missed[at] for at in sure.tolist()],
         )
 
-    def _add_beside_sdo(self, least_ns: Floats, beside: Bools) -> None:
-        if self.without_sdo is None and beside.any():
+    def _add_beside_sdo(self, answers: Answers, known: Ints) -> None:
+        beside = answers.beside_sdo
+        if self.without_sdo is None and beside is not None and beside[known].any():
             self.without_sdo = deepcopy(self.least)
         if self.without_sdo is not None:
-            self.beside_sdo.add(least_ns[beside])
-            self.without_sdo.add(least_ns[~beside])
+            least_ns = answers.ready.least_ns[known]
+            if beside is None:
+                self.without_sdo.add(least_ns)
+                return
+            self.beside_sdo.add(least_ns[beside[known]])
+            self.without_sdo.add(least_ns[~beside[known]])
 
     def _late_by_bus(self) -> int:
         """Late answers that were the bus's doing: none while the device may have been slow itself.
@@ -266,7 +313,6 @@ class Waits:
         return by_device, free_ns < self.free.quantile(0.01)
 
     def _add_late(self, block: BusBlock, answers: Answers) -> None:
-        self.window_ns = answers.window_ns
         rows = np.flatnonzero(answers.late)
         if not len(rows):
             return
@@ -274,8 +320,10 @@ class Waits:
         late.count += len(rows)
         by_device = answers.device_late[rows]
         late.by_device += int(np.count_nonzero(by_device))
-        late.by_device_beside_sdo += int(np.count_nonzero(by_device & answers.beside_sdo[rows]))
-        late.beside_sdo += int(np.count_nonzero(answers.beside_sdo[rows]))
+        if answers.beside_sdo is not None:
+            beside = answers.beside_sdo[rows]
+            late.by_device_beside_sdo += int(np.count_nonzero(by_device & beside))
+            late.beside_sdo += int(np.count_nonzero(beside))
         seq = block.seq[answers.rows[rows]]
         late.seq.extend(seq[: MAX_EVIDENCE - len(late.seq)].tolist())
         t_ns = block.t_ns[answers.rows[rows]]
@@ -284,45 +332,47 @@ class Waits:
 
     def _add_worst(self, block: BusBlock, answers: Answers) -> None:
         known = np.flatnonzero(answers.ready.known)
-        for column, kept, key in (
-            (answers.response_ns, self.slowest, "response_us"),
-            (answers.ready.waiting_ns, self.longest, "waiting_us"),
+        responses = answers.response_ns
+        for column, most, kept, key in (
+            (responses, np.maximum.reduce(responses), self.slowest, "response_us"),
+            (answers.ready.waiting_ns, answers.most.waiting_ns[1], self.longest, "waiting_us"),
         ):
-            least = getattr(kept[-1], key) * 1000 if len(kept) == WORST else 0.0
-            if not float(np.fmax.reduce(column, initial=0)) > least:
+            least = getattr(kept[-1].row, key) * 1000 if len(kept) == WORST else 0.0
+            if not float(most) > least:
                 continue
             column = column[known].astype(np.float64)
             better = np.flatnonzero(column > least)
             if not len(better):
                 continue
             order = np.argsort(-column[better], kind="stable")[:WORST]
-            made = {row.seq: row for row in (*self.slowest, *self.longest)}
-            before = [getattr(row, key) for row in kept]
+            made = {each.row.seq: each for each in (*self.slowest, *self.longest)}
+            before = [getattr(each.row, key) for each in kept]
             for place, at in enumerate(known[better[order]].tolist()):
                 value = float(column[better[order[place]]]) / 1000
                 if place + sum(each >= value for each in before) >= WORST:
                     break
-                row = made.get(int(block.seq[answers.rows[at]]))
-                kept.append(row or self._wait_row(block, answers, at))
-            kept.sort(key=lambda row: -getattr(row, key))
+                worst = made.get(int(block.seq[answers.rows[at]]))
+                kept.append(worst or self._worst(block, answers, at))
+            kept.sort(key=lambda each: -getattr(each.row, key))
             del kept[WORST:]
 
-    def _wait_row(self, block: BusBlock, answers: Answers, at: int) -> WaitRow:
+    def _worst(self, block: BusBlock, answers: Answers, at: int) -> _Worst:
         row, ready = int(answers.rows[at]), answers.ready
-        return WaitRow(
+        told = WaitRow(
             self.bus,
             self.cob_id,
             None,
             None,
             int(block.seq[row]),
             int(block.t_ns[row]),
-            int(answers.sync_seq[at]),
+            int(answers.sync_seq[answers.position[at]]),
             float(answers.response_ns[at]) / 1000,
             float(ready.least_ns[at]) / 1000,
             float(answers.most_ns[at]) / 1000,
             float(ready.waiting_ns[at]) / 1000,
-            block.ahead(max(int(ready.first[at]), 0), row, MAX_EVIDENCE),
+            [],
         )
+        return _Worst(told, block.span(max(int(ready.first[at]), 0), row))
 
 
 def named(rows: Sequence[WaitRow], pdo: PdoRow) -> list[WaitRow]:

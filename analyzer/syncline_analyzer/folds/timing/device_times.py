@@ -1,0 +1,103 @@
+"""How long the devices took to answer SYNC: bounds, and what their answers waited for."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from syncline_analyzer.context import Context
+from syncline_analyzer.folds.timing.block import Block
+from syncline_analyzer.folds.timing.extremes import limits_of_each
+from syncline_analyzer.folds.timing.on_wire import OnWire
+from syncline_analyzer.folds.timing.pdo_answers import AnswersTo, PdoAnswers
+from syncline_analyzer.folds.timing.sync_index import SyncIndex
+from syncline_analyzer.folds.timing.waiting_fold import WaitingFold
+from syncline_analyzer.series import Columns
+from syncline_schemas.wire_length import INTERMISSION_BITS
+
+_BY_EVENTS = (0xFE, 0xFF)
+"""Transmission types of a PDO that answers no SYNC, so that none can have kept it waiting."""
+_DEVICE = ("device_low_us", "device_high_us")
+_WAITING = ("device_least_us", "waiting_us")
+
+Floats = NDArray[np.float64]
+
+
+class DeviceTimes:
+    """Measures the answers of one bus in a block to the SYNCs of one identifier.
+
+    Args:
+        block, bus: the frames.
+        sent: (n,) bits on the bus up to the end of each row of the block.
+    """
+
+    def __init__(
+        self,
+        context: Context,
+        on_wire: OnWire,
+        waiting: WaitingFold,
+        block: Block,
+        bus: int,
+        sent: NDArray[np.int64],
+    ) -> None:
+        self._waiting = waiting
+        self._block = block
+        self._sent = sent
+        self._bit_ns = on_wire.bit_ns(bus)
+        self._slack_ns = context.resolution_ns - 1 + on_wire.noise_ns(bus)
+
+    def measure(self, sync: SyncIndex, pdos: Sequence[PdoAnswers]) -> None:
+        """Add the times of all these answers to the states of their PDOs, and keep them."""
+        if self._bit_ns is None:
+            for each in pdos:
+                each.state.responses.add(_columns(each))
+            return
+        by_events = [each for each in pdos if each.state.told_type() in _BY_EVENTS]
+        waited = [each for each in pdos if each.state.told_type() not in _BY_EVENTS]
+        if by_events:
+            answers = AnswersTo(self._block, sync, by_events)
+            _keep(answers, _DEVICE, *self._bounds(answers, self._bit_ns))
+        if waited:
+            answers = AnswersTo(self._block, sync, waited)
+            bounds = self._bounds(answers, self._bit_ns)
+            times_ns = *bounds, *self._waiting.answers(answers, *bounds)
+            _keep(answers, _DEVICE + _WAITING, *times_ns)
+
+    def _bounds(self, answers: AnswersTo, bit_ns: float) -> tuple[Floats, Floats]:
+        """(low, high) [ns] of the time from the end of the SYNC to the request to send.
+
+        At least: everything since the SYNC, intermissions included, kept the device waiting. At
+        most: the bus was idle, and only the frame itself (which has no intermission before its
+        end) passed. Both are widened by the step of the stamps and by what these prove to be off
+        beyond it (analysis.md section 5).
+        """
+        rows, response = answers.rows, answers.response
+        busy = self._sent.take(rows) - answers.sync.bits.take(answers.position)
+        own = self._block.wire_bits.take(rows) - INTERMISSION_BITS
+        low = np.floor(response - busy * bit_ns) - self._slack_ns
+        high = np.ceil(response - own * bit_ns) + self._slack_ns
+        return np.maximum(low, 0.0), np.maximum(high, 0.0)
+
+
+def _columns(answers: PdoAnswers) -> Columns:
+    """Columns of the answers, but those of the device times."""
+    frames = answers.frames
+    # Copies: what is kept must not hold on to the columns of the whole block.
+    return {
+        "seq": frames.seq.copy(),
+        "t_ns": frames.t_ns.copy(),
+        "response_us": answers.response / 1000,
+    }
+
+
+def _keep(answers: AnswersTo, names: Sequence[str], *times_ns: Floats) -> None:
+    """Keep answers with (r,) times of their devices [ns], the first two of which are its bounds."""
+    by_pdo = [answers.by_pdo(column) for column in times_ns]
+    limits = [limits_of_each(column, answers.starts) for column in by_pdo[:2]]
+    for number, (each, part) in enumerate(zip(answers.pdos, answers.parts, strict=True)):
+        each.state.device_low.add(by_pdo[0][part], limits[0][number])
+        each.state.device_high.add(by_pdo[1][part], limits[1][number])
+        columns = _columns(each)
+        for name, column in zip(names, by_pdo, strict=True):
+            columns[name] = column[part] / 1000
+        each.state.responses.add(columns)

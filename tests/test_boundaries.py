@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-ANALYSIS_STACK = ("pandas", "pyarrow", "plotly", "rerun")
+ANALYSIS_STACK = ("pandas", "pyarrow", "rerun")
 
 
 def modules_after(statement: str) -> set[str]:

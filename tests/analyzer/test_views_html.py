@@ -1,25 +1,39 @@
-"""`report.html`: its structure by DOM, escaping, and what a real browser makes of it."""
+"""`report.html`: its structure by DOM, escaping, and its size; a browser reads it in test_report_browser."""
 
 import json
 import re
-import shutil
-import subprocess
-import tempfile
 from dataclasses import replace
-from html import unescape
-from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from syncline_analyzer.results import Analysis, Link
+from syncline_analyzer.results import (
+    Analysis,
+    BusErrorRow,
+    BusLoadRow,
+    BusSilenceRow,
+    ClockStepRow,
+    DoubledRow,
+    EmcyContextRow,
+    ErrorRow,
+    GapRow,
+    Link,
+    MarkRow,
+    NmtCommandRow,
+    ObjectChangeRow,
+    OverloadRow,
+    Quantiles,
+    SyncRow,
+)
 from syncline_analyzer.views.report_html import report, write_report
+from syncline_analyzer.views.timeline_svg import node_id
 from tests.analyzer.analysis_builder import (
     SECOND,
     T0,
     analysis,
+    at,
     bad_day,
     capture_row,
     emcy_row,
@@ -28,9 +42,10 @@ from tests.analyzer.analysis_builder import (
     measured,
     node_row,
     pdo_row,
+    responses,
     sdo_row,
+    series,
     services,
-    shaft,
     state_rows,
     tilt,
     trace_row,
@@ -38,44 +53,7 @@ from tests.analyzer.analysis_builder import (
     usual_states,
 )
 from tests.analyzer.busy_bus import busy_bus
-
-VOID = {"meta", "br"}
-
-
-class Dom(HTMLParser):
-    """Elements with their attributes, and the text outside of scripts and styles."""
-
-    def __init__(self, page: str) -> None:
-        super().__init__()
-        self.elements: list[tuple[str, dict[str, str | None]]] = []
-        self.open: list[str] = []
-        self.text: list[str] = []
-        self.feed(page)
-        self.close()
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.elements.append((tag, dict(attrs)))
-        if tag not in VOID:
-            self.open.append(tag)
-
-    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.elements.append((tag, dict(attrs)))
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
-
-    def handle_data(self, data: str) -> None:
-        if self.open and self.open[-1] not in ("script", "style"):
-            self.text.append(data)
-
-    def all(self, tag: str, **attributes: str) -> list[dict[str, str | None]]:
-        wanted = {key.rstrip("_").replace("_", "-"): value for key, value in attributes.items()}
-        return [a for t, a in self.elements if t == tag and wanted.items() <= a.items()]
-
-
-def markup(shown: Analysis) -> str:
-    """The page without plotly, which is not ours."""
-    return re.sub(r"<script>.*?</script>", "", report(shown), flags=re.DOTALL)
+from tests.analyzer.report_page import Dom, figures, markup, paths, points
 
 
 def test_findings_are_stories_that_lead_to_their_place_in_the_timeline() -> None:
@@ -114,7 +92,7 @@ def test_page_is_landmarked_and_labelled() -> None:
     for landmark in ("header", "nav", "main", "footer", "h1"):
         assert len(dom.all(landmark)) == 1, landmark
     assert all(a.get("aria-label") for a in dom.all("svg") + dom.all("nav"))
-    assert all(a.get("scope") == "col" for a in dom.all("th"))
+    assert {a.get("scope") for a in dom.all("th")} == {"col", "row"}
     assert len(dom.all("caption")) == len(dom.all("table")) > 5
     identities = [a["id"] for _, a in dom.elements if "id" in a]
     assert len(identities) == len(set(identities))
@@ -123,7 +101,7 @@ def test_page_is_landmarked_and_labelled() -> None:
 def test_node_section_tells_its_history() -> None:
     text = " ".join(Dom(markup(bad_day())).text)
     for word in ("3100h", "lost at reset", "all cleared", "18Ah", "402/655/902/1480", "abort 06020000h",
-                 "silent longer than 150 ms", "6010h:00", "500 kbit/s", "adapter lost"):  # fmt: skip
+                 "silent longer than 150 ms", "6010h:00", "500 kbit/s", "adapter lost", "1 gap, 1.5 s blind"):  # fmt: skip
         assert word in text, word
 
 
@@ -154,27 +132,33 @@ def test_a_chain_says_what_came_before() -> None:
         ),
         Link("pdo.missed", "can0", 10, T0 + 251 * SECOND, T0 + 252 * SECOND, "No TPDO1.", [2]),
     ]
-    text = " ".join(Dom(report(analysis(findings=[finding(second=250.0, chain=links)]))).text)
-    assert re.search(r"before it\s+0:09.000: 32 error frames", text)
-    assert re.search(r"followed by\s+4:11.000: No TPDO1", text)
+    page = report(analysis(findings=[finding(second=250.0, chain=links)]))
+    text = " ".join(Dom(page).text)
+    assert re.search(r"before it\s+0:09.000\s+14:13:29.000\s+: 32 error frames", text)
+    assert re.search(r"followed by\s+4:11.000\s+14:17:31.000\s+: No TPDO1", text)
+    assert 'data-from="251">4:11.000</a>' in page
 
 
 def test_loss_of_two_milliseconds_is_drawn_last_and_at_least_a_pixel_wide() -> None:
     page = markup(bad_day())
     lost = re.findall(r'<g class="s-lost">.*?<rect x="([\d.]+)"[^>]* width="([\d.]+)"', page)
-    assert lost == [("250", "31"), ("500", "0.002")]
+    assert lost == 2 * [("250", "31"), ("500", "0.002")]
     lane = page[page.index("NMT states of node 10") : page.index("NMT states of node 16")]
     assert lane.rindex('class="s-operational"') < lane.index('class="s-lost"')
     assert "non-scaling-stroke" in page
-    assert re.search(r"\.s-lost rect\{fill:#e53935;stroke:#e53935\}", page)
+    assert re.search(r"\.s-lost rect,rect\.s-lost\{fill:#e53935;stroke:#e53935\}", page)
 
 
 def test_lanes_of_a_part_begin_at_the_cut_in_capture_time() -> None:
     page = markup(bad_day(capture=capture_row(first_ns=T0 - 60 * SECOND)))
-    assert 'viewBox="60 0 600 20"' in page
+    assert 'viewBox="0 0 600 20"' in page
     assert '"begin":60.0' in page.replace(" ", "")
+    assert "NMT state" in page
+    assert ">2:00<" in page
+    assert ">10:00<" in page
+    assert 'data-from="250"' in page, "seconds are counted from the left edge"
     undated = capture_row(first_ns=T0 - 60 * SECOND, start_utc_ns=None, cut_ns=T0)
-    assert 'viewBox="60 0 600 20"' in markup(bad_day(capture=undated))
+    assert ">10:00<" in markup(bad_day(capture=undated))
 
 
 def test_thousands_of_changes_stay_a_small_picture() -> None:
@@ -183,30 +167,74 @@ def test_thousands_of_changes_stay_a_small_picture() -> None:
     assert len(markup(shown)) < 600_000
 
 
+EVIL = "\"><script>alert(1)</script><img src=x onerror=alert(2)>'&amp;</title></style>"
+
+
+def evil(text: str = EVIL) -> Analysis:
+    """A capture in which every text that comes from a bus or a file is the same one."""
+    slope = tilt(0x601000, text, 40.0, count=50)
+    gap = GapRow(at(420), at(421.5), text, None, text)
+    link = Link(text, text, 10, at(9), at(9), text, [1])
+    return analysis(
+        capture=capture_row(files=[text], buses=[text], notes=[text], damage=[text], gaps=[gap],
+                            marks=[MarkRow(at(5), text, text)]),
+        nodes=[node_row(name=text, device=text, proof=[text], bus=text, final_state=text,
+                        device_reason=text, device_source="objects"),
+               node_row(5, name=text)],
+        nmt_commands=[NmtCommandRow(text, 300, at(2.4), text, 10, 12.3)],
+        nmt_states=usual_states(10, bus=text) + usual_states(5),
+        sync=[SyncRow(text, 0x80, 59_990, Quantiles(9_812, 10_000, 10_031, 19_987), 1, 0)],
+        pdos=[pdo_row(pdo=text, type_source=text, bus=text)],
+        responses=[replace(responses(count=50), bus=text, pdo=text)],
+        emcy=[emcy_row(meaning=text, details={text: text}, registers=[text], bus=text)],
+        errors=[ErrorRow(text, 10, 0x3100, text, at(249.9), None, "lost at reset", 1, [174_930])],
+        emcy_context=[EmcyContextRow(text, 10, 174_930, at(6), 0x3100, text, text, text, 0x6003, 0,
+                                     55, 2.0, [text], {text: {"name": text, "unit": text,
+                                     "before": 5.25, "after": 5.5}})],
+        sdo=[sdo_row(name=text, result="abort", abort_text=text, bus=text)],
+        bus_load=[BusLoadRow(text, 500_000, 33.1, 61.7, 687.2)],
+        bus_errors=[BusErrorRow(text, text, 20, at(9), at(11), [5])],
+        series=[series(text, "%", np.full(10, 3.0), text)],
+        traces=[replace(trace_row(slope), bus=text, shows=text, assumed=[text])],
+        trace_data=[replace(slope, bus=text, unit=text)],
+        object_changes=[ObjectChangeRow(text, 10, 3, at(1), 0x1017, 0, text, text, 0, 200, text,
+                                        text, "sdo-write", 0x60A, saved=False, old_words=text)],
+        findings=[finding(text=text, cause=text, check_next=text, bus=text, assumed=[text],
+                          chain=[link])],
+    )  # fmt: skip
+
+
 def test_no_text_of_bus_or_file_becomes_markup() -> None:
-    evil = "\"><script>alert(1)</script><img src=x onerror=alert(2)>'&amp;"
-    slope = tilt(0x601000, evil, 40.0, count=50)
-    shown = analysis(
-        capture=capture_row(files=[evil], buses=[evil], notes=[evil]),
-        nodes=[node_row(name=evil, device=evil, proof=[evil], bus=evil, final_state=evil)],
-        nmt_states=usual_states(10, bus=evil),
-        pdos=[pdo_row(pdo=evil, type_source=evil)],
-        emcy=[emcy_row(meaning=evil, details={evil: evil}, registers=[evil])],
-        sdo=[sdo_row(name=evil, result="abort")],
-        traces=[trace_row(slope)],
-        trace_data=[slope],
-        findings=[finding(text=evil, cause=evil, check_next=evil, bus=evil)],
-    )
-    dom = Dom(report(shown))
+    page = report(evil())
+    dom = Dom(page)
     assert [a for t, a in dom.elements if t == "img"] == []
-    assert len(dom.all("script")) == 3
+    assert len(dom.all("script")) == 2
+    assert len(dom.all("style")) == len(re.findall("</style", page)) == 1
     assert all("onerror" not in a for _, a in dom.elements)
+    assert not {key for _, a in dom.elements for key in a if not re.fullmatch("[a-zA-Z-]+", key)}
     assert "alert(1)" in " ".join(dom.text)
-    data = re.search(
-        r'<script type="application/json" id="report-data">(.*?)</script>', report(shown)
-    )
-    assert data is not None
-    assert evil in json.loads(data[1])["plots"][0]["lines"][0]
+    assert len(re.findall("</script", page)) == len(dom.all("script"))
+    targets = {a["id"] for _, a in dom.elements if "id" in a}
+    assert {str(a["href"])[1:] for a in dom.all("a")} <= targets
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["\x00\x1b[31m", "tilt\u202egnp.exe", "\udcff", "%", "a b&#39;", "\u2028</a>", "--><!--"],
+)
+def test_odd_characters_neither_stop_the_page_nor_steer_it(text: str, tmp_path: Path) -> None:
+    page = write_report(evil(text), tmp_path / "report.html").read_text(encoding="utf-8")
+    assert not set(page) & {"\x00", "\x1b", "\u202e"}
+    dom = Dom(page)
+    identities = [a["id"] for _, a in dom.elements if "id" in a]
+    assert {str(a["href"])[1:] for a in dom.all("a")} <= set(identities)
+
+
+def test_anchors_of_buses_with_odd_names_stay_apart() -> None:
+    names = ["can 0", "can_0", "can%200", "c\u00e4n", "c\u00f6n"]
+    found = {node_id(name, 1) for name in names}
+    assert len(found) == len(names)
+    assert all(re.fullmatch("[A-Za-z0-9_-]+", name) for name in found)
 
 
 @pytest.mark.parametrize("shown", [bad_day(), many_nodes(), analysis(), untimed()])
@@ -264,11 +292,16 @@ def test_a_node_has_no_table_about_what_it_does_not_have() -> None:
 
 
 def test_plot_of_a_node_has_the_bands_of_its_own_findings() -> None:
-    plots = {plot["title"]: plot["bands"] for plot in data_of(report(bad_day()))["plots"]}
-    starts = {title: [start for start, _, _ in bands] for title, bands in plots.items()}
-    assert starts["Angle [deg] of node 5 shaft"] == [420.0]
-    assert starts["Angle [deg] of node 10 boom tilt"] == [250.0, 300.0, 420.0]
-    assert starts["Bus load [%]"] == [250.0, 520.0, 300.0, 420.0]
+    drawn = figures(report(bad_day()))
+    starts = {
+        title: re.findall(r'<rect x="([\d.]+)"[^>]* class="band s-(\w+)"', figure)
+        for title, figure in drawn.items()
+    }
+    blind = [("420", "blind")]
+    assert starts["Angle [deg] of node 5 shaft"] == [*blind, ("420", "info")]
+    own = [("250", "error"), ("300", "warning"), ("420", "info")]
+    assert starts["Angle [deg] of node 10 boom tilt"] == [*blind, *own]
+    assert starts["Bus load [%]"] == [*blind, own[0], ("520", "error"), *own[1:]]
 
 
 # -- timing
@@ -346,11 +379,9 @@ def test_figures_below_the_step_of_the_stamps_are_not_printed() -> None:
 def test_an_estimated_bit_rate_is_said_over_the_tables_and_in_the_plots() -> None:
     page = markup(busy_bus(source="estimated"))
     assert "estimated with high confidence from the spacing of the frames" in page
-    plots = {plot["title"]: plot["lines"] for plot in data_of(page)["plots"]}
-    assert plots["Bus load [%]"][1] == "bus load in 1 s, bit rate estimated"
-    assert plots["PDO response [us] of node 3 drive 3"][0].endswith(
-        "waited at most, bit rate estimated"
-    )
+    drawn = figures(page)
+    assert "bus load in 1 s, bit rate estimated" in drawn["Bus load [%]"]
+    assert "waited at most, bit rate estimated" in drawn["PDO response [us] of node 3 drive 3"]
 
 
 def data_of(page: str) -> Any:
@@ -385,11 +416,13 @@ def test_every_pdo_that_answers_has_a_histogram() -> None:
 
 
 def test_load_of_a_long_capture_is_a_band_from_the_least_to_the_most() -> None:
-    load = next(p for p in data_of(report(busy_bus()))["plots"] if p["title"] == "Bus load [%]")
-    band, line = load["traces"]
-    assert (band["fill"], line.get("fill")) == ("toself", None)
-    assert (min(band["y"]), max(band["y"])) == (41.0, 50.0)
-    assert len(band["x"]) == len(band["y"]) < 6_000
+    load = figures(report(busy_bus()))["Bus load [%]"]
+    (band,) = paths(load, "area-of l0")
+    high = float(re.findall('data-high="(.*?)"', load)[0])
+    values = [round(high - down, 6) for _, down in points(band)]
+    assert (min(values), max(values)) == (41.0, 50.0)
+    assert len(values) < 6_000
+    assert len(paths(load, "line l0")) == 1
 
 
 @pytest.mark.parametrize(("nodes", "pdos"), [(127, 4), (40, 8)])
@@ -398,125 +431,172 @@ def test_page_of_a_full_line_stays_below_8_mb(nodes: int, pdos: int) -> None:
     assert len(report(shown).encode()) < 8_000_000
 
 
-def test_page_without_plots_does_without_the_library() -> None:
+def test_page_without_plots_is_small() -> None:
     assert len(report(untimed()).encode()) < 60_000
 
 
-# -- in a real browser
-
-CHROMIUM = shutil.which("chromium")
-FLAGS = [
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--hide-scrollbars",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--enable-logging=stderr",
-    "--force-device-scale-factor=1",
-    "--virtual-time-budget=10000",
-]
-
-in_browser = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium")
-
-
-def browse(page: Path, *flags: str) -> tuple[str, list[str]]:
-    """DOM after scripts, and what the page wrote to the console."""
-    assert CHROMIUM is not None
-    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
-        done = subprocess.run(
-            [CHROMIUM, *FLAGS, f"--user-data-dir={profile}", *flags, page.as_uri()],
-            capture_output=True, encoding="utf-8", errors="replace", timeout=120, check=True,
-        )  # fmt: skip
-    return done.stdout, [line for line in done.stderr.splitlines() if "CONSOLE" in line]
+def test_values_near_a_finding_are_all_there_and_elsewhere_every_peak() -> None:
+    day = 86_400
+    t_ns = T0 + np.arange(day * 2, dtype=np.int64) * SECOND // 2
+    value = np.sin(np.arange(day * 2) / 900.0)
+    value[50_001] = 7.0
+    line = replace(
+        tilt(0x601000, "Slope", 40.0, count=2), t_ns=t_ns, value=value,
+        seq=np.arange(len(t_ns)), raw=np.zeros(len(t_ns), np.int64),
+        flags=np.zeros(len(t_ns), np.uint16), segment=np.zeros(len(t_ns), np.int32),
+    )  # fmt: skip
+    lost = finding(second=40_000.0, end_ns=at(40_030))
+    capture = capture_row(duration_ns=day * SECOND)
+    shown = analysis(capture=capture, nodes=[node_row()], trace_data=[line], findings=[lost])
+    figure = figures(report(shown))["Angle [deg] of node 10"]
+    (path,) = paths(figure, "line l0")
+    drawn = points(path)
+    near = [x for x, _ in drawn if 39_985 <= x <= 40_045]
+    assert near == [39_985 + k / 2 for k in range(121)]
+    assert len(drawn) < 6_000 < len(t_ns)
+    assert 25_000.5 in [x for x, _ in drawn], "the only outlier of the day"
+    assert f"{len(drawn):,} of 172,800 samples drawn" in figure
 
 
-@in_browser
-@pytest.mark.parametrize(
-    "shown",
-    [bad_day(), many_nodes(), busy_bus(), untimed()],
-    ids=["bad day", "many", "busy", "untimed"],
-)
-def test_browser_draws_all_plots_without_a_complaint(shown: Analysis, tmp_path: Path) -> None:
-    page = write_report(shown, tmp_path / "report.html")
-    dom, console = browse(page, "--dump-dom")
-    assert console == []
-    assert 'data-ready="true"' in dom
-    drawn = dom.count('class="main-svg"')
-    assert drawn >= dom.count('class="plot')
-    assert (drawn > 0) == ('class="plot' in dom)
+# -- time
 
 
-@in_browser
-def test_browser_reports_a_script_that_fails(tmp_path: Path) -> None:
-    page = tmp_path / "report.html"
-    page.write_text(report(bad_day()).replace("  draw();\n", "  nothing();\n"), encoding="utf-8")
-    dom, console = browse(page, "--dump-dom")
-    assert any("nothing is not defined" in line for line in console)
-    assert 'data-ready="true"' not in dom
+def test_every_moment_has_its_utc_and_leads_into_the_timeline() -> None:
+    page = markup(bad_day())
+    row = row_of(node_part(page, 10), "Errors", "3100h")
+    assert row["Raised"] == "4:09.900 14:17:29.900"
+    assert 'href="#timeline" data-from="249.9">4:09.900</a> <small>14:17:29.900</small>' in page
+    story = page[page.index('id="finding-1"') : page.index('id="finding-2"')]
+    assert "4:10.000 to 4:41.000</a> <small>14:17:30.000 UTC</small>" in story
 
 
-@in_browser
-def test_story_opens_its_stretch_in_lanes_and_plots(tmp_path: Path) -> None:
-    click = "<script>document.querySelector('[data-from]').click()</script></body>"
-    page = tmp_path / "report.html"
-    page.write_text(report(bad_day()).replace("</body>", click), encoding="utf-8")
-    dom, console = browse(page, "--dump-dom")
-    assert console == []
-    assert 'viewBox="234.5 0 62 20"' in dom
-    assert 'viewBox="0 0 600 20"' not in dom
-    assert ">3:54.500<" in dom
-    assert ">14:17:20<" in dom
+def test_captures_over_midnight_have_the_date() -> None:
+    long = capture_row(duration_ns=20 * 3600 * SECOND)
+    page = markup(analysis(capture=long, findings=[finding(second=50_000.0)]))
+    assert "<small>09-22 04:06:40.000 UTC</small>" in page
 
 
-@in_browser
-@pytest.mark.parametrize(
-    ("scheme", "background"), [(1, (255, 255, 255)), (0, (20, 23, 27))], ids=["light", "dark"]
-)
-def test_browser_shows_lanes_traces_and_markers(
-    scheme: int, background: tuple[int, int, int], tmp_path: Path
-) -> None:
-    image = pytest.importorskip("PIL.Image")
-    page, picture = write_report(bad_day(), tmp_path / "r.html"), tmp_path / "r.png"
-    browse(page, f"--screenshot={picture}", "--window-size=1280,3000",
-           f"--blink-settings=preferredColorScheme={scheme}")  # fmt: skip
-    pixels = image.open(picture).convert("RGB")
-    counts = {colour: count for count, colour in pixels.getcolors(1 << 24)}
-    assert pixels.getpixel((2, 2)) == background
-    for what, colour, least in (
-        ("OPERATIONAL lane", (67, 160, 71), 20_000),
-        ("LOST lane", (229, 57, 53), 500),
-        ("STOPPED lane", (30, 136, 229), 2_000),
-        ("shaft angle", (80, 160, 255), 300),
-        ("EMCY marker", (255, 45, 120), 100),
-    ):
-        assert counts.get(colour, 0) >= least, f"{what}: {counts.get(colour, 0)} pixels"
+def test_captures_without_dates_have_capture_time_alone() -> None:
+    page = markup(bad_day(capture=capture_row(start_utc_ns=None)))
+    assert " UTC" not in page
+    assert 'data-from="249.9">4:09.900</a></td>' in page
+    week = capture_row(start_utc_ns=None, duration_ns=500_000 * SECOND)
+    story = markup(analysis(capture=week, findings=[finding(second=400_000.0)]))
+    assert "111:06:40.000 to 111:07:11.000</a></p>" in story
 
 
-@in_browser
-def test_browser_draws_cut_angles_and_the_bands_of_each_node(tmp_path: Path) -> None:
-    """Lines and shapes as plotly drew them: one path for each stretch between cuts and wraps."""
-    told = """<script>
-    const seen = [...document.querySelectorAll(".plot")].map((div) => [
-      div.getAttribute("aria-label"),
-      div.querySelectorAll(".scatterlayer .js-line").length,
-      div.querySelectorAll(".shapelayer path, .shapelayer rect").length]);
-    document.body.dataset.seen = JSON.stringify(seen);
-    </script></body>"""
-    signed = tilt(0x601000, "Slope", 40.0)
-    sent = replace(signed, columns={"angle_deg": signed.value % 360, "unwrapped_deg": signed.value})
-    shown = bad_day(trace_data=[shaft(600), sent], responses=[], series=[])
-    page = tmp_path / "report.html"
-    page.write_text(report(shown).replace("</body>", told), encoding="utf-8")
-    dom, console = browse(page, "--dump-dom")
-    assert console == []
-    found = re.search(r'data-seen="(.*?)"', dom)
-    assert found is not None
-    seen = {label.partition(":")[0]: rest for label, *rest in json.loads(unescape(found[1]))}
-    wraps = int(np.sum(np.abs(np.diff(shaft(600).columns["angle_deg"])) > 180))
-    cut_and_gap = 2
-    assert seen["Angle [deg] of node 5 shaft"] == [wraps + cut_and_gap + 1, 1]
-    assert seen["Angle [deg] of node 10 boom tilt"] == [cut_and_gap + 1, 3]
+# -- findings
+
+
+def test_findings_have_numbers_in_list_timeline_and_node_table() -> None:
+    page = markup(bad_day())
+    dom = Dom(page)
+    flags = [a for a in dom.all("a") if str(a.get("class")).startswith("flag")]
+    assert [(a["href"], a["aria-label"]) for a in flags] == [
+        ("#finding-1", "Finding 1"),
+        ("#finding-2", "Finding 2"),
+        ("#finding-3", "Finding 3"),
+        ("#finding-4", "Finding 4"),
+    ]
+    assert [a["data-at"] for a in flags] == ["250", "520", "300", "420"]
+    assert row_of(page, "Nodes on the bus", "10 boom tilt")["Findings"] == "error 1, warning 3"
+
+
+def test_findings_in_one_place_have_flags_below_one_another() -> None:
+    close = [finding(second=250.0 + k / 10) for k in range(9)]
+    page = markup(analysis(findings=close, nodes=[node_row()], nmt_states=usual_states(10)))
+    rows = re.findall(r'class="flag error" style="left:[\d.]+%;--row:(\d)"', page)
+    assert rows == ["0", "1", "2", "3"]
+    assert "9 findings of severity error" in page
+
+
+def test_few_findings_have_no_filter_and_many_have_one() -> None:
+    few = Dom(markup(analysis(findings=[finding()] * 3)))
+    assert few.all("form") == []
+    many = Dom(markup(bad_day()))
+    (form,) = many.all("form")
+    assert "hidden" in form, "without the script it would do nothing"
+    assert [a["value"] for a in many.all("input", type="checkbox")] == ["error", "warning", "info"]
+    options = [a["value"] for a in many.all("option")]
+    assert options == ["", "node-can0-10", "node-can0-16"]
+
+
+def test_five_thousand_findings_stay_a_page_that_opens() -> None:
+    many = [finding(second=k / 10) for k in range(5_000)]
+    page = markup(analysis(findings=many, nodes=[node_row()], nmt_states=usual_states(10)))
+    assert "4500 more findings only in findings.json." in page
+    assert len(page) < 4_000_000
+
+
+# -- nodes and recording
+
+
+def test_a_node_has_its_parts_in_the_order_of_a_look_into_it() -> None:
+    part = node_part(markup(bad_day()), 10)
+    order = [
+        "Known by",
+        "NMT states of node 10",
+        "<caption>Errors</caption>",
+        "<caption>EMCY history</caption>",
+        "<caption>PDOs</caption>",
+        "<caption>NMT states</caption>",
+    ]
+    places = [part.index(each) for each in order]
+    assert places == sorted(places)
+    assert "response over time: 3" in part, "sparkline of the answers"
+
+
+def test_sparklines_show_what_a_pdo_carried() -> None:
+    carried = bad_day()
+    rows = [replace(row, sources={"18Ah": 5_000}) for row in carried.traces if row.node == 10]
+    part = node_part(markup(replace(carried, traces=rows)), 10)
+    labels = re.findall(r'aria-label="([^"]*) over time: ([^"]*)"', part)
+    assert [name for name, _ in labels] == [
+        "response", "Slope long (6010h:00)", "Slope lateral (6020h:00)",
+    ]  # fmt: skip
+    assert dict(labels)["Slope long (6010h:00)"] == "-20 to 20 deg"
+    assert "Over time" not in node_part(markup(replace(carried, responses=[], traces=[])), 10)
+
+
+def test_forty_nodes_are_a_table_and_closed_parts_but_those_with_errors() -> None:
+    pairs = [("can1" if n % 2 else "can0", n) for n in range(1, 41)]
+    failed = [finding(second=float(n), bus=bus, node=n) for bus, n in pairs[:5]]
+    dom = Dom(markup(replace(many_nodes(), findings=failed)))
+    parts = [a for a in dom.all("details") if a.get("class") == "node"]
+    opened = [a["id"] for a in parts if "open" in a]
+    assert len(parts) == 40
+    assert opened == ["node-can1-1", "node-can0-2", "node-can1-3"]
+    troubled = [a for a in dom.all("div", class_="lane") if "data-trouble" in a]
+    assert len(troubled) == 5 + 1, "five nodes and the lane of the errors"
+    assert dom.all("input", id="only-trouble")
+
+
+def test_long_tables_open_on_a_click() -> None:
+    page = markup(busy_bus(40, pdos=1))
+    assert re.search(r"<summary>PDOs of all nodes: \d+ rows</summary>", page)
+    short = markup(bad_day())
+    assert "PDOs of all nodes: " not in short
+    assert "<caption>PDOs of all nodes</caption>" in short
+
+
+def test_quality_of_the_recording_is_on_the_first_screen_and_in_its_part() -> None:
+    gaps = [GapRow(at(100), at(110), "overrun", 12, "can0"), GapRow(at(105), at(130), "overrun", 3)]
+    shown = bad_day(
+        capture=capture_row(gaps=gaps, unparsed_lines=3),
+        clock_steps=[ClockStepRow("can0", at(30), at(31), 2 * SECOND, 7, [9])],
+        bus_silences=[BusSilenceRow("can0", at(200), at(220), [7, 8])],
+        overloads=[OverloadRow("can0", at(40), at(44), 97.3)],
+        doubled=[DoubledRow("can0", "own", [0x80], 44, at(1), at(9), 80.0, [5])],
+    )
+    page = markup(shown)
+    words = "2 gaps, 30 s blind (5 %), at least 15 frames lost, 3 lines could not be read, 5 error frames, nobody heard for 20 s though heartbeats were due, clock set 1 time"
+    assert words in page[: page.index("<main")]
+    part = page_section(page, "recording")
+    heads, blind, _ = cells(part, "Stretches in which the recorder was blind")
+    assert heads == ["Bus", "Blind", "Lasts", "Frames lost", "Reason"]
+    assert blind == ["can0", "1:40.000 to 1:50.000 14:15:00.000", "10 s", "12", "overrun"]
+    for caption in ("Steps of the recorder's clock", "Nobody heard although heartbeats were due",
+                    "Bus nearly full", "Frames that were written twice"):  # fmt: skip
+        assert f"<caption>{caption.replace(chr(39), '&#x27;')}</caption>" in part
+    healthy = capture_row(error_frames=0)
+    assert "whole, without gaps" in markup(analysis(capture=healthy, nodes=[node_row()]))

@@ -288,7 +288,7 @@ def test_bars_have_the_area_of_the_answers_and_leave_out_far_ones_openly() -> No
     assert bars.middle_us.tolist() == [105.0, 115.0, 140.0]
     assert (bars.per_us * bars.width_us).tolist() == [9_000.0, 2_000.0, 4_000.0]
     assert bars.left_out == 1
-    assert "1 outliers left out" in bars.label
+    assert "1 outlier left out" in bars.label
 
 
 def test_bars_of_one_answer_show_it() -> None:

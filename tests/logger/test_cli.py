@@ -29,7 +29,6 @@ HEAVY = {
     "pandas",
     "pyarrow",
     "rerun",
-    "plotly",
     "mcap",
     "rich",
     "google",

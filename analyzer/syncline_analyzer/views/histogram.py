@@ -1,5 +1,6 @@
 """Response times of a PDO as bars whose area is the number of answers."""
 
+import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,6 +8,7 @@ from numpy.typing import NDArray
 
 from syncline_analyzer.results import Analysis, Responses
 from syncline_analyzer.views.words import hex_code
+from syncline_schemas.wording import counted
 
 MAX_HISTOGRAMS = 12
 _SHOWN = (0.0005, 0.9995)
@@ -31,7 +33,11 @@ class Bars:
     @property
     def label(self) -> str:
         """Title that owns up to what is left out."""
-        return f"{self.title}, {self.left_out} outliers left out" if self.left_out else self.title
+        return (
+            f"{self.title}, {counted(self.left_out, 'outlier')} left out"
+            if self.left_out
+            else self.title
+        )
 
 
 def histograms(analysis: Analysis) -> list[tuple[Responses, Bars]]:
@@ -59,6 +65,35 @@ def bars_of(responses: Responses) -> Bars:
         per_us=(responses.histogram / widths)[shown],
         left_out=int(responses.histogram.sum() - responses.histogram[shown].sum()),
     )
+
+
+def period_bars(analysis: Analysis) -> list[tuple[str, Bars]]:
+    """SYNC periods by bus, where every period is there and none was thinned away."""
+    counts = {(row.bus, row.cob_id): row.count for row in analysis.sync}
+    found = []
+    for series in analysis.series:
+        cob_id = _SYNC_SERIES.fullmatch(series.name)
+        value = series.value[np.isfinite(series.value)]
+        if cob_id and 2 <= len(value) >= _COMPLETE * counts.get(
+            (series.bus, int(cob_id[1], 16)), 0
+        ):
+            found.append((series.bus, _counted(value, f"{series.bus} {cob_id[1]}h SYNC period")))
+    return found
+
+
+def _counted(value: NDArray[np.float64], title: str) -> Bars:
+    """Equally wide bars of most values; single ones far away are left out."""
+    low, high = (float(q) for q in np.quantile(value, _CORE))
+    far = _FAR * max(high - low, 1.0)
+    near = value[(value >= low - far) & (value <= high + far)]
+    counts, edges = np.histogram(near, bins=_BARS)
+    width = np.diff(edges)
+    return Bars(title, edges[:-1] + width / 2, width, counts / width, len(value) - len(near))
+
+
+_SYNC_SERIES = re.compile(r"SYNC ([0-9A-F]+)h period")
+_COMPLETE = 0.9
+_BARS = 60
 
 
 def _bins(share: NDArray[np.float64], shares: tuple[float, float]) -> tuple[int, int]:

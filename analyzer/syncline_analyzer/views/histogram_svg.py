@@ -46,14 +46,16 @@ def _figure(title: str, responses: Responses, row: PdoRow | None) -> Html:
     high = bars.middle_us[-1] + bars.width_us[-1] / 2
     span = max(float(high - low), 1e-9)
     told = list(_told(bars, responses, row))
+    words = f"Response histogram of {title}: {', '.join(told)}"
     picture = element(
         "svg",
+        element("title", words),
         element("path", d=_outline(bars, float(low), span), class_="hist"),
         *_marks(row, float(low), span),
         viewBox=f"0 0 {_WIDTH:g} {_HEIGHT:g}",
         preserveAspectRatio="none",
         role="img",
-        aria_label=f"Response histogram of {title}: {', '.join(told)}",
+        aria_label=words,
     )
     ends = (element("span", number(float(end), "us")) for end in (low, high))
     return element(

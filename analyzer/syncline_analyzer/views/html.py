@@ -14,7 +14,7 @@ class Html(str):
     __slots__ = ()
 
 
-_VOID = frozenset({"meta", "rect", "path", "br"})
+_VOID = frozenset({"meta", "rect", "path", "br", "input"})
 
 
 def element(name: str, /, *children: object, **attributes: object) -> Html:
@@ -25,7 +25,7 @@ def element(name: str, /, *children: object, **attributes: object) -> Html:
     """
     told = "".join(
         f" {key.rstrip('_').replace('_', '-')}"
-        + ("" if value is True else f'="{escape(str(value))}"')
+        + ("" if value is True else f'="{escape(printable(str(value)))}"')
         for key, value in attributes.items()
         if value is not None and value is not False
     )
@@ -55,16 +55,21 @@ def data_script(identity: str, value: Any) -> Html:
 
 
 def table(caption: str, heads: Sequence[str], rows: Iterable[Sequence[object]]) -> Html:
-    """A table that scrolls sideways on its own; a head that starts with ">" is of figures."""
+    """A table that scrolls sideways on its own; a head that starts with ">" is of figures.
+
+    The first column that is not of a bus names its rows.
+    """
     figures = [head.startswith(">") for head in heads]
+    named = next((i for i, head in enumerate(heads) if head.removeprefix(">") != "Bus"), 0)
     top = (
         element("th", head.removeprefix(">"), scope="col", class_="n" if n else None)
         for head, n in zip(heads, figures, strict=True)
     )
     body = (
         element("tr", *(
-            element("td", cell, class_="n" if n else None)
-            for cell, n in zip(row, figures, strict=True)
+            element("th" if i == named else "td", cell, class_="n" if figures[i] else None,
+                    scope="row" if i == named else None)
+            for i, cell in enumerate(row)
         ))
         for row in rows
     )  # fmt: skip

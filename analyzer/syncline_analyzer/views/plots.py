@@ -127,10 +127,13 @@ class Panel:
         return high - 0.05 * (high - low)
 
 
-def panels(analysis: Analysis) -> list[Panel]:
-    """Plots of an analysis: angles and other traces first, then load, SYNC and PDO answers."""
+def panels(analysis: Analysis, *, nodes_apart: int = NODES_APART) -> list[Panel]:
+    """Plots of an analysis: angles and other traces first, then load, SYNC and PDO answers.
+
+    With more nodes than `nodes_apart` that have traces, one plot of a quantity shows all of them.
+    """
     found: dict[tuple[str, str, str], Panel] = {}
-    for title, unit, subject, line in _lines(analysis):
+    for title, unit, subject, line in _lines(analysis, nodes_apart):
         panel = found.setdefault((title, unit, subject), Panel(title, unit, subject))
         panel.lines.append(line)
     plots = [replace(panel, lines=_coloured(panel.lines)) for panel in found.values()]
@@ -150,11 +153,11 @@ def _spread(panel: Panel) -> float:
     return max((float(np.ptp(np.percentile(v, (1, 99)))) for v in values if len(v)), default=0.0)
 
 
-def _lines(analysis: Analysis) -> Iterator[tuple[str, str, str, Line]]:
+def _lines(analysis: Analysis, nodes_apart: int) -> Iterator[tuple[str, str, str, Line]]:
     several = len(analysis.capture.buses) > 1
     gaps = np.array(sorted(gap.end_ns for gap in analysis.capture.gaps), np.int64)
     labels = names_of(analysis.nodes)
-    apart = len({(trace.bus, trace.node) for trace in analysis.trace_data}) <= NODES_APART
+    apart = len({(trace.bus, trace.node) for trace in analysis.trace_data}) <= nodes_apart
     for trace in analysis.trace_data:
         label = labels.get((trace.bus, trace.node), node_label(trace.node))
         subject = f"{trace.bus} node {label}" if several else f"node {label}"

@@ -1,55 +1,52 @@
 """`report.html`: one file that opens anywhere, without a network, and says first what went wrong."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
 
-from plotly.offline import get_plotlyjs
-
-from syncline_analyzer.results import Analysis, Finding, NodeRow
+from syncline_analyzer.results import Analysis
 from syncline_analyzer.views import report_tables as tables
 from syncline_analyzer.views import report_timing as timing
 from syncline_analyzer.views.basis import basis_lines
 from syncline_analyzer.views.histogram_svg import histogram_figures
-from syncline_analyzer.views.html import Html, data_script, element, joined, table
-from syncline_analyzer.views.known import KnownLine, device_line, device_words, known_lines
+from syncline_analyzer.views.html import Html, data_script, element
 from syncline_analyzer.views.load import load_listing
-from syncline_analyzer.views.markdown import chain_lines, extent, verdict, where
-from syncline_analyzer.views.palette import (
-    EMCY_CLEAR_COLOUR,
-    EMCY_COLOUR,
-    GAP_COLOUR,
-    SEVERITY_COLOURS,
-    STATE_COLOURS,
-    css,
-)
+from syncline_analyzer.views.markdown import extent, verdict
+from syncline_analyzer.views.palette import GAP_COLOUR, SEVERITY_COLOURS, STATE_COLOURS, css
 from syncline_analyzer.views.plots import RESPONSES_APART
-from syncline_analyzer.views.report_plots import plots_of
-from syncline_analyzer.views.services import change_listing, error_list, listings
-from syncline_analyzer.views.text import recording_lines
-from syncline_analyzer.views.timeline_svg import node_id, timeline
-from syncline_analyzer.views.traces import COMPARED, trace_listings, trace_notes
+from syncline_analyzer.views.report_findings import BADGES, findings_part
+from syncline_analyzer.views.report_moment import Moments
+from syncline_analyzer.views.report_nodes import nodes_part
+from syncline_analyzer.views.report_plots import ROOM, Plot, opened_stretch, plots_of
+from syncline_analyzer.views.report_recording import quality, recording_part
+from syncline_analyzer.views.timeline_svg import timeline
+from syncline_analyzer.views.traces import COMPARED, trace_listings
 from syncline_analyzer.views.waits import waiting_listings
-from syncline_analyzer.views.words import (
-    Clock,
-    names_of,
-    node_label,
-    number,
-)
+from syncline_analyzer.views.words import names_of
 from syncline_schemas.wording import counted
-
-FIRST_STORIES = 6
-"""Findings told at once; the rest opens on a click."""
 
 OPEN_COMMANDS = 12
 """NMT commands shown at once; more open on a click."""
 
-_OF_A_NODE = ("Bus", "Node")
-
-_BADGES = {"error": "ERROR", "warning": "WARNING", "info": "NOTE"}
+_SECTIONS = {
+    "findings": "Findings",
+    "timeline": "Timeline",
+    "nodes": "Nodes",
+    "plots": "Measured values",
+    "pdos": "Bus load, SYNC and PDOs",
+    "recording": "Recording",
+}
+_MOVES = {
+    "all": ("Whole capture", "All"),
+    "in": ("Zoom in", "+"),
+    "out": ("Zoom out", "\u2212"),
+    "back": ("Earlier", "\u25c0"),
+    "on": ("Later", "\u25b6"),
+}
+"""Moves of the range of time: what they do, and a sign for narrow screens."""
 _POLICY = (
-    "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; img-src data: blob:"
+    "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; img-src data:; "
+    "form-action 'none'; base-uri 'none'"
 )
 
 
@@ -61,15 +58,17 @@ def write_report(analysis: Analysis, path: Path) -> Path:
 
 def report(analysis: Analysis) -> str:
     """The page."""
-    clock, plots = Clock.of(analysis.capture), plots_of(analysis)
+    moments = Moments.of(analysis)
     title = ", ".join(Path(file).name for file in analysis.capture.files)
     body = element(
         "body",
         element("a", "Skip to the findings", href="#findings", class_="skip"),
-        _header(analysis, clock, title),
-        element("main", *_sections(analysis, clock, plots)),
+        _header(analysis, moments, title),
+        _bar(moments, bool(analysis.capture.frames)),
+        element("main", *_sections(analysis, moments)),
         element("footer", element("p", "Made by Syncline from the recorded frames alone.")),
-        *_scripts(analysis, clock, plots),
+        data_script("report-data", _data(moments)),
+        element("script", Html(_asset("report.js"))),
     )
     head = element(
         "head",
@@ -82,274 +81,135 @@ def report(analysis: Analysis) -> str:
     return "<!DOCTYPE html>\n" + element("html", head, body, lang="en")
 
 
+def _data(moments: Moments) -> dict[str, float | None]:
+    """What the script needs besides the page itself."""
+    clock = moments.clock
+    return {
+        "begin": (moments.begin_ns - clock.first_ns) / 1e9,
+        "seconds": moments.span_ns / 1e9,
+        "start_ms": clock.first_ns / 1e6 if clock.dated and clock.timed else None,
+        "room": ROOM,
+        "least_room": max(opened_stretch(0, 0, moments.span_ns)[1], 1) / 1e9,
+    }
+
+
 def _asset(name: str) -> str:
     return (files("syncline_analyzer.views") / name).read_text(encoding="utf-8")
 
 
 def _colours() -> str:
+    """States and severities, which have the same colours in every view."""
     named = {f"s-{state.lower()}": colour for state, colour in STATE_COLOURS.items()}
     named |= {f"s-{severity}": colour for severity, colour in SEVERITY_COLOURS.items()}
     named |= {"s-blind": GAP_COLOUR}
-    bars = "".join(
-        f".{name} rect{{fill:{css(c)};stroke:{css(c)}}}i.{name},.share .{name}{{background:{css(c)}}}"
+    return "".join(
+        f".{name} rect,rect.{name}{{fill:{css(c)};stroke:{css(c)}}}i.{name}{{background:{css(c)}}}"
         for name, c in named.items()
     )
-    marks = {"m-emcy": EMCY_COLOUR, "m-clear": EMCY_CLEAR_COLOUR}
-    return bars + "".join(
-        f".{name}{{stroke:{css(c)}}}i.{name}{{background:{css(c)}}}" for name, c in marks.items()
-    )
 
 
-def _scripts(analysis: Analysis, clock: Clock, plots: list[dict[str, Any]]) -> Iterator[Html]:
-    capture = analysis.capture
-    dated = clock.dated and clock.timed
-    yield data_script(
-        "report-data",
-        {
-            "begin": (capture.begin_ns - clock.first_ns) / 1e9,
-            "seconds": max(capture.duration_ns, 1) / 1e9,
-            "start_ms": clock.first_ns / 1e6 if dated else None,
-            "plots": plots,
-        },
-    )
-    if plots:
-        yield element("script", Html(get_plotlyjs()))
-    yield element("script", Html(_asset("report.js")))
-
-
-def _header(analysis: Analysis, clock: Clock, title: str) -> Html:
-    links = [("findings", "Findings"), ("timeline", "Timeline"), ("plots", "Measured values")]
-    links += [("pdos", "Bus load, SYNC and PDOs"), ("nodes", "Nodes"), ("recording", "Recording")]
-    items = (element("li", element("a", text, href=f"#{name}")) for name, text in links)
-    worst = next((f.severity for s in _BADGES for f in analysis.findings if f.severity == s), "ok")
+def _header(analysis: Analysis, moments: Moments, title: str) -> Html:
+    capture, clock = analysis.capture, moments.clock
+    worst = next((s for s in BADGES if any(f.severity == s for f in analysis.findings)), "ok")
     times = None
     if clock.dated and clock.timed:
-        begin, end = analysis.capture.begin_ns, analysis.capture.end_ns
-        times = element("p", f"{clock.full(begin)} to {clock.full(end)}", class_="dim")
-    elif not clock.timed and analysis.capture.frames:
+        begin, end = clock.full(capture.begin_ns), clock.full(capture.end_ns)
+        times = element("p", f"{begin} to {end}", class_="dim")
+    elif not clock.timed and capture.frames:
         times = element("p", "The log has no times.", class_="dim")
+    link = element("a", "Recording", href="#recording")
     return element(
         "header",
         element("p", f"CANopen capture {title}", class_="dim"),
-        element("h1", verdict(analysis), class_=f"badge-{worst}"),
-        element("p", extent(analysis)),
+        element("h1", verdict(analysis), class_=f"verdict {worst}"),
+        element("p", f"{extent(analysis)} ", link, f": {quality(analysis)}."),
         *(
             element("p", f"Damaged, read in part: {d}", class_="badge error")
-            for d in analysis.capture.damage
+            for d in capture.damage
         ),
         times,
-        element("nav", element("ul", *items), aria_label="Sections"),
     )
 
 
-def _sections(analysis: Analysis, clock: Clock, plots: list[dict[str, Any]]) -> Iterator[Html]:
-    yield _section("findings", "Findings", *_stories(analysis, clock))
-    if clock.timed and analysis.nmt_states:
-        lanes = timeline(analysis)
-        yield _section("timeline", "Timeline", _controls(), lanes, *_commands(analysis, clock))
-    else:
-        yield _section("timeline", "Timeline", element("p", "There is nothing to draw over time."))
-    traces = [plot for plot in plots if plot["group"] == "traces"]
-    shafts = [each for each in trace_listings(analysis, clock) if each.title in COMPARED]
-    compared = [part for each in shafts for part in tables.listed_table(each)]
-    yield _section("plots", "Measured values", *compared, *_figures(traces))
-    about = [plot for plot in plots if plot["group"] == "timing"]
-    yield _section("pdos", "Bus load, SYNC and PDOs", *_timing(analysis, clock, about))
-    yield _section("nodes", "Nodes", *_nodes(analysis, clock))
-    yield _section("recording", "Recording", *_recording(analysis, clock))
+def _bar(moments: Moments, any_frames: bool) -> Html:
+    """What stays in sight: the way to the sections, and the stretch that all pictures show."""
+    items = (element("li", element("a", text, href=f"#{name}")) for name, text in _SECTIONS.items())
+    everything = element(
+        "button", "Open all tables", type="button", id="everything", aria_pressed="false"
+    )
+    parts = [element("nav", element("ul", *items), everything, aria_label="Sections")]
+    if moments.clock.timed and any_frames:
+        buttons = (
+            element(
+                "button",
+                element("span", text, class_="wide"),
+                element("span", sign, class_="narrow"),
+                type="button",
+                data_zoom=name,
+                aria_label=text,
+            )
+            for name, (text, sign) in _MOVES.items()
+        )
+        shown = element("output", id="shown")
+        parts.append(
+            element(
+                "div",
+                *buttons,
+                shown,
+                element("span", id="cursor", aria_hidden="true"),
+                class_="controls",
+                role="group",
+                aria_label="Time range of all pictures",
+            )
+        )
+    return element("div", *parts, class_="top")
 
 
-def _section(identity: str, title: str, *children: object) -> Html:
-    heading = element("h2", title, id=f"{identity}-title")
+def _sections(analysis: Analysis, moments: Moments) -> Iterator[Html]:
+    plots = plots_of(analysis)
+    yield _section("findings", *findings_part(analysis, moments))
+    yield _section("timeline", *_timeline(analysis, moments))
+    yield _section("nodes", *nodes_part(analysis, moments, plots))
+    yield _section("plots", *_values(analysis, moments, plots))
+    yield _section("pdos", *_timing(analysis, moments, plots))
+    yield _section("recording", *recording_part(analysis, moments))
+
+
+def _section(identity: str, *children: object) -> Html:
+    heading = element("h2", _SECTIONS[identity], id=f"{identity}-title")
     return element("section", heading, *children, id=identity, aria_labelledby=f"{identity}-title")
 
 
-def _commands(analysis: Analysis, clock: Clock) -> Iterator[Html]:
+def _timeline(analysis: Analysis, moments: Moments) -> Iterator[Html]:
+    anything = analysis.nmt_states or analysis.findings or analysis.capture.gaps
+    if not (moments.clock.timed and anything):
+        yield element("p", "There is nothing to draw over time.")
+        return
+    told = "Drag to zoom, double-click for the whole capture; numbers lead to the findings."
+    yield element("p", told, class_="dim hint")
+    yield timeline(analysis, moments)
     count = len(analysis.nmt_commands)
     if count:
-        rows = tables.command_table(analysis.nmt_commands, names_of(analysis.nodes), clock)
-        told = element("summary", f"{count} NMT command{'s'[: count != 1]}")
-        yield element("details", told, *rows, open=count <= OPEN_COMMANDS)
+        rows = tables.command_table(analysis.nmt_commands, names_of(analysis.nodes), moments)
+        summary = element("summary", counted(count, "NMT command"))
+        yield element("details", summary, *rows, open=count <= OPEN_COMMANDS)
 
 
-def _controls() -> Html:
-    moves = {
-        "all": "Whole capture",
-        "in": "Zoom in",
-        "out": "Zoom out",
-        "back": "Earlier",
-        "on": "Later",
-    }
-    buttons = (
-        element("button", text, type="button", data_zoom=name) for name, text in moves.items()
-    )
-    return element("div", *buttons, class_="controls", role="group", aria_label="Time range")
+def _values(analysis: Analysis, moments: Moments, plots: Sequence[Plot]) -> Iterator[Html]:
+    """What devices measured."""
+    for listing in trace_listings(analysis, moments.clock):
+        if listing.title in COMPARED:
+            yield from tables.listed_table(listing)
+    drawn = [plot.html for plot in plots if not plot.is_timing]
+    if not drawn:
+        yield element("p", "No PDO or SDO of a known device carries a value to plot.")
+    yield from drawn
 
 
-def _stories(analysis: Analysis, clock: Clock) -> Iterator[Html]:
-    if not analysis.findings:
-        yield element("p", "No rule found anything wrong in what was recorded.")
-        return
-    labels = names_of(analysis.nodes)
-    stories = [element("li", _story(finding, labels, clock)) for finding in analysis.findings]
-    yield element("ol", *stories[:FIRST_STORIES], class_="stories")
-    if rest := stories[FIRST_STORIES:]:
-        listed = element("ol", *rest, class_="stories", start=FIRST_STORIES + 1)
-        told = element("summary", f"{len(rest)} more finding{'s'[: len(rest) != 1]}")
-        yield element("details", told, listed, class_="rest")
-
-
-def _story(finding: Finding, labels: dict[tuple[str, int], str], clock: Clock) -> Html:
-    badge = element("span", _BADGES[finding.severity], class_=f"badge {finding.severity}")
-    when: list[Html | str] = []
-    if clock.timed:
-        link = element(
-            "a",
-            clock.stretch(finding.start_ns, finding.end_ns),
-            href="#timeline",
-            title=f"{clock.full(finding.start_ns)}: show in the timeline",
-            data_from=f"{(finding.start_ns - clock.first_ns) / 1e9:.9g}",
-            data_to=f"{(finding.end_ns - clock.first_ns) / 1e9:.9g}",
-        )
-        when = [", ", link]
-    evidence = ", ".join(map(str, finding.evidence[:8])) or "-"
-    return element(
-        "article",
-        element("p", badge, " ", _place(finding, labels), *when),
-        element("h3", finding.text),
-        *_chain(finding, clock),
-        element(
-            "dl",
-            *_terms(("Likely cause", finding.cause), ("Check next", finding.check_next)),
-            *(_terms(("Assumed", "; ".join(finding.assumed))) if finding.assumed else ()),
-            *_terms(("Evidence", joined(["frames ", evidence, " ", element("code", finding.id)]))),
-        ),
-        class_=f"story {finding.severity}",
-    )
-
-
-def _chain(finding: Finding, clock: Clock) -> Iterator[Html]:
-    """The other pieces of the story, in order of time."""
-    if finding.chain:
-        lines = (
-            element("li", element("span", f"{line.label} ", class_="dim"), line.text)
-            for line in chain_lines(finding, clock)
-        )
-        yield element("ol", *lines, class_="chain", aria_label="Before and after")
-
-
-def _place(finding: Finding, labels: dict[tuple[str, int], str]) -> Html | str:
-    text = where(finding, labels)
-    if (finding.bus or "", finding.node or 0) not in labels:
-        return text
-    return element("a", text, href=f"#{node_id(finding.bus or '', finding.node or 0)}")
-
-
-def _terms(*pairs: tuple[str, object]) -> Iterator[Html]:
-    for term, told in pairs:
-        yield element("dt", term)
-        yield element("dd", told)
-
-
-def _nodes(analysis: Analysis, clock: Clock) -> Iterator[Html]:
-    if not analysis.nodes:
-        yield element("p", "No frame proves a CANopen node; this may be a bus of another protocol.")
-        return
-    heads = ["Bus", "Node", "Device", ">Boot-ups", ">Heartbeats", ">Period", ">Guarded", ">EMCY", ">SDO", ">PDO frames", "Last state"]  # fmt: skip
-    rows = (
-        (
-            row.bus,
-            element("a", node_label(row.node, row.name), href=f"#{node_id(row.bus, row.node)}"),
-            device_words(row),
-            row.boot_ups,
-            row.heartbeats,
-            number(row.heartbeat_period_ms, "ms"),
-            row.guard_answers,
-            row.emcy,
-            row.sdo_transfers,
-            row.pdo_frames,
-            row.final_state,
-        )
-        for row in analysis.nodes
-    )
-    yield table("Nodes on the bus", heads, rows)
-    known = known_lines(analysis)
-    for row in analysis.nodes:
-        own = [line for line in known if (line.bus, line.node) == (row.bus, row.node)]
-        yield _node(row, analysis, own, clock)
-
-
-def _node(node: NodeRow, analysis: Analysis, known: list[KnownLine], clock: Clock) -> Html:
-    def own(row: object) -> bool:
-        return (getattr(row, "bus", None), getattr(row, "node", None)) == (node.bus, node.node)
-
-    pdos = [row for row in analysis.pdos if own(row)]
-    contexts = {row.seq: row for row in analysis.emcy_context if own(row)}
-    read = [row for row in analysis.error_history if own(row)]
-    history = error_list(analysis, read, clock, named=False)
-    troubled = any(own(row) for row in (*analysis.findings, *analysis.emcy, *analysis.errors))
-    label = f"Node {node_label(node.node, node.name)} on {node.bus}"
-    return element(
-        "details",
-        element(
-            "summary", f"{label}: {node.device or 'device not known'}, last {node.final_state}"
-        ),
-        _identity(node),
-        *tables.error_table([row for row in analysis.errors if own(row)], clock),
-        *tables.emcy_table([row for row in analysis.emcy if own(row)], contexts, clock),
-        *(tables.listed_table(history) if history else ()),
-        *timing.pdo_table("PDOs", pdos, analysis.lateness, _OF_A_NODE),
-        *timing.response_table("Answers to SYNC", pdos, _OF_A_NODE),
-        *timing.error_control_table(
-            "Heartbeat and guarding",
-            [row for row in analysis.error_control_periods if own(row)],
-            names_of(analysis.nodes),
-            _OF_A_NODE,
-        ),
-        *tables.sdo_table(analysis.sdo.failed.of_node(node.bus, node.node), clock),
-        *_measured(node, analysis, clock),
-        *tables.state_table([row for row in analysis.nmt_states if own(row)], clock),
-        *tables.known_table([line for line in known if line.what != "device"]),
-        id=node_id(node.bus, node.node),
-        open=troubled,
-    )
-
-
-def _measured(node: NodeRow, analysis: Analysis, clock: Clock) -> Iterator[Html]:
-    """Traces of a node with what they rest on, its health and what was changed in it."""
-    key = node.bus, node.node
-    for listing in trace_listings(analysis, clock, key):
-        yield from tables.listed_table(listing)
-        if listing.title == "Traces":
-            rows = [row for row in analysis.traces if (row.bus, row.node) == key]
-            if notes := trace_notes(rows):
-                yield element("ul", *(element("li", note) for note in notes), class_="dim")
-    changes = [row for row in analysis.object_changes if (row.bus, row.node) == key]
-    if changes:
-        yield from tables.listed_table(change_listing(changes, clock, named=False))
-
-
-def _identity(node: NodeRow) -> Html:
-    shares = [(state, share) for state, share in node.state_share.items() if share > 0]
-    bar = (
-        element("div", class_=f"s-{state.lower()}", style=f"width:{share * 100:.4g}%", title=state)
-        for state, share in shares
-    )
-    told = ", ".join(f"{state} {share:.2%}" for state, share in shares) or "no state known"
-    device = device_line(node)
-    return joined(
-        [
-            element("p", f"Device: {device}.") if device else None,
-            element("p", f"Known by {', '.join(node.proof) or 'nothing'}. {told}."),
-            element("div", *bar, class_="share", role="img", aria_label=told),
-        ]
-    )
-
-
-def _timing(analysis: Analysis, clock: Clock, plots: list[dict[str, Any]]) -> Iterator[Html]:
+def _timing(analysis: Analysis, moments: Moments, plots: Sequence[Plot]) -> Iterator[Html]:
     yield element("ul", *(element("li", line) for line in basis_lines(analysis)))
     if analysis.bus_load:
-        yield from tables.listed_table(load_listing(analysis, clock))
+        yield from tables.listed_table(load_listing(analysis, moments.clock))
     yield from _titled(plots, "Bus load", "Frame rate")
     yield from timing.share_tables(analysis)
     if not (analysis.sync or analysis.pdos):
@@ -368,9 +228,9 @@ def _timing(analysis: Analysis, clock: Clock, plots: list[dict[str, Any]]) -> It
     if plots and left > 0:
         told = f"Without a plot here: {counted(left, 'node')} that answer more evenly."
         yield element("p", told, class_="dim")
-    for listing in waiting_listings(analysis, clock):
+    for listing in waiting_listings(analysis, moments.clock):
         yield from tables.listed_table(listing)
-    yield from timing.ahead_table(analysis, clock)
+    yield from timing.ahead_table(analysis, moments)
     yield from timing.delay_table(analysis)
     yield from timing.error_control_table(
         "Heartbeats and guarding",
@@ -378,30 +238,9 @@ def _timing(analysis: Analysis, clock: Clock, plots: list[dict[str, Any]]) -> It
         names_of(analysis.nodes),
         hidden,
     )
-    yield from timing.worst_table(analysis, clock)
+    yield from timing.worst_table(analysis, moments)
 
 
-def _titled(plots: list[dict[str, Any]], *titles: str) -> Iterator[Html]:
+def _titled(plots: Sequence[Plot], *titles: str) -> Iterator[Html]:
     """The plots of some quantities."""
-    if wanted := [plot for plot in plots if plot["title"].startswith(titles)]:
-        yield from _figures(wanted)
-
-
-def _figures(plots: list[dict[str, Any]]) -> Iterator[Html]:
-    if not plots:
-        yield element("p", "No PDO or SDO of a known device carries a value to plot.")
-    for plot in plots:
-        caption = plot["title"]
-        lines = ", ".join(plot["lines"])
-        drawing = element(
-            "div", id=plot["id"], class_="plot", role="img", aria_label=f"{caption}: {lines}"
-        )
-        yield element("figure", element("figcaption", caption), drawing)
-
-
-def _recording(analysis: Analysis, clock: Clock) -> Iterator[Html]:
-    capture = analysis.capture
-    yield element("ul", *(element("li", line) for line in recording_lines(analysis, clock)))
-    for listing in listings(analysis, clock):
-        yield from tables.listed_table(listing)
-    yield element("p", "Files: ", ", ".join(capture.files))
+    yield from (plot.html for plot in plots if plot.title in titles)

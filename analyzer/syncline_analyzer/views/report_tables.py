@@ -12,9 +12,9 @@ from syncline_analyzer.results import (
 )
 from syncline_analyzer.views.html import Html, element, table
 from syncline_analyzer.views.known import KnownLine
+from syncline_analyzer.views.report_moment import Moments
 from syncline_analyzer.views.services import Listing
 from syncline_analyzer.views.words import (
-    Clock,
     duration,
     hex_code,
     number,
@@ -25,23 +25,34 @@ from syncline_analyzer.views.words import (
 _QUIET = ("active", "unknown")
 MAX_ROWS = 200
 """Rows of a table of events; the parquet files hold all."""
+OPEN_ROWS = 30
+"""Tables of more rows open on a click."""
 
 
 def limited(caption: str, heads: Sequence[str], rows: Sequence[Sequence[object]]) -> Iterator[Html]:
-    """A table of the first 200 rows that says how many there are; nothing without rows."""
-    if rows:
-        rest = len(rows) - MAX_ROWS
-        told = f"{caption} (the first {MAX_ROWS} of {len(rows)})" if rest > 0 else caption
-        yield table(told, heads, rows[:MAX_ROWS])
+    """A table of the first 200 rows that says how many there are; nothing without rows.
+
+    Of a long one only its name is seen until it is opened.
+    """
+    if not rows:
+        return
+    rest = len(rows) - MAX_ROWS
+    told = f"{caption} (the first {MAX_ROWS} of {len(rows)})" if rest > 0 else caption
+    whole = table(told, heads, rows[:MAX_ROWS])
+    if len(rows) <= OPEN_ROWS:
+        yield whole
+    else:
+        count = "" if rest > 0 else f": {len(rows)} rows"
+        yield element("details", element("summary", f"{told}{count}"), whole, class_="long")
 
 
-def state_table(rows: list[NmtStateRow], clock: Clock) -> Iterator[Html]:
+def state_table(rows: list[NmtStateRow], moments: Moments) -> Iterator[Html]:
     """Intervals of one node."""
     listed: list[Sequence[object]] = [
         (
             row.state,
-            clock.stretch(row.start_ns, row.end_ns),
-            duration(row.end_ns - row.start_ns) if clock.timed else "-",
+            moments.when(row.start_ns, row.end_ns),
+            duration(row.end_ns - row.start_ns) if moments.clock.timed else "-",
             row.certainty,
             "-" if row.evidence is None else row.evidence,
             row.cause,
@@ -53,12 +64,12 @@ def state_table(rows: list[NmtStateRow], clock: Clock) -> Iterator[Html]:
 
 
 def command_table(
-    rows: list[NmtCommandRow], labels: dict[tuple[str, int], str], clock: Clock
+    rows: list[NmtCommandRow], labels: dict[tuple[str, int], str], moments: Moments
 ) -> Iterator[Html]:
     """NMT commands of all buses."""
     listed: list[Sequence[object]] = [
         (
-            clock.short(row.t_ns),
+            moments.when(row.t_ns),
             row.bus,
             row.command,
             labels.get((row.bus, row.node), "all" if row.node == 0 else row.node),
@@ -105,12 +116,12 @@ def _around(context: EmcyContextRow | None) -> str:
 
 
 def emcy_table(
-    rows: list[EmcyRow], contexts: Mapping[int, EmcyContextRow], clock: Clock
+    rows: list[EmcyRow], contexts: Mapping[int, EmcyContextRow], moments: Moments
 ) -> Iterator[Html]:
     """EMCY messages of one node, each with what was around it."""
     listed: list[Sequence[object]] = [
         (
-            clock.short(row.t_ns),
+            moments.when(row.t_ns),
             element("code", hex_code(row.code)),
             row.transition,
             hex_code(row.error_register, 2),
@@ -135,14 +146,14 @@ def _meaning(row: EmcyRow) -> str:
     return "; ".join(told)
 
 
-def error_table(rows: list[ErrorRow], clock: Clock) -> Iterator[Html]:
+def error_table(rows: list[ErrorRow], moments: Moments) -> Iterator[Html]:
     """Errors of one node from raise to clear."""
     listed: list[Sequence[object]] = [
         (
             element("code", hex_code(row.code)),
             row.status,
-            clock.short(row.raised_ns),
-            "-" if row.cleared_ns is None else clock.short(row.cleared_ns),
+            moments.when(row.raised_ns),
+            "-" if row.cleared_ns is None else moments.when(row.cleared_ns),
             row.count,
             row.meaning,
         )
@@ -152,11 +163,11 @@ def error_table(rows: list[ErrorRow], clock: Clock) -> Iterator[Html]:
     yield from limited("Errors", heads, listed)
 
 
-def sdo_table(rows: Sequence[SdoRow], clock: Clock) -> Iterator[Html]:
+def sdo_table(rows: Sequence[SdoRow], moments: Moments) -> Iterator[Html]:
     """SDO transfers of one node."""
     listed: list[Sequence[object]] = [
         (
-            clock.short(row.start_ns),
+            moments.when(row.start_ns),
             element("code", object_name(row.index, row.sub)),
             row.direction,
             row.kind,

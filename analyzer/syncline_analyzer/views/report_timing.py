@@ -1,6 +1,6 @@
 """Tables of the report about SYNC, PDOs, error control and the bus; nothing where there are no rows."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 from syncline_analyzer.results import (
     Ahead,
@@ -22,11 +22,11 @@ from syncline_analyzer.views.basis import (
     usual_and_most,
 )
 from syncline_analyzer.views.html import Html, element, table
+from syncline_analyzer.views.report_moment import Moments
 from syncline_analyzer.views.report_tables import limited
 from syncline_analyzer.views.text import pdo_type
 from syncline_analyzer.views.waits import late_because, pdo_label
 from syncline_analyzer.views.words import (
-    Clock,
     duration,
     hex_code,
     names_of,
@@ -47,6 +47,9 @@ _US = "min/median/max [us]"
 _QUARTET = "min/median/p99/max [us]"
 _USUAL = "median/max [us]"
 _JITTER = "std/p99-p1 [us]"
+
+OVER_TIME = "Over time"
+"""Column of the pictures; a table that has none leaves it out."""
 
 Columns = Sequence[str]
 """Heads of the columns that a table leaves out because they would say the same in every row."""
@@ -114,9 +117,13 @@ def _counter(row: SyncRow) -> str:
 
 
 def pdo_table(
-    caption: str, rows: Sequence[PdoRow], lateness: Sequence[LatenessRow], hidden: Columns
+    caption: str,
+    rows: Sequence[PdoRow],
+    lateness: Sequence[LatenessRow],
+    hidden: Columns,
+    picture: Callable[[PdoRow], Html] = lambda row: Html("-"),
 ) -> Iterator[Html]:
-    """PDOs: when each is due, how it came, and what did not."""
+    """PDOs: when each is due, how it came, what did not, and a picture of it over time."""
     why = {(row.bus, row.cob_id): row for row in lateness}
     listed: list[Sequence[object]] = [
         (
@@ -126,17 +133,19 @@ def pdo_table(
             row.pdo or "-",
             row.frames,
             element("div", pdo_type(row), class_="some"),
-            element("div", _when(row, why.get((row.bus, row.cob_id))), class_="wrap"),
+            element("div", _when(row, why.get((row.bus, row.cob_id))), class_="some"),
             trio(row.period_us, row.resolution_us),
             jitter_words(row.period_jitter_us, row.resolution_us),
             deviation(row.timer_deviation_us, row.event_timer_us, row.resolution_us),
             row.longest_repeat,
-            element("div", _faults(row, why.get((row.bus, row.cob_id))), class_="wrap"),
+            element("div", _faults(row, why.get((row.bus, row.cob_id))), class_="some"),
+            picture(row),
         )
         for row in rows
     ]
-    heads = ["Bus", "COB-ID", ">Node", "PDO", ">Frames", "Transmission type", "Due", f">Period {_US}", f">Jitter {_JITTER}", ">Median off the timer [us]", ">Same data", "Faults"]  # fmt: skip
-    yield from _kept(caption, heads, listed, hidden)
+    heads = ["Bus", "COB-ID", ">Node", "PDO", ">Frames", "Transmission type", "Due", f">Period {_US}", f">Jitter {_JITTER}", ">Median off the timer [us]", ">Same data", "Faults", OVER_TIME]  # fmt: skip
+    none = all(row[-1] == "-" for row in listed)
+    yield from _kept(caption, heads, listed, (*hidden, OVER_TIME) if none else hidden)
 
 
 def _when(row: PdoRow, why: LatenessRow | None) -> str:
@@ -266,7 +275,7 @@ def _told_time(row: ErrorControlRow) -> str:
     return f"{number(row.expected_us / 1000, 'ms')} ({row.expected_source})"
 
 
-def worst_table(analysis: Analysis, clock: Clock) -> Iterator[Html]:
+def worst_table(analysis: Analysis, moments: Moments) -> Iterator[Html]:
     """The longest and shortest of each quantity with their frames, to be opened."""
     rows = [*_first(analysis.worst)]
     if not rows:
@@ -279,7 +288,7 @@ def worst_table(analysis: Analysis, clock: Clock) -> Iterator[Html]:
             "-" if row.node is None else row.node,
             row.extreme,
             number(row.value_us, digits=7),
-            clock.short(row.t_ns),
+            moments.when(row.t_ns),
             row.seq,
         )
         for row in rows
@@ -299,14 +308,14 @@ def _first(rows: Iterable[WorstRow]) -> Iterator[WorstRow]:
             yield row
 
 
-def ahead_table(analysis: Analysis, clock: Clock) -> Iterator[Html]:
+def ahead_table(analysis: Analysis, moments: Moments) -> Iterator[Html]:
     """The longest wait of every PDO with all the frames ahead of it, to be opened."""
     labels = pdo_label(analysis)
     longest: dict[tuple[str, int], Sequence[object]] = {}
     for row in sorted(analysis.waits, key=lambda row: -row.waiting_us):
         if row.ahead and (row.bus, row.cob_id) not in longest:
             longest[row.bus, row.cob_id] = (
-                clock.short(row.t_ns),
+                moments.when(row.t_ns),
                 row.bus,
                 labels(row.bus, row.cob_id),
                 row.seq,

@@ -1,150 +1,304 @@
 """NMT states, findings and EMCY of all nodes over time as SVG lanes, also without scripts."""
 
-from collections.abc import Iterable, Iterator
+import re
+import zlib
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby
-from typing import NamedTuple
 
-from syncline_analyzer.results import Analysis, NmtStateRow
+from syncline_analyzer.results import Analysis, Finding, NmtStateRow
 from syncline_analyzer.views.events import CLEARING, RESET
 from syncline_analyzer.views.html import Html, element, joined
 from syncline_analyzer.views.lanes import cells, lanes_of
 from syncline_analyzer.views.palette import STATE_LETTERS, URGENCY
-from syncline_analyzer.views.words import Clock, duration, names_of, node_label
+from syncline_analyzer.views.report_axes import time_ticks
+from syncline_analyzer.views.report_moment import Moments, seconds
+from syncline_analyzer.views.words import duration, names_of, node_label
+from syncline_schemas.canopen.nmt import NmtState
+from syncline_schemas.wording import counted
 
 MAX_INTERVALS = 2_000
 """Intervals of a lane that are drawn one by one; more become this number of cells."""
+PAGE_INTERVALS = 12_000
+"""Intervals of all lanes together, so that forty restless nodes do not make a page that crawls."""
+MAX_FLAGS = 60
+"""Findings of one severity that have a flag with their number; the others are bars alone."""
+MAX_ROWS = 4
+"""Rows of flags; of more findings in one place the later ones are bars alone."""
+MANY_LANES = 12
+"""From more nodes on, a box leaves only those in trouble."""
 
+TICKS = 7
 _HEIGHT = 20
-_SECOND = 1_000_000_000
+_FLAG_PERCENT = 2.4
+"""Width of a flag; one that would cover another is put below it."""
+_LETTER_PERCENT = 1.6
+_LETTERS = 60
+_NEAR_END_PERCENT = 90
+
+_NAMES = {"error": "Errors", "warning": "Warnings", "info": "Notes"}
+_THIN = (NmtState.OPERATIONAL, NmtState.UNKNOWN)
+"""What needs no attention is a thin bar without a letter."""
+_THIN_BAR, _LOW_BAR, _WHOLE_BAR = (5, 10), (16, 4), (1, _HEIGHT - 2)
+"""Top and height of such bars, of findings, which lie below their flags, and of all others."""
 
 
-class _View(NamedTuple):
-    """What the lanes show: from when in capture time, and how long [ns]."""
-
-    start_ns: int
-    span_ns: int
-
-
-def timeline(analysis: Analysis) -> Html:
-    """All lanes with their axis and legend; the widths are seconds of capture time."""
-    clock = Clock.of(analysis.capture)
-    capture = analysis.capture
-    view = _View(capture.begin_ns - clock.first_ns, max(capture.duration_ns, 1))
-    labels = names_of(analysis.nodes)
-    several = len(analysis.capture.buses) > 1
-    lanes = [*_finding_lanes(analysis, clock, view)]
+def timeline(analysis: Analysis, moments: Moments) -> Html:
+    """All lanes with their axis and legend."""
+    lanes = [*_finding_lanes(analysis, moments)]
     if analysis.capture.gaps:
-        lanes.append(_gaps_lane(analysis, clock, view))
-    for (bus, node), rows in lanes_of(analysis).items():
-        label = labels.get((bus, node), node_label(node))
-        title = f"{bus} {label}" if several else label
-        link = element("a", title, href=f"#{node_id(bus, node)}")
-        shapes = [*_states(rows, clock, view), *_emcy(analysis, bus, node, clock)]
-        lanes.append(_lane(link, f"NMT states of node {title}: {_told(rows)}", shapes, view))
-    axis = element("div", *_ticks(clock, view), class_="axis", aria_hidden="true")
-    return element("div", *lanes, axis, _legend(), class_="timeline", id="lanes")
+        lanes.append(_gaps_lane(analysis, moments))
+    shown = lanes_of(analysis)
+    troubled = troubled_nodes(analysis)
+    most = min(MAX_INTERVALS, PAGE_INTERVALS // max(len(shown), 1))
+    for key, rows in shown.items():
+        label = _label(analysis, *key)
+        link = element("a", label, href=f"#{node_id(*key)}", title=label)
+        lanes.append(_node_lane(link, label, rows, analysis, moments, most, key in troubled))
+    several = [_only_troubled()] if len(shown) > MANY_LANES and troubled else []
+    return element("div", *several, *lanes, axis(moments), _legend(), class_="lanes", id="lanes")
+
+
+def node_lane(rows: list[NmtStateRow], analysis: Analysis, moments: Moments) -> Iterator[Html]:
+    """The lane of the node of these intervals, for its own section."""
+    if moments.clock.timed and rows:
+        most = min(MAX_INTERVALS, PAGE_INTERVALS // 2 // max(len(analysis.nodes), 1))
+        label = _label(analysis, rows[0].bus, rows[0].node)
+        name = element("span", "NMT state")
+        lane = _node_lane(name, label, rows, analysis, moments, most, False)
+        yield element("div", lane, axis(moments), class_="lanes own")
+
+
+def troubled_nodes(analysis: Analysis) -> set[tuple[str, int]]:
+    """Nodes that an error or a warning names, or that were lost or reported something."""
+    told = {(s.bus, s.node) for s in analysis.nmt_states if s.state == NmtState.LOST}
+    told |= {(row.bus, row.node) for row in analysis.emcy}
+    told |= {(row.bus, row.node) for row in analysis.errors}
+    return told.union(*(nodes_of(row) for row in analysis.findings if row.severity != "info"))
+
+
+def nodes_of(finding: Finding) -> dict[tuple[str, int], None]:
+    """Nodes that a story names, its own first."""
+    named = [(finding.bus, finding.node), *((link.bus, link.node) for link in finding.chain)]
+    return {(bus, node): None for bus, node in named if bus is not None and node is not None}
 
 
 def node_id(bus: str, node: int) -> str:
-    """Anchor of a node's section."""
-    return f"node-{bus}-{node}".replace(" ", "_")
+    """Anchor of a node's section, of letters that any address may hold.
+
+    >>> node_id("can0", 5), node_id("a b", 5), node_id("a_b", 5)
+    ('node-can0-5', 'node-a_b-806c5cd3-5', 'node-a_b-5')
+    """
+    plain = re.sub(r"[^A-Za-z0-9_-]", "_", bus)
+    if plain != bus:
+        plain += f"-{zlib.crc32(bus.encode('utf-8', 'surrogatepass')):08x}"
+    return f"node-{plain}-{node}"
 
 
-def _lane(label: Html | str, told: str, shapes: Iterable[Html], view: _View) -> Html:
+def axis(moments: Moments) -> Html:
+    """Round moments of capture time with the time of day below them."""
+    begin_ns = moments.begin_ns - moments.clock.first_ns
+    ticks = [
+        element(
+            "span",
+            text,
+            *([element("small", utc)] if (utc := _day_time(moments, t_ns)) else []),
+            style=f"left:{moments.percent(moments.clock.first_ns + t_ns):.3f}%",
+            class_=end_class(moments.percent(moments.clock.first_ns + t_ns)),
+        )
+        for t_ns, text in time_ticks(begin_ns, moments.span_ns, TICKS)
+    ]
+    return element("div", element("div", *ticks, class_="ticks"), class_="axis", aria_hidden="true")
+
+
+def end_class(percent: float) -> str | None:
+    """Class of a label that stands before its moment, since there is no room behind it."""
+    return "end" if percent > _NEAR_END_PERCENT else None
+
+
+def _day_time(moments: Moments, t_ns: int) -> str:
+    return moments.utc(moments.clock.first_ns + t_ns).removesuffix(".000")
+
+
+def _label(analysis: Analysis, bus: str, node: int) -> str:
+    label = names_of(analysis.nodes).get((bus, node), node_label(node))
+    return f"{bus} {label}" if len(analysis.capture.buses) > 1 else label
+
+
+def _node_lane(
+    label: Html,
+    title: str,
+    rows: list[NmtStateRow],
+    analysis: Analysis,
+    moments: Moments,
+    most: int,
+    troubled: bool,
+) -> Html:
+    bus, node = rows[0].bus, rows[0].node
+    shapes = [*_states(rows, moments, most), *_emcy(analysis, bus, node, moments, most)]
+    told = f"NMT states of node {title}: {_told(rows)}"
+    return _lane(label, told, shapes, moments, _letters(rows, moments), trouble=troubled)
+
+
+def _lane(
+    label: Html | str,
+    told: str,
+    shapes: Iterable[Html],
+    moments: Moments,
+    over: Iterable[Html] = (),
+    rows: int = 1,
+    *,
+    trouble: bool = True,
+) -> Html:
     drawing = element(
         "svg",
         element("title", told),
         *shapes,
-        viewBox=f"{view.start_ns / _SECOND:.9g} 0 {view.span_ns / _SECOND:.9g} {_HEIGHT}",
+        viewBox=f"0 0 {moments.span} {_HEIGHT}",
         preserveAspectRatio="none",
         role="img",
         aria_label=told,
     )
-    return element("div", element("div", label, class_="label"), drawing, class_="lane")
+    return element(
+        "div",
+        element("div", label, class_="label"),
+        element("div", drawing, *over, class_="area"),
+        class_="lane",
+        style=f"--rows:{rows}" if rows > 1 else None,
+        data_trouble=trouble,
+    )
 
 
-def _states(rows: list[NmtStateRow], clock: Clock, view: _View) -> Iterator[Html]:
+def _states(rows: list[NmtStateRow], moments: Moments, most: int) -> Iterator[Html]:
     """Urgent states last: what is narrower than a pixel is drawn one pixel wide, on top."""
-    if len(rows) > MAX_INTERVALS:
-        yield from _cells(rows, clock, view)
+    if len(rows) > most:
+        yield from _cells(rows, moments, most)
         return
     for row in sorted(rows, key=lambda row: URGENCY.index(row.state)):
-        stretch = clock.stretch(row.start_ns, row.end_ns)
+        stretch = moments.clock.stretch(row.start_ns, row.end_ns)
         long = duration(row.end_ns - row.start_ns)
         title = f"{row.state} {stretch} ({long}), {row.cause}, {row.certainty}"
-        yield _bar(row.state, row.start_ns - clock.first_ns, row.end_ns - clock.first_ns, title)
+        yield bar(row.state, row.start_ns - moments.begin_ns, row.end_ns - row.start_ns, title)
 
 
-def _cells(rows: list[NmtStateRow], clock: Clock, view: _View) -> Iterator[Html]:
-    begin_ns = clock.first_ns + view.start_ns
-    shown = cells(rows, begin_ns, begin_ns + view.span_ns, MAX_INTERVALS)
-    at = 0
+def _cells(rows: list[NmtStateRow], moments: Moments, most: int) -> Iterator[Html]:
+    shown = cells(rows, moments.begin_ns, moments.begin_ns + moments.span_ns, most)
+    at, step = 0, moments.span_ns / most
     for state, run in groupby(shown):
         count = len(list(run))
         if state:
-            step = view.span_ns / MAX_INTERVALS
             title = f"mostly {state} (too many changes to draw each)"
-            start_ns = view.start_ns + round(at * step)
-            yield _bar(state, start_ns, start_ns + round(count * step), title)
+            yield bar(state, round(at * step), round(count * step), title)
         at += count
 
 
-def _bar(kind: str, start_ns: int, end_ns: int, title: str) -> Html:
-    width = max(end_ns - start_ns, 0) / _SECOND
+def bar(kind: str, start_ns: int, long_ns: int, title: str) -> Html:
+    """A stretch that tells what it is when it is pointed at; `start_ns` from the left edge."""
+    top, height = _LOW_BAR if kind in _NAMES else _THIN_BAR if kind in _THIN else _WHOLE_BAR
     return element(
         "g",
         element("title", title),
         element(
-            "rect", x=f"{start_ns / _SECOND:.9g}", y=2, width=f"{width:.9g}", height=_HEIGHT - 4
+            "rect",
+            x=seconds(start_ns),
+            y=top,
+            width=seconds(max(long_ns, 0)),
+            height=height,
         ),
         class_=f"s-{kind.lower()}",
     )
 
 
-def _emcy(analysis: Analysis, bus: str, node: int, clock: Clock) -> Iterator[Html]:
-    moments = [
+def _letters(rows: Sequence[NmtStateRow], moments: Moments) -> Iterator[Html]:
+    """The letter of every state that is not the usual one, where there is room for it."""
+    least_ns = moments.span_ns * _LETTER_PERCENT / 100
+    loud = [row for row in rows if row.state not in _THIN]
+    wide = [row for row in loud if row.end_ns - row.start_ns >= least_ns]
+    for row in wide[:_LETTERS]:
+        place = f"left:{max(moments.percent(row.start_ns), 0.0):.3f}%"
+        letter = STATE_LETTERS[row.state]
+        yield element("span", letter, class_="letter", style=place, aria_hidden="true")
+
+
+def _emcy(analysis: Analysis, bus: str, node: int, moments: Moments, most: int) -> Iterator[Html]:
+    """EMCY as strokes over the whole lane, those that clear over its lower half."""
+    told = [
         (row.t_ns, row.transition in CLEARING)
         for row in analysis.emcy
         if (row.bus, row.node) == (bus, node) and row.transition != RESET
-    ][:MAX_INTERVALS]
-    for clears, name in ((True, "clear"), (False, "emcy")):
-        steps = [
-            f"M{(t - clock.first_ns) / _SECOND:.9g} 0V{_HEIGHT}" for t, c in moments if c == clears
-        ]
+    ][:most]
+    for clears, name, top in ((True, "clear", _HEIGHT // 2), (False, "emcy", 0)):
+        steps = [f"M{moments.second(t)} {top}V{_HEIGHT}" for t, c in told if c == clears]
         if steps:
             yield element("path", d="".join(steps), class_=f"m-{name}")
 
 
-def _finding_lanes(analysis: Analysis, clock: Clock, view: _View) -> Iterator[Html]:
-    for severity, name in (("error", "Errors"), ("warning", "Warnings"), ("info", "Notes")):
-        rows = [row for row in analysis.findings if row.severity == severity]
+def _finding_lanes(analysis: Analysis, moments: Moments) -> Iterator[Html]:
+    numbered = [*enumerate(analysis.findings, 1)]
+    for severity, name in _NAMES.items():
+        rows = [(number, row) for number, row in numbered if row.severity == severity]
+        if not rows:
+            continue
         bars = (
-            _bar(severity, row.start_ns - clock.first_ns, row.end_ns - clock.first_ns, row.text)
-            for row in rows
+            bar(
+                severity,
+                row.start_ns - moments.begin_ns,
+                row.end_ns - row.start_ns,
+                f"{number}: {row.text}",
+            )
+            for number, row in rows
         )
-        if rows:
-            link = element("a", name, href="#findings")
-            yield _lane(link, f"{len(rows)} findings of severity {severity}", bars, view)
+        flags, levels = _flags(severity, rows[:MAX_FLAGS], moments)
+        link = element("a", name, href="#findings")
+        told = f"{counted(len(rows), 'finding')} of severity {severity}"
+        yield _lane(link, told, bars, moments, flags, levels)
 
 
-def _gaps_lane(analysis: Analysis, clock: Clock, view: _View) -> Html:
+def _flags(
+    severity: str, rows: Sequence[tuple[int, Finding]], moments: Moments
+) -> tuple[list[Html], int]:
+    """Numbers of findings at their start that lead to them, and how many rows they take."""
+    ends: list[float] = []
+    flags = []
+    for number, row in sorted(rows, key=lambda pair: pair[1].start_ns):
+        left = min(max(moments.percent(row.start_ns), 0.0), 100 - _FLAG_PERCENT)
+        level = next((i for i, end in enumerate(ends) if end <= left), len(ends))
+        if level == MAX_ROWS:
+            continue
+        ends[level : level + 1] = [left + _FLAG_PERCENT]
+        flags.append(
+            element(
+                "a",
+                str(number),
+                href=f"#finding-{number}",
+                class_=f"flag {severity}",
+                style=f"left:{left:.3f}%;--row:{level}",
+                data_at=moments.second(row.start_ns),
+                aria_label=f"Finding {number}",
+                title=row.text,
+            )
+        )
+    return flags, max(len(ends), 1)
+
+
+def _gaps_lane(analysis: Analysis, moments: Moments) -> Html:
+    gaps = analysis.capture.gaps
     bars = (
-        _bar("blind", g.start_ns - clock.first_ns, g.end_ns - clock.first_ns, f"blind: {g.reason}")
-        for g in analysis.capture.gaps[:MAX_INTERVALS]
+        bar("blind", g.start_ns - moments.begin_ns, g.end_ns - g.start_ns, f"blind: {g.reason}")
+        for g in gaps[:MAX_INTERVALS]
     )
-    link = element("a", "Recorder", href="#recording")
-    return _lane(link, f"{len(analysis.capture.gaps)} stretches without recording", bars, view)
+    link = element("a", "Recorder blind", href="#recording")
+    return _lane(link, f"{len(gaps)} stretches without recording", bars, moments)
 
 
 def _told(rows: list[NmtStateRow]) -> str:
     counts = {state: sum(row.state == state for row in rows) for state in reversed(URGENCY)}
-    return ", ".join(f"{count} times {state}" for state, count in counts.items() if count)
+    told = ", ".join(f"{count} times {state}" for state, count in counts.items() if count)
+    return f"{told}; at the end {rows[-1].state}"
 
 
-def _ticks(clock: Clock, view: _View) -> Iterator[Html]:
-    for percent in (0, 25, 50, 75, 100):
-        moment = clock.short(clock.first_ns + view.start_ns + view.span_ns * percent // 100)
-        yield element("span", moment, style=f"left:{percent}%")
+def _only_troubled() -> Html:
+    box = element("input", type="checkbox", id="only-trouble")
+    return element("label", box, " Only nodes in trouble", class_="only", for_="only-trouble")
 
 
 def _legend() -> Html:
@@ -153,7 +307,7 @@ def _legend() -> Html:
         for state, letter in STATE_LETTERS.items()
     ]
     marks = [
-        joined([element("i", "|", class_=f"m-{name}"), f" {text} "])
-        for name, text in (("emcy", "EMCY"), ("clear", "EMCY cleared"))
+        joined([element("i", sign, class_=f"m-{name}"), f" {text} "])
+        for name, sign, text in (("emcy", "|", "EMCY"), ("clear", "\u02cc", "EMCY cleared"))
     ]
     return element("p", *keys, *marks, class_="legend")

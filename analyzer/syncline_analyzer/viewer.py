@@ -10,8 +10,9 @@ LOOPBACK = "127.0.0.1"
 
 def viewer_command(recording: Path, *, web: bool) -> list[str]:
     """The command line of the viewer: a window, or a page that a browser on this machine opens."""
-    command = [sys.executable, "-m", "rerun", "--bind", LOOPBACK, "--hide-welcome-screen"]
-    return [*command, *(["--web-viewer"] if web else []), str(recording)]
+    own = ["--bind", LOOPBACK, "--port", "auto", "--hide-welcome-screen"]
+    command = [sys.executable, "-m", "rerun", *own]
+    return [*command, *(["--web-viewer", "--web-viewer-port", "0"] if web else []), str(recording)]
 
 
 def show(recording: Path, *, web: bool) -> int:

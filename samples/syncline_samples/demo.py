@@ -26,7 +26,7 @@ from syncline_schemas.wording import counted
 CAPTURE_NAME = "bad_day.mcap"
 NOT_REACHED = 1
 """Exit code when analyzer and script disagree."""
-NEEDED = ("pandas", "pyarrow", "plotly", "rerun")
+NEEDED = ("pandas", "pyarrow", "rerun")
 """Packages of the analyzer extra, which the last step needs."""
 _CHANNEL = "syncline-demo"
 _LEAD_NS = 1_000_000_000
@@ -73,8 +73,9 @@ def demo(ctx: click.Context, out: Path, seconds: float, real_time: bool, show: b
     run = scenario.start()
     recorded = _record(run, _free_path(out / CAPTURE_NAME), real_time=real_time)
     _say_recorded(run, recorded)
-    analysis = open_session(recorded.path).analysis
-    write_all(analysis, out)
+    session = open_session(recorded.path)
+    analysis = session.analysis
+    write_all(analysis, out, session.frames)
     comparison = compare(run.truth.findings, analysis.findings)
     _say_compared(comparison, scenario)
     _say_files(out, recorded.path, time.monotonic() - begin)

@@ -53,7 +53,7 @@ def generate(folder: Path) -> list[Path]:
     for name, (scenario, ending) in samples().items():
         run = scenario.run()
         capture = folder / f"{name}.{ending}"
-        capture.write_bytes(_mcap(run) if ending == _MCAP else candump_log(run))
+        capture.write_bytes(mcap_capture(run) if ending == _MCAP else candump_log(run))
         described = folder / f"{name}.toml"
         described.write_text(run.description_toml, encoding="utf-8", newline="\n")
         expected = folder / f"{name}.expected.json"
@@ -63,22 +63,27 @@ def generate(folder: Path) -> list[Path]:
     return written
 
 
-def _mcap(run: Run) -> bytes:
+def mcap_capture(run: Run | Buses) -> bytes:
+    """The frames and gaps of a run as a capture, with its bus description in it."""
     from io import BytesIO
 
-    scenario = run.scenario
+    scenarios = run.scenarios if isinstance(run, Buses) else (run.scenario,)
+    first = scenarios[0]
     stream = BytesIO()
     metadata = CaptureMetadata(
         version="sample",
-        recording_id=scenario.name,
-        created_ns=scenario.epoch_ns,
+        recording_id=first.name,
+        created_ns=first.epoch_ns,
         clock="simulated",
-        resolution_ns=scenario.stamp_resolution_ns,
-        source=f"simulated bus, scenario {scenario.name}",
+        resolution_ns=first.stamp_resolution_ns,
+        source=f"simulated bus, scenario {first.name}",
     )
-    bus = BusInfo(scenario.bus_name, 0, scenario.bitrate, interface="simulated", clock="simulated")
+    buses = [
+        BusInfo(each.bus_name, number, each.bitrate, interface="simulated", clock="simulated")
+        for number, each in enumerate(scenarios)
+    ]
     attachments = [description_attachment(run.description_toml)]
-    writer = CaptureWriter(stream, metadata, [bus], attachments=attachments)
+    writer = CaptureWriter(stream, metadata, buses, attachments=attachments)
     channel = writer.add_channel(GAP_TOPIC, schema_of(syncline_pb2.Gap.DESCRIPTOR))
     gaps: list[MessageBlock] = []
     for item in _whole_stretches(run.batches):

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
-from syncline_analyzer.results import Analysis, EmcyRow, Severity
+from syncline_analyzer.results import Analysis, EmcyRow, SdoRow, SdoTransfers, Severity
 from syncline_analyzer.views.palette import (
     EMCY_CLEAR_COLOUR,
     EMCY_COLOUR,
@@ -33,6 +33,12 @@ LOUD_STATES: dict[str, Severity] = {
 }
 """States that deserve a second look, with how loud the log says so."""
 
+MAX_TRANSFERS = 2_000
+"""SDO transfers of one kind that a log lists."""
+_VERBS = {"upload": "read", "download": "write"}
+_VALUE = 60
+"""Characters of a value that a log shows."""
+
 CLEARING = ("partly cleared", "all cleared")
 RESET = "reset"
 """Transition of a boot-up that takes the error list with it: no message of the node."""
@@ -40,12 +46,13 @@ RESET = "reset"
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """One line of a log; `seq` is None where no single frame proves it."""
+    """One line of a log; `seq` is None where no single frame proves it, `bus` where it is of none."""
 
     t_ns: int
     seq: int | None
     severity: Severity
     text: str
+    bus: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +74,7 @@ def marks(analysis: Analysis) -> list[Marks]:
     raised = [(row.t_ns, row.seq) for row in emcy if row.transition not in (*CLEARING, RESET)]
     cleared = [(row.t_ns, row.seq) for row in emcy if row.transition in CLEARING]
     found = [
-        Marks("node lost", STATE_COLOURS[NmtState.LOST], "square", 3, _starts(analysis, NmtState.LOST)),
+        Marks("node lost", STATE_COLOURS[NmtState.LOST], "square", 4, _starts(analysis, NmtState.LOST)),
         Marks("node starting", STATE_COLOURS[NmtState.INITIALISING], "up", 3,
               _starts(analysis, NmtState.INITIALISING)),
         Marks("EMCY", EMCY_COLOUR, "down", 2, raised),
@@ -101,7 +108,7 @@ def emcy_events(analysis: Analysis) -> Iterator[Event]:
             severity = "info"
         elif row.transition in ("malformed", RESET):
             severity = "warning"
-        yield Event(row.t_ns, row.seq, severity, f"{row.bus} node {label}: {emcy_text(row)}")
+        yield Event(row.t_ns, row.seq, severity, f"node {label}: {emcy_text(row)}", row.bus)
 
 
 def emcy_text(row: EmcyRow) -> str:
@@ -124,35 +131,52 @@ def nmt_events(analysis: Analysis) -> Iterator[Event]:
     yield Event(capture.end_ns, last, "info", "capture ends")
     for gap in capture.gaps:
         blind = duration(gap.end_ns - gap.start_ns)
-        text = f"{gap.bus or 'all buses'}: recorder blind for {blind}: {printable(gap.reason)}"
-        yield Event(gap.start_ns, None, "warning", text)
+        text = f"recorder blind for {blind}: {printable(gap.reason)}"
+        yield Event(gap.start_ns, None, "warning", text, gap.bus)
     for mark in capture.marks:
-        where = f"{mark.bus}: " if mark.bus else ""
-        yield Event(
-            mark.t_ns, None, "info", f"{where}marked by the recorder: {printable(mark.reason)}"
-        )
+        text = f"marked by the recorder: {printable(mark.reason)}"
+        yield Event(mark.t_ns, None, "info", text, mark.bus)
     labels = names_of(analysis.nodes)
     for state in analysis.nmt_states:
         label = labels.get((state.bus, state.node), node_label(state.node))
-        text = (
-            f"{state.bus} node {label}: {state.state} ({printable(state.cause)}, {state.certainty})"
-        )
+        text = f"node {label}: {state.state} ({printable(state.cause)}, {state.certainty})"
         severity = LOUD_STATES.get(state.state, "info")
-        yield Event(state.start_ns, state.evidence, severity, text)
+        yield Event(state.start_ns, state.evidence, severity, text, state.bus)
     for command in analysis.nmt_commands:
         label = labels.get((command.bus, command.node), node_label(command.node))
-        text = f"{command.bus} command: {printable(command.command)} to node {label}"
-        yield Event(command.t_ns, command.seq, "info", text)
+        text = f"command: {printable(command.command)} to {_whom(command.node, label)}"
+        yield Event(command.t_ns, command.seq, "info", text, command.bus)
+
+
+def _whom(node: int, label: str) -> str:
+    return f"node {label}" if node else "all nodes"
 
 
 def sdo_events(analysis: Analysis) -> Iterator[Event]:
-    """SDO transfers that failed."""
+    """SDO transfers: those that failed, writes, and reads, the first 2000 of each."""
     labels = names_of(analysis.nodes)
-    for row in analysis.sdo.failed:
-        label = labels.get((row.bus, row.node), node_label(row.node))
-        what = f"{row.direction} {object_name(row.index, row.sub)} {printable(row.name or '')}"
-        text = f"{row.bus} node {label}: {what.strip()}: {sdo_result(row)}"
-        yield Event(row.start_ns, row.seq, "warning", text)
+    done = analysis.sdo.ok
+    parts: tuple[tuple[SdoTransfers, Severity], ...] = (
+        (analysis.sdo.failed, "warning"),
+        (done.writes, "info"),
+        (done.reads, "info"),
+    )
+    for transfers, severity in parts:
+        for row in transfers[:MAX_TRANSFERS]:
+            label = labels.get((row.bus, row.node), node_label(row.node))
+            yield Event(row.start_ns, row.seq, severity, f"node {label}: {_sdo_text(row)}", row.bus)
+        if (left := len(transfers) - MAX_TRANSFERS) > 0:
+            text = f"{counted(left, 'further transfer')} like this not listed"
+            yield Event(transfers[MAX_TRANSFERS].start_ns, None, "warning", text)
+
+
+def _sdo_text(row: SdoRow) -> str:
+    what = f"{_VERBS[row.direction]} {object_name(row.index, row.sub)}"
+    name = f" {printable(row.name)}" if row.name else ""
+    if row.result != "ok":
+        return f"{what}{name}: {sdo_result(row)}"
+    value = "" if row.value is None else f" = {printable(str(row.value))[:_VALUE]}"
+    return f"{what}{name}{value}"
 
 
 def change_events(analysis: Analysis) -> Iterator[Event]:
@@ -165,7 +189,7 @@ def change_events(analysis: Analysis) -> Iterator[Event]:
         again = f", again {counted(row.repeats, 'time')}" if row.repeats else ""
         kept = {True: ", saved", False: ", not saved", None: ""}[row.saved]
         told = f"{printable(row.words)}{where} by {printable(row.who)}{was}{kept}{again}"
-        yield Event(row.t_ns, row.seq, "info", f"{row.bus} node {label}: {told}")
+        yield Event(row.t_ns, row.seq, "info", f"node {label}: {told}", row.bus)
 
 
 def finding_events(analysis: Analysis) -> Iterator[Event]:

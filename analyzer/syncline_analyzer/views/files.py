@@ -3,11 +3,17 @@
 from pathlib import Path
 
 from syncline_analyzer.results import Analysis
+from syncline_analyzer.views.frame_rows import ReadFrames
 from syncline_analyzer.views.json_view import findings_json
 
 
-def write_all(analysis: Analysis, folder: Path) -> list[Path]:
-    """Write `report.html`, `session.rrd`, `findings.json` and `tables/*.parquet`; return the files."""
+def write_all(
+    analysis: Analysis, folder: Path, read_frames: ReadFrames | None = None
+) -> list[Path]:
+    """Write `report.html`, `session.rrd`, `findings.json` and `tables/*.parquet`; return the files.
+
+    With `read_frames` (`Session.frames`) the recording lists frames.
+    """
     from syncline_analyzer.views.report_html import write_report
     from syncline_analyzer.views.rerun_view import write_rrd
     from syncline_analyzer.views.tables import write_tables
@@ -17,7 +23,7 @@ def write_all(analysis: Analysis, folder: Path) -> list[Path]:
     findings.write_text(findings_json(analysis), encoding="utf-8")
     return [
         write_report(analysis, folder / "report.html"),
-        write_rrd(analysis, folder / "session.rrd"),
+        write_rrd(analysis, folder / "session.rrd", read_frames),
         findings,
         *write_tables(analysis, folder / "tables"),
     ]

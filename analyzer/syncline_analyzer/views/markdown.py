@@ -8,23 +8,40 @@ from syncline_analyzer.views.basis import basis_lines
 from syncline_analyzer.views.words import Clock, duration, names_of, node_label, printable
 
 _MARKS = {"error": "ERROR", "warning": "WARNING", "info": "NOTE"}
+HEADLINES = 30
+"""Findings that are listed in a line each before the stories."""
 CHAIN_LINES = 12
 """Links of a story that are shown; the tables hold them all."""
 
 
 def findings_markdown(analysis: Analysis) -> str:
-    """The capture in a few lines, then every finding as a story."""
+    """The verdict, every finding in a line, then each as a story."""
     capture, clock = analysis.capture, Clock.of(analysis.capture)
-    lines = [f"# {verdict(analysis)}", "", _escaped(extent(analysis))]
-    if capture.start_utc_ns is not None:
-        lines += ["", f"Starts {clock.full(capture.start_utc_ns)}."]
+    starts = f" Starts {clock.full(capture.start_utc_ns)}." if capture.start_utc_ns else ""
+    lines = [f"### {verdict(analysis)}", ""]
+    several = len(capture.buses) > 1
+    lines += [_headline(each, clock, several) for each in analysis.findings[:HEADLINES]]
+    if (left := len(analysis.findings) - HEADLINES) > 0:
+        lines.append(f"- and {left} more, told below")
+    lines += ["", _escaped(extent(analysis)) + starts]
     for damage in capture.damage:
         lines += ["", f"**Damaged, read in part:** {_escaped(damage)}"]
     for finding in analysis.findings:
         lines += _story(finding, clock, names_of(analysis.nodes))
     if basis := list(basis_lines(analysis)):
-        lines += ["", "## What the timing rests on", "", *(f"- {_escaped(line)}" for line in basis)]
+        lines += [
+            "",
+            "### What the timing rests on",
+            "",
+            *(f"- {_escaped(line)}" for line in basis),
+        ]
     return "\n".join(lines) + "\n"
+
+
+def _headline(finding: Finding, clock: Clock, several: bool) -> str:
+    when = f"{clock.short(finding.start_ns)} " if clock.timed else ""
+    bus = f"{_escaped(finding.bus)}: " if several and finding.bus else ""
+    return f"- **{_MARKS[finding.severity]}** {when}{bus}{_escaped(finding.text)}"
 
 
 def verdict(analysis: Analysis) -> str:
@@ -91,7 +108,9 @@ def _story(finding: Finding, clock: Clock, labels: dict[tuple[str, int], str]) -
     when = f"**When** {clock.stretch(finding.start_ns, finding.end_ns)}, " if clock.timed else ""
     return [
         "",
-        f"## {_MARKS[finding.severity]}: {_escaped(finding.text)}",
+        "---",
+        "",
+        f"**{_MARKS[finding.severity]}: {_escaped(finding.text)}**",
         "",
         f"{when}{_escaped(where(finding, labels))}",
         "",

@@ -1,10 +1,12 @@
 """How `session.rrd` opens: which views there are, and that they show the whole capture."""
 
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
 
 import rerun as rr
 import rerun.blueprint as rrb
+from rerun.blueprint.encodings import TimelineColumn
 from rerun.recording_stream import RecordingStream
 
 _WHOLE = rr.TimeRange(start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.infinite())
@@ -12,8 +14,12 @@ _GLOBAL_VIEW = "view/5c0dca6a-e63f-9cf7-f657-2602590474cc"
 """Holds the range of linked time axes in rerun 0.41. Not public: the version is pinned and a test
 looks at the pixels."""
 
-_DETAIL_SECONDS = 5.0
-_LANES_HEIGHT = 500
+VERSION = 2
+"""Of the layout: one that was opened with an older version does not take it over."""
+
+DETAIL_SECONDS = 5.0
+_LANE, _LANES_HEAD, _LANES = 40, 66, 306
+"""Height of a lane, of what is above the lanes, and at most of them all."""
 
 
 class CaptureBlueprint(rrb.Blueprint):
@@ -35,40 +41,54 @@ class PlotContent:
 
 
 @dataclass(frozen=True, slots=True)
-class World:
-    """From where shapes in 3D are looked at."""
+class Lanes:
+    """Lanes of NMT states that are shown together: a title and their entities."""
 
+    title: str
+    entities: Sequence[str]
+
+
+@dataclass(frozen=True, slots=True)
+class Device:
+    """What one device measured: over the whole capture, and where thinned, also at the cursor."""
+
+    title: str
+    plots: list[PlotContent]
+    details: list[PlotContent] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class World:
+    """Shapes in 3D: a title, the entity that holds them, and from where they are looked at."""
+
+    title: str
+    entity: str
     eye: tuple[float, float, float]
     target: tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
 class Content:
-    """What a recording holds and therefore wants a view.
+    """What a recording holds and therefore wants a view; rows of views are tabs of one place.
 
-    `strip` marks events, `details` are the plots whose lines were thinned for the overview.
+    `strip` marks events, `details` are the timing plots whose lines were thinned for the overview.
     """
 
     timelines: list[str]
-    lanes: int
+    lanes: list[Lanes]
     strip: PlotContent | None
-    traces: list[PlotContent]
+    load: list[PlotContent]
+    devices: list[Device]
     timing: list[PlotContent]
     details: list[PlotContent]
     histograms: list[PlotContent]
     logs: list[PlotContent]
-    world: World | None
+    frames: PlotContent | None
+    worlds: list[World]
 
     def signature(self) -> str:
         """Names all views; recordings of one application id share the layout opened first."""
-        views = [*self.traces, *self.timing, *self.details, *self.histograms, *self.logs]
-        parts = [
-            *self.timelines,
-            str(self.lanes),
-            str(self.world is not None),
-            *(view.entity for view in views),
-        ]
-        return "|".join(parts)
+        return f"{VERSION}|{self!r}"
 
 
 def blueprint(content: Content) -> CaptureBlueprint:
@@ -83,23 +103,50 @@ def blueprint(content: Content) -> CaptureBlueprint:
 
 
 def _over_time(content: Content) -> rrb.Vertical:
-    """Rows with the height in pixels that each would like."""
+    """Rows with the height in pixels that each would like, on one time axis."""
+    link = rrb.TimeAxis(link="LinkToGlobal")
+    rows: list[tuple[int, Any]] = [(185, rrb.TextDocumentView(origin="/findings", name="Findings"))]
+    if content.lanes:
+        height = min(_LANES, _LANES_HEAD + _LANE * len(content.lanes[0].entities))
+        rows.append((height, _tabs([_lanes(some, link) for some in content.lanes])))
+    if content.strip:
+        rows.append((105, _plot(content.strip, link)))
+    if content.load:
+        rows.append((115, _tabs([_plot(plot, link) for plot in content.load])))
+    if content.devices:
+        rows.append((270, _tabs([_device(device, link) for device in content.devices])))
+    return _rows(rows)
+
+
+def _beside(content: Content) -> rrb.Vertical:
     link = rrb.TimeAxis(link="LinkToGlobal")
     rows: list[tuple[int, Any]] = []
-    if content.lanes:
-        lanes = rrb.StateTimelineView(origin="/nmt", name="NMT states", time_view=link)
-        rows.append((min(_LANES_HEIGHT, 70 + 46 * content.lanes), lanes))
-    if content.strip:
-        rows.append((140, _plot(content.strip, link)))
-    for height, plots in ((210, content.traces), (180, content.timing)):
-        if plots:
-            rows.append((height, _tabs([_plot(plot, link) for plot in plots])))
-    rows.append((150, _tabs([_log(log, content.timelines) for log in content.logs])))
-    return rrb.Vertical(*(row for _, row in rows), row_shares=[share for share, _ in rows])
+    if content.timing:
+        rows.append((145, _tabs([_plot(plot, link) for plot in content.timing])))
+    if content.histograms:
+        rows.append((140, _tabs([_histogram(chart) for chart in content.histograms])))
+    rows.append((185, _tabs([_log(log, content.timelines) for log in content.logs])))
+    if content.frames:
+        rows.append((185, _log(content.frames, content.timelines, frames=True)))
+    closer: list[Any] = [_world(world) for world in content.worlds]
+    closer += [_detail(device) for device in content.devices if device.details]
+    closer += [_around(plot) for plot in content.details]
+    if closer:
+        rows.append((280, _tabs(closer)))
+    return _rows(rows)
+
+
+def _rows(rows: list[tuple[int, Any]]) -> rrb.Vertical:
+    return rrb.Vertical(*(row for _, row in rows), row_shares=[height for height, _ in rows])
 
 
 def _tabs(views: list[Any]) -> Any:
     return rrb.Tabs(*views, active_tab=0) if len(views) > 1 else views[0]
+
+
+def _lanes(lanes: Lanes, link: rrb.TimeAxis) -> rrb.StateTimelineView:
+    contents = [f"+ {entity}" for entity in lanes.entities]
+    return rrb.StateTimelineView(origin="/nmt", contents=contents, name=lanes.title, time_view=link)
 
 
 def _plot(plot: PlotContent, link: rrb.TimeAxis) -> rrb.TimeSeriesView:
@@ -113,41 +160,50 @@ def _plot(plot: PlotContent, link: rrb.TimeAxis) -> rrb.TimeSeriesView:
     )
 
 
-def _log(log: PlotContent, timelines: list[str]) -> rrb.TextLogView:
-    columns = rrb.TextLogColumns(
-        timeline_columns=timelines[:1], text_log_columns=["LogLevel", "Body"]
+def _device(device: Device, link: rrb.TimeAxis) -> rrb.Vertical:
+    return rrb.Vertical(*(_plot(plot, link) for plot in device.plots), name=device.title)
+
+
+def _log(log: PlotContent, timelines: list[str], *, frames: bool = False) -> rrb.TextLogView:
+    """A log whose lines begin with their time: the viewer's own column would be cut short."""
+    columns: list[Literal["Body", "LogLevel"]] = ["Body"] if frames else ["LogLevel", "Body"]
+    return rrb.TextLogView(
+        origin=log.entity,
+        name=log.title,
+        columns=rrb.TextLogColumns(
+            timeline_columns=[TimelineColumn(name, visible=False) for name in timelines],
+            text_log_columns=columns,
+        ),
+        format_options=rrb.TextLogFormat(monospace_body=frames),
     )
-    return rrb.TextLogView(origin=log.entity, name=log.title, columns=columns)
 
 
-def _beside(content: Content) -> rrb.Vertical:
-    rows: list[tuple[float, Any]] = [
-        (3.0, rrb.TextDocumentView(origin="/findings", name="Findings"))
-    ]
-    closer: list[Any] = [_detail(plot) for plot in content.details]
-    if content.world:
-        closer.insert(0, _world(content.world))
-    if closer:
-        rows.append((2.4, _tabs(closer)))
-    if content.histograms:
-        charts = [rrb.BarChartView(origin=h.entity, name=h.title) for h in content.histograms]
-        rows.append((2.0, _tabs(charts)))
-    return rrb.Vertical(*(row for _, row in rows), row_shares=[share for share, _ in rows])
+def _histogram(chart: PlotContent) -> rrb.BarChartView:
+    return rrb.BarChartView(
+        origin=chart.entity, name=chart.title, plot_legend=rrb.PlotLegend(visible=False)
+    )
 
 
 def _world(world: World) -> rrb.Spatial3DView:
     eye = rrb.EyeControls3D(position=world.eye, look_target=world.target)
-    return rrb.Spatial3DView(origin="/world", name="3D at the cursor", eye_controls=eye)
+    return rrb.Spatial3DView(origin=world.entity, name=world.title, eye_controls=eye)
 
 
-def _detail(plot: PlotContent) -> rrb.TimeSeriesView:
+def _detail(device: Device) -> rrb.Vertical:
+    return rrb.Vertical(
+        *(_around(plot) for plot in device.details), name=f"{device.title} at the cursor"
+    )
+
+
+def _around(plot: PlotContent) -> rrb.TimeSeriesView:
+    """Every sample within a few seconds of the cursor."""
     around = rr.TimeRange(
-        start=rrb.TimeRangeBoundary.cursor_relative(seconds=-_DETAIL_SECONDS),
-        end=rrb.TimeRangeBoundary.cursor_relative(seconds=_DETAIL_SECONDS),
+        start=rrb.TimeRangeBoundary.cursor_relative(seconds=-DETAIL_SECONDS),
+        end=rrb.TimeRangeBoundary.cursor_relative(seconds=DETAIL_SECONDS),
     )
     return rrb.TimeSeriesView(
         origin=plot.entity,
         name=f"{plot.title} at the cursor",
         axis_x=rrb.TimeAxis(link="Independent", view_range=around),
-        plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop),
+        plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=plot.legend),
     )

@@ -11,23 +11,22 @@ from syncline_analyzer.results import Analysis, TiltTrace
 from syncline_analyzer.views.palette import line_colour
 from syncline_analyzer.views.plots import silences
 from syncline_analyzer.views.rerun_sink import Sink
-from syncline_analyzer.views.words import names_of, node_label
-from syncline_schemas.tilt import pose_of
+from syncline_schemas.tilt import Angles, gravity_of, pose_of
 
-MAX_POSES = 6_000
 SHOWN_NS = 1_000_000_000
 """A pose is shown for so long after its sample where a silence or a cut follows."""
-_MOST = 4
-"""Inclinometers that are drawn."""
 _HALF_SIZE = (0.6, 0.4, 0.15)
 _RING = [(0.85 * np.cos(a), 0.85 * np.sin(a), 0.0) for a in np.linspace(0, 2 * np.pi, 49)]
 _GREY = (130, 130, 130)
+_NAME = (255, 200, 140)
 _ARROW: tuple[tuple[float, ...], tuple[float, ...]] = ((0.6, 0, 0), (0.45, 0, 0))
 """Origin and vector of the printed x arrow on the box."""
 _NEEDLES = (("longitudinal", (0.9, 0.0, 0.0), 1), ("lateral", (0.0, 0.9, 0.0), 0))
 """(name, where it points when level, axis about which it turns) of each angle shown by itself.
 
 A positive angle raises them, as it raises the axes of a pose (`syncline_schemas.tilt`)."""
+_ALIKE_DEG = 2.0
+"""Where two formulas are possible and their poses lie no further apart, a box in outline is drawn."""
 
 
 def shown_tilts(analysis: Analysis) -> list[TiltTrace]:
@@ -37,18 +36,7 @@ def shown_tilts(analysis: Analysis) -> list[TiltTrace]:
         other = best.get((tilt.bus, tilt.node))
         if len(tilt.t_ns) and (other is None or _worth(tilt) > _worth(other)):
             best[tilt.bus, tilt.node] = tilt
-    return list(best.values())[:_MOST]
-
-
-def write_tilts(sink: Sink, analysis: Analysis, x: float) -> None:
-    """Write every inclinometer in a ring that is level, the first one at `x`."""
-    labels = names_of(analysis.nodes)
-    for place, tilt in enumerate(shown_tilts(analysis)):
-        root = f"/world/tilt/{place}"
-        label = labels.get((tilt.bus, tilt.node), node_label(tilt.node))
-        sink.static(root, rr.Transform3D(translation=[x, 2.4 * place, 0.4]))
-        sink.static(f"{root}/level", rr.LineStrips3D([_RING], colors=[_GREY], radii=[0.01]))
-        _write(sink, root, tilt, label)
+    return list(best.values())
 
 
 def _worth(tilt: TiltTrace) -> tuple[int, int]:
@@ -56,25 +44,55 @@ def _worth(tilt: TiltTrace) -> tuple[int, int]:
     return int(np.isfinite(tilt.gravity[:, 0]).sum()), tilt.object
 
 
-def _write(sink: Sink, root: str, tilt: TiltTrace, label: str) -> None:
-    rows = np.arange(0, len(tilt.t_ns), len(tilt.t_ns) // MAX_POSES + 1)
+def write_tilt(
+    sink: Sink,
+    root: str,
+    tilt: TiltTrace,
+    label: str,
+    at: tuple[float, float, float],
+    poses: int,
+) -> None:
+    """Write an inclinometer, and where it would be if it were level."""
+    x, y, z = at
+    sink.static(root, rr.Transform3D(translation=[x, y, z + 0.4]))
+    sink.static(f"{root}/level", rr.LineStrips3D([_RING], colors=[_GREY], radii=[0.01]))
+    level = rr.Boxes3D(half_sizes=[_HALF_SIZE], colors=[_GREY], fill_mode="majorwireframe")
+    sink.static(f"{root}/level/box", level)
+    rows = np.arange(0, len(tilt.t_ns), len(tilt.t_ns) // poses + 1)
     is_pose = np.isfinite(tilt.gravity[rows, 0])
     angles = np.stack([tilt.longitudinal_deg[rows], tilt.lateral_deg[rows]], axis=1)
     is_alone = ~is_pose & np.isfinite(angles).all(axis=1)
     moments = _Moments(sink, tilt.t_ns[rows], tilt.seq[rows])
+    about = _about(tilt, angles) if is_alone.any() else np.full((len(rows), 3), np.nan)
+    is_about = is_alone & np.isfinite(about[:, 0])
+    note = " (about)" if is_about.any() and not is_pose.any() else ""
+    _write_name(sink, root, label + note)
     if is_pose.any():
-        _write_box(moments, f"{root}/box", tilt.gravity[rows], is_pose, label)
+        _write_box(moments, f"{root}/box", tilt.gravity[rows], is_pose)
+    if is_about.any():
+        _write_box(moments, f"{root}/about", about, is_about, outline=True)
     if is_alone.any():
         for (name, points, axis), angle in zip(_NEEDLES, angles.T, strict=True):
             needle = f"{root}/{name}"
             moments.turned(needle, _turned_about(axis, angle))
-            colour = line_colour(1 - axis)
-            text = f"{label} {name}"
-            sink.static(
-                f"{needle}/as_sent",
-                rr.Arrows3D.from_fields(colors=[colour], radii=[0.04], labels=[text]),
+            look = rr.Arrows3D.from_fields(
+                colors=[line_colour(1 - axis)], radii=[0.04], labels=[name], show_labels=False
             )
+            sink.static(f"{needle}/as_sent", look)
             moments.shown(f"{needle}/as_sent", is_alone, _arrows(points))
+
+
+def _about(tilt: TiltTrace, angles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Gravity (n, 3) where both formulas of perpendicular angles nearly agree, else NaN."""
+    first, second = (
+        gravity_of(formula, *angles.T).gravity
+        for formula in (Angles.PERPENDICULAR_ASIN, Angles.PERPENDICULAR_ATAN)
+    )
+    apart = np.linalg.norm(first - second, axis=1) > np.radians(_ALIKE_DEG)
+    if any(each.definition != "perpendicular" for each in tilt.settings):
+        apart[:] = True
+    first[apart] = np.nan
+    return first
 
 
 def _write_box(
@@ -82,11 +100,12 @@ def _write_box(
     entity: str,
     gravity: NDArray[np.float64],
     is_pose: NDArray[np.bool_],
-    label: str,
+    *,
+    outline: bool = False,
 ) -> None:
     moments.turned(entity, pose_of(gravity))
     shape = rr.Boxes3D.from_fields(
-        colors=[line_colour(1)], fill_mode="solid", labels=[label], show_labels=True
+        colors=[line_colour(1)], fill_mode="majorwireframe" if outline else "solid"
     )
     moments.sink.static(f"{entity}/shape", shape)
     moments.shown(f"{entity}/shape", is_pose, _boxes)
@@ -136,6 +155,13 @@ class _Moments:
             seq[changes],
             lambda part: columns(int(there[changes[part]].sum())).partition(there[changes[part]]),
         )
+
+
+def _write_name(sink: Sink, root: str, label: str) -> None:
+    name = rr.Points3D(
+        [[0.0, -1.0, -0.4]], colors=[_NAME], radii=[0.01], labels=[label], show_labels=True
+    )
+    sink.static(f"{root}/name", name)
 
 
 def _boxes(count: int) -> rr.ComponentColumnList:

@@ -1,59 +1,126 @@
 """The machine in 3D at the cursor: the shafts of encoders, and inclinometers as boxes."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from syncline_analyzer.results import Analysis, Trace
+from syncline_analyzer.results import Analysis, TiltTrace, Trace
 from syncline_analyzer.views.palette import line_colour
 from syncline_analyzer.views.rerun_layout import World
 from syncline_analyzer.views.rerun_sink import Sink
-from syncline_analyzer.views.rerun_tilt import MAX_POSES, SHOWN_NS, shown_tilts, write_tilts
+from syncline_analyzer.views.rerun_tilt import SHOWN_NS, shown_tilts, write_tilt
+from syncline_analyzer.views.troubled import troubled
 from syncline_analyzer.views.words import names_of, node_label
 
-MAX_SHAFTS = 6
-_COLUMNS, _COLUMN, _ROW = 3, 2.2, 2.4
-"""Shafts in a row, and how far rows and columns are apart."""
+MAX_SHAPES = 12
+"""Devices of one view; further ones have a view of their own."""
+MAX_POSES = 6_000
+"""Poses of one device, as long as there are no more devices than in one view."""
+_COLUMNS, _ROW = 4, 2.6
+"""Devices in a row at most, and how far rows are apart."""
+_STEPS = (2.8, 3.2, 4.2)
+"""How far columns are apart by the number of rows: what is further away needs room for names."""
 _POINTER = (0.8, 0.0, 0.0)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Shape:
+    """A device to be drawn, with its name."""
+
+    device: Trace | TiltTrace
+    label: str
+
+
+def worlds_of(analysis: Analysis) -> list[World]:
+    """Views of all devices that turn or tilt, up to twelve in each."""
+    groups = list(_groups(analysis))
+    return [_world(place, len(groups), len(group)) for place, group in enumerate(groups)]
+
+
+def write_worlds(sink: Sink, analysis: Analysis) -> None:
+    """Write shapes and poses of all that turn or tilt."""
+    groups = list(_groups(analysis))
+    rising = {(row.bus, row.node, row.object): bool(row.clockwise) for row in analysis.traces}
+    poses = MAX_POSES // max(len(groups), 1)
+    for place, group in enumerate(groups):
+        sink.static(_root(place), rr.ViewCoordinates.RIGHT_HAND_Z_UP)
+        for number, shape in enumerate(group):
+            root, device = f"{_root(place)}/{number}", shape.device
+            row, column = divmod(number, _columns(len(group)))
+            at = (_step(len(group)) * column, -_ROW * row, 0.0)
+            if isinstance(device, TiltTrace):
+                write_tilt(sink, root, device, shape.label, at, poses)
+                continue
+            key = device.bus, device.node, device.object
+            turns = _Turns(device, clockwise=rising.get(key, False), poses=poses)
+            _write_shaft(sink, root, turns, shape.label, at)
+
+
 def shafts_of(analysis: Analysis) -> list[Trace]:
-    """One trace per encoder, of the first six."""
+    """One trace per encoder."""
     found: dict[tuple[str, int], Trace] = {}
     for trace in analysis.trace_data:
         angle = trace.columns.get("angle_deg")
         if "position" in trace.columns and angle is not None and np.isfinite(angle).any():
             found.setdefault((trace.bus, trace.node), trace)
-    return list(found.values())[:MAX_SHAFTS]
+    return list(found.values())
 
 
-def world_of(analysis: Analysis) -> World | None:
-    """From where everything in 3D is seen; None where there is nothing."""
-    shafts, tilts = len(shafts_of(analysis)), len(shown_tilts(analysis))
-    if not shafts:
-        return World((0.2, -4.5, 2.6), (-0.1, 0.0, 0.5)) if tilts else None
-    columns = min(shafts, _COLUMNS) + (1 if tilts else 0)
-    behind = _ROW * (max(-(-shafts // _COLUMNS), tilts) - 1) / 2
-    middle = (columns - 1) * _COLUMN / 2
-    away = max(2.6, 1.05 * columns) + behind / 2
-    return World((middle, behind - 0.75 * away, 0.3 + away), (middle, behind, 0.1))
+def _groups(analysis: Analysis) -> Iterator[list[_Shape]]:
+    """Devices by view: those that something is to be seen of first, then by bus and node."""
+    labels, ranks = names_of(analysis.nodes), troubled(analysis)
+    several = len(analysis.capture.buses) > 1
+    devices: list[Trace | TiltTrace] = [*shafts_of(analysis), *shown_tilts(analysis)]
+    few = len(devices) <= MAX_SHAPES
+    calm = max(ranks.values(), default=0) + 1
+    devices.sort(
+        key=lambda each: (
+            0 if few else ranks.get((each.bus, each.node), calm),
+            each.bus,
+            each.node,
+        )
+    )
+    shapes = [
+        _Shape(
+            each,
+            f"{each.bus} {label}" if several else label,
+        )
+        for each in devices
+        for label in [labels.get((each.bus, each.node), node_label(each.node))]
+    ]
+    for first in range(0, len(shapes), MAX_SHAPES):
+        yield shapes[first : first + MAX_SHAPES]
 
 
-def write_world(sink: Sink, analysis: Analysis) -> None:
-    """Write shapes and poses of what there is: shafts in rows on the left, tilts on the right."""
-    sink.static("/world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
-    shafts, labels = shafts_of(analysis), names_of(analysis.nodes)
-    rising = {(row.bus, row.node, row.object): bool(row.clockwise) for row in analysis.traces}
-    for place, trace in enumerate(shafts):
-        label = labels.get((trace.bus, trace.node), node_label(trace.node))
-        row, column = divmod(place, _COLUMNS)
-        at = (_COLUMN * column, _ROW * row, 0.0)
-        key = trace.bus, trace.node, trace.object
-        turns = _Turns(trace, clockwise=rising.get(key, False))
-        _write_shaft(sink, f"/world/shaft/{place}", turns, label, at)
-    write_tilts(sink, analysis, x=_COLUMN * min(len(shafts), _COLUMNS))
+def _rows(count: int) -> int:
+    return -(-count // _COLUMNS)
+
+
+def _columns(count: int) -> int:
+    """Devices in a row, the rows equally long."""
+    return -(-count // _rows(count))
+
+
+def _step(count: int) -> float:
+    return _STEPS[_rows(count) - 1]
+
+
+def _root(place: int) -> str:
+    return f"/world/{place}"
+
+
+def _world(place: int, groups: int, count: int) -> World:
+    """From where everything in a view is seen: from above the front row."""
+    columns, rows, step = _columns(count), _rows(count), _step(count)
+    middle = step * (columns - 1) / 2, -_ROW * (rows - 1) / 2 - 0.4
+    depth = _ROW * (rows - 1) + 2.0
+    away = max(1.05 * depth + 0.6, 0.47 * step * columns)
+    title = "3D at the cursor" + (f", {place + 1} of {groups}" if groups > 1 else "")
+    eye = middle[0], middle[1] - 0.64 * away, 0.77 * away
+    return World(title, _root(place), eye, (*middle, 0.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,12 +129,13 @@ class _Turns:
 
     trace: Trace
     clockwise: bool
+    poses: int
 
     @property
     def rows(self) -> NDArray[np.intp]:
         """Samples with an angle, thinned."""
         rows = np.flatnonzero(np.isfinite(self.trace.columns["angle_deg"]))
-        return rows[:: len(rows) // MAX_POSES + 1]
+        return rows[:: len(rows) // self.poses + 1]
 
     @property
     def quaternion(self) -> NDArray[np.float64]:
@@ -82,17 +150,11 @@ class _Turns:
 def _write_shaft(
     sink: Sink, root: str, turns: _Turns, label: str, at: tuple[float, float, float]
 ) -> None:
-    body = rr.Cylinders3D(
-        lengths=[0.9],
-        radii=[0.15],
-        colors=[190, 190, 190],
-        fill_mode="solid",
-        labels=[label],
-        show_labels=True,
-    )
+    body = rr.Cylinders3D(lengths=[0.9], radii=[0.15], colors=[190, 190, 190], fill_mode="solid")
     ring = [(0.8 * np.cos(a), 0.8 * np.sin(a), 0.5) for a in np.linspace(0, 2 * np.pi, 49)]
     sink.static(root, rr.Transform3D(translation=list(at)), body)
     sink.static(f"{root}/circle", rr.LineStrips3D([ring], colors=[(130, 130, 130)], radii=[0.01]))
+    _write_name(sink, root, label)
     trace, rows = turns.trace, turns.rows
     turned = turns.quaternion
     rotor = f"{root}/rotor"
@@ -105,6 +167,18 @@ def _write_shaft(
     look = rr.Arrows3D.from_fields(origins=[[0, 0, 0.5]], colors=[line_colour(0)], radii=[0.05])
     sink.static(f"{rotor}/pointer", look)
     _show_while_known(sink, f"{rotor}/pointer", trace)
+
+
+def _write_name(sink: Sink, root: str, label: str) -> None:
+    """Write the name of a device in front of it."""
+    name = rr.Points3D(
+        [[0.0, -1.0, 0.0]],
+        colors=[(200, 200, 200)],
+        radii=[0.01],
+        labels=[label],
+        show_labels=True,
+    )
+    sink.static(f"{root}/name", name)
 
 
 def _show_while_known(sink: Sink, entity: str, trace: Trace) -> None:

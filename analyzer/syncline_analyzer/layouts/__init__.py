@@ -1,0 +1,1 @@
+"""Layouts with which other people's viewers show the decoded channels of our captures."""

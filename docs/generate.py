@@ -58,7 +58,18 @@ def commands_page() -> str:
         assert command is not None
         context = click.Context(command, parent=root, info_name=name, terminal_width=100)
         sections.append(_section(f"syncline {name}", context))
+        if isinstance(command, click.Group):
+            sections += _subcommands(command, context)
     return "\n".join(sections)
+
+
+def _subcommands(group: click.Group, context: click.Context) -> Iterator[str]:
+    """The sections of a group's commands."""
+    for name in sorted(group.list_commands(context)):
+        command = group.get_command(context, name)
+        assert command is not None
+        inner = click.Context(command, parent=context, info_name=name, terminal_width=100)
+        yield _section(inner.command_path, inner)
 
 
 def _section(title: str, context: click.Context) -> str:
@@ -294,10 +305,14 @@ Made from the registries of readers and writers by `python -m docs.generate`; te
 content, whatever its name; each may be packed as `.gz` or `.zst`. Several files are one session, in any order: segments of a recording
 join, what lies between files is a gap, files that overlap in time are different buses. What a file cannot tell is kept as a fact of the
 capture: `syncline info` shows it; coarse stamps, missing times and unread lines limit what findings are made.
+Where a clock was wrong, or a log has no date, `--offset` puts its frames in their place among those of other files. Damaged files are read
+as far as they can be, and what was lost is told; bombs, endless chains and sizes beyond measure are refused with one line that says why.
 
 ```sh
 syncline info customer/*                    # what each file is, whether it is whole, what could not be read
 syncline analyze a.log.gz b.pcapng c.blf    # one session
+syncline analyze a.mcap b.trc --offset b.trc=+3600                      # b's clock was an hour slow
+syncline analyze a.mcap c.csv --offset c.csv=2026-03-01T12:00:00Z       # c has no date: when its first frame was recorded
 syncline convert customer.trc customer.mcap
 ```
 """
@@ -324,7 +339,7 @@ can_player -i virtual -c 0 x.mcap           # what `syncline record` wrote, too
 the last digit of python-can's seconds; a chunk is synced to disk every second, so a killed logger loses at most that. `can.LogReader("x.mcap")`
 reads whole, cut and damaged captures and logs what is lost as warnings. Not possible: appending (`-a` is refused: give another file, two files
 analyze as one session) and python-can's splitting by size (`-s`). What python-can does not pass on is not in the file: bit rate, the kind of
-adapter, lost frames, kernel stamps; `syncline record` keeps those. A ROS 2 bag goes through `syncline convert` first.
+adapter, lost frames, kernel stamps; `syncline record` keeps those. ROS 2 bags are read, too.
 """
 CHECK_HEADER = """# What the check of an EDS says
 

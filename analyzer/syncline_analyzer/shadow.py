@@ -69,7 +69,7 @@ class Shadow:
         self._identified: dict[tuple[int, int], Device | None] = {}
         self._known: dict[tuple[int, int], dict[Key, ObjectHistory]] = {}
         self._refused: dict[tuple[int, int], set[Key]] = {}
-        self._rereads: dict[tuple[int, int, Key], Reads] = {}
+        self._rereads: dict[tuple[int, int, Key], list[Reads]] = {}
         self._reset_seq: dict[tuple[int, int], int] = {}
         self._read_again: dict[tuple[int, int, Key], list[int]] = {}
         """`seq` of the first read after each reset that told the value of before."""
@@ -159,10 +159,11 @@ class Shadow:
 
     def confirm(self, bus: int, node: int, key: Key, reads: Reads) -> None:
         """Store reads of a position that brought what was known; see `take_rereads`."""
-        again = self._rereads.get((bus, node, key))
-        if again is not None:
-            reads = Reads.joined(again, reads)
-        self._rereads[bus, node, key] = reads.part(slice(-MAX_CHANGES, None))
+        kept = self._rereads.setdefault((bus, node, key), [])
+        # Joined only now and then: most objects are never asked for.
+        if sum(map(len, kept)) > 2 * MAX_CHANGES:
+            kept[:] = [Reads.joined(*kept).part(slice(-MAX_CHANGES, None))]
+        kept.append(reads)
 
     def recall(self, bus: int, node: int, key: Key, known: Known, *, kept: bool) -> None:
         """Store what was seen before the first frame; `kept`: a reset does not take it back."""
@@ -173,12 +174,13 @@ class Shadow:
 
     def take_rereads(self, bus: int, node: int, index: int, sub: int, seq: int) -> Reads:
         """Reads of a position up to `seq` that only confirmed its value, since the last call."""
-        again = self._rereads.pop((bus, node, (index, sub)), None)
-        if again is None:
+        kept = self._rereads.pop((bus, node, (index, sub)), None)
+        if kept is None:
             return Reads.of()
+        again = Reads.joined(*kept) if len(kept) > 1 else kept[0]
         taken = int(np.searchsorted(again.seq, seq, "right"))
         if taken < len(again):
-            self._rereads[bus, node, (index, sub)] = again.part(slice(taken, None))
+            self._rereads[bus, node, (index, sub)] = [again.part(slice(taken, None))]
         return again.part(slice(taken))
 
     def refuse(self, bus: int, node: int, index: int, sub: int) -> None:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from itertools import pairwise
 from operator import itemgetter
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,11 +70,31 @@ class Decoded:
     events: list[Event] = field(default_factory=list)
 
 
+class Watch(Protocol):
+    """Is shown the values of every PDO."""
+
+    def update(
+        self,
+        bus: int,
+        bus_name: str,
+        node: int,
+        columns: Sequence[PdoColumn],
+        t_ns: Int64s,
+        log_ns: Int64s,
+    ) -> tuple[list[Event], list[str]]:
+        """Events of the columns of one PDO, and words on what is wrong."""
+        ...
+
+
 class LiveDecoder:
     """Decodes batches of several buses in capture order; its state is small and bounded.
 
     An exception turns off the service or PDO in which it happened, with a problem that says so;
     everything else goes on.
+
+    Args:
+        values: bounds of values that are watched.
+        watch: what is shown the values instead.
     """
 
     def __init__(
@@ -81,9 +102,10 @@ class LiveDecoder:
         buses: Mapping[int, str],
         description: BusDescription | None = None,
         values: Sequence[Condition] = (),
+        watch: Watch | None = None,
     ) -> None:
         known = description or BusDescription()
-        watch = ValueWatch(values)
+        watch = watch or ValueWatch(values)
         self._buses = {
             number: _BusDecoder(number, name, known, watch) for number, name in buses.items()
         }
@@ -109,9 +131,7 @@ class LiveDecoder:
 
 
 class _BusDecoder:
-    def __init__(
-        self, number: int, name: str, description: BusDescription, watch: ValueWatch
-    ) -> None:
+    def __init__(self, number: int, name: str, description: BusDescription, watch: Watch) -> None:
         self._number = number
         self._watch = watch
         self._name = name

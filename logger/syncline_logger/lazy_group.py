@@ -84,7 +84,9 @@ SHORT_HELP = {
     "convert": "Convert between everything that can be read and written.",
     "decode": "Print frames as people read CANopen.",
     "demo": "Run the whole chain on a simulated bus.",
+    "fleet": "Analyze the captures of many machines and ask about all of them.",
     "info": "Say what is in a capture and whether it is whole.",
+    "layout": "Write a layout for Foxglove or Rerun that fits a capture.",
     "view": "Analyze captures and open the Rerun viewer on them.",
 }
 """Of the plug-ins of our own distribution; a foreign one shows its distribution's summary."""

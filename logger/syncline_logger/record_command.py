@@ -77,6 +77,7 @@ class Wanted:
     log: Path | None
     log_size: int
     log_keep: int
+    view: bool
 
 
 @click.command(cls=SeveralWordsCommand, epilog=EPILOG)
@@ -238,6 +239,12 @@ class Wanted:
     show_default=True,
     help="Rotated logs that are kept.",
 )
+@click.option(
+    "--view",
+    is_flag=True,
+    help="Show states, EMCYs, decoded values and bus load in a Rerun viewer on this machine while"
+    " recording; it can never hold up the recording.",
+)
 @click.pass_context
 def record(
     context: click.Context, /, config: LoadedConfig | None, check_config: bool, **options: Any
@@ -272,6 +279,7 @@ def record(
 
 
 def _run(plan: "RecordPlan") -> None:
+    from syncline_logger.live_view.feed import LiveView, check_installed
     from syncline_logger.own_log import own_log
     from syncline_logger.record_outputs import RecordOutputs
     from syncline_logger.record_view import RecordView, mention_cut_files, say_result
@@ -280,6 +288,8 @@ def _run(plan: "RecordPlan") -> None:
     from syncline_logger.triggers.requests import trigger_requests
 
     wanted = plan.wanted
+    if wanted.view:
+        check_installed()
     with stop_on_signals() as stop, ExitStack() as stack:
         # First of all: a signal that nobody waits for ends the process.
         requests = stack.enter_context(trigger_requests(_folder(wanted.output)))
@@ -287,6 +297,7 @@ def _run(plan: "RecordPlan") -> None:
         stack.enter_context(own_log(wanted.log, wanted.log_size, wanted.log_keep))
         view = RecordView(stack)
         outputs = stack.enter_context(RecordOutputs(view, wanted.status_file, wanted.prometheus))
+        live = stack.enter_context(LiveView(outputs.words)) if wanted.view else None
         result = record_sources(
             plan.sources,
             wanted.output,
@@ -299,6 +310,7 @@ def _run(plan: "RecordPlan") -> None:
             on_note=outputs.note,
             asked=requests.poll,
             status_period_ns=wanted.status_period_ns or view.period_ns,
+            view=live,
         )
     say_result(result, triggered_only=wanted.triggered_only)
 

@@ -33,6 +33,10 @@ class View(Protocol):
         """Show the state of the recorder."""
         ...
 
+    def words(self, text: str) -> None:
+        """Say something."""
+        ...
+
 
 class RecordOutputs:
     """Passes what the recorder tells to everyone who wants to know; ends with the recording.
@@ -91,6 +95,11 @@ class RecordOutputs:
         """Something happened."""
         level = logging.WARNING if note.serious else logging.INFO
         self._log(level, str(note), note.log_ns)
+
+    def words(self, text: str) -> None:
+        """Something happened beside the recording."""
+        self._log(logging.WARNING, text)
+        self._to_view.do("the view", partial(self._view.words, text))
 
     def status(self, snapshot: StatusSnapshot) -> None:
         """A period has passed."""

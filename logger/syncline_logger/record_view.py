@@ -42,6 +42,11 @@ class RecordView:
         """Show the state of the recorder."""
         self._show(snapshot)
 
+    def words(self, text: str) -> None:
+        """Say something beside the status."""
+        with suppress(OSError):
+            click.echo(text, err=True)
+
 
 def say_result(result: "RecordResult", *, triggered_only: bool = False) -> None:
     """Words about a finished recording, of which only what lies around triggers may be written."""

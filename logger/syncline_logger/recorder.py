@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
 from queue import Empty, SimpleQueue
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from syncline_logger.decode_worker import DecodeWorker
 from syncline_logger.decoding import LiveDecoder
 from syncline_logger.guard import Guard
 from syncline_logger.live_status import StatusSnapshot
+from syncline_logger.live_view.taken import Begun, Heard, Taken
 from syncline_logger.notes import OnNote
 from syncline_logger.pace import WritePace
 from syncline_logger.record_options import RecordOptions
@@ -44,6 +46,18 @@ LOSS_REASONS: dict[LossPlace, str] = {
 }
 
 
+class FrameView(Protocol):
+    """Shows frames while they are recorded."""
+
+    def begin(self, begun: Begun) -> None:
+        """The recording has begun."""
+        ...
+
+    def take(self, taken: Taken) -> None:
+        """Take frames; returns at once."""
+        ...
+
+
 def record(
     sources: Sequence[Source],
     target: Path,
@@ -57,6 +71,7 @@ def record(
     on_turn: Callable[[], None] | None = None,
     asked: Callable[[], Iterable[str]] | None = None,
     on_note: OnNote | None = None,
+    view: FrameView | None = None,
 ) -> RecordResult:
     """Record buses until `stop` is set or `duration_ns` has passed, and close the file.
 
@@ -71,13 +86,14 @@ def record(
             thread that reads hangs.
         asked: polled once per chunk; gives words for each mark that somebody asks for.
         on_note: called at once with everything that happens: files, gaps, marks, lost nodes.
+        view: is shown the frames beside the recording; must not wait for anything.
 
     What these raise ends no recording: it is told once in the status, and they are called again.
 
     Raises:
         SourceError: a bus cannot be opened. UsageError: the file exists, or cannot be made.
     """
-    recorder = LiveRecorder(sources, target, options or RecordOptions(), asked, on_note)
+    recorder = LiveRecorder(sources, target, options or RecordOptions(), asked, on_note, view)
     return recorder.run(
         stop or threading.Event(), duration_ns, on_status, status_period_ns, on_turn, on_start
     )
@@ -199,8 +215,10 @@ class LiveRecorder:
         options: RecordOptions,
         asked: Callable[[], Iterable[str]] | None = None,
         on_note: OnNote | None = None,
+        view: FrameView | None = None,
     ) -> None:
         self._asked = asked
+        self._view = view
         self._raised: list[str] = []
         self._guard = Guard(self._raised.append)
         unrehearsed = rehearse(options.compression, decode=options.decode)
@@ -239,6 +257,10 @@ class LiveRecorder:
             raise
         if unrehearsed:
             self._recording.add_status(0, self._start_ns, unrehearsed)
+        if view:
+            known = options.description
+            begun = Begun(self._start_ns, tuple(buses), known.text, dict(known.files))
+            self._guard.call("the live view", view.begin, begun)
         decoder = LiveDecoder(
             {bus.number: bus.name for bus in buses}, options.description, options.triggers.values
         )
@@ -365,6 +387,10 @@ class LiveRecorder:
         self._recording.take_frames(collected.frames, collected.log_ns)
         for bus, begin_ns, end_ns in heard_ns:
             self._recording.listened(bus, max(begin_ns, self._clock_step_ns), end_ns)
+        if self._view:
+            heard = tuple(Heard(bus, begin_ns, end_ns) for bus, begin_ns, end_ns in heard_ns)
+            taken = Taken(collected.frames, collected.log_ns, heard)
+            self._guard.call("the live view", self._view.take, taken)
         self._waiting.append(collected)
 
     def _write_chunk(self, now_ns: int, *, status: bool = False, last: bool = False) -> None:

@@ -41,10 +41,12 @@ def recover(ctx: click.Context, captures: tuple[Path, ...], output: Path | None)
     data could not be saved; stderr says what.
     """
     from syncline_schemas.capture.recover import recover as recover_file
+    from syncline_schemas.progress_line import progress_line
 
     lost = False
     for capture, target in zip(captures, targets(captures, output), strict=True):
-        result = recover_file(capture, target)
+        with progress_line() as line:
+            result = recover_file(capture, target, line)
         lost |= bool(result.lost_chunks or result.lost_frames)
         click.echo(str(target))
         _say(capture, result)

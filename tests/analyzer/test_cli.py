@@ -1,6 +1,7 @@
 """The analyzer's commands: what they print where, what they write, and how they exit."""
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ from click.testing import CliRunner, Result
 from syncline_analyzer import cli
 from syncline_analyzer.results import Analysis
 from syncline_analyzer.viewer import viewer_command
+from syncline_schemas.batch import FrameBatch
 from syncline_schemas.errors import UsageError
 from tests.analyzer.analysis_builder import analysis, bad_day, capture_row, finding, node_row
 
@@ -30,6 +32,13 @@ class FakeSession:
     def analyze(self, progress: object) -> Analysis:
         assert progress is None, "no progress where stderr is no terminal"
         return self.told
+
+    @property
+    def analysis(self) -> Analysis:
+        return self.told
+
+    def frames(self, start: object, end: object) -> Iterator[FrameBatch]:
+        return iter(())
 
 
 @pytest.fixture
@@ -64,6 +73,8 @@ def test_analyze_hands_its_options_on(session: FakeSession) -> None:
         "1m30s",
         "--data-bitrate",
         "2000000",
+        "--offset",
+        "a=b.log=+3600",
     )
     assert session.asked == {
         "captures": (Path("a.log"), Path("b.log")),
@@ -73,6 +84,7 @@ def test_analyze_hands_its_options_on(session: FakeSession) -> None:
         "data_bitrate": 2_000_000,
         "start": "10s",
         "end": "1m30s",
+        "offsets": {"a=b.log": "+3600"},
     }
 
 

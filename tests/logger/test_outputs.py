@@ -58,6 +58,9 @@ class Silent:
     def status(self, snapshot: object) -> None:
         pass
 
+    def words(self, text: str) -> None:
+        pass
+
 
 class Raising:
     """A view that fails whenever it is asked."""
@@ -70,6 +73,9 @@ class Raising:
 
     def status(self, snapshot: object) -> None:
         self.asked += 1
+        raise RuntimeError("no such terminal")
+
+    def words(self, text: str) -> None:
         raise RuntimeError("no such terminal")
 
 

@@ -273,6 +273,9 @@ class Silent:
     def status(self, snapshot: object) -> None:
         self.last = snapshot
 
+    def words(self, text: str) -> None:
+        self.told = text
+
 
 @needs_unix
 def test_everyone_is_told(manager: socket.socket, tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ Beyond the keys of the interface every row also carries what its dataclass in `r
 
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
 from typing import Any
 
@@ -60,9 +61,9 @@ TABLES = (
 _STEPS = ("resolution_ns", "resolution_us")
 
 
-def to_object(analysis: Analysis) -> dict[str, Any]:
+def to_object(analysis: Analysis, tables: Sequence[str] = TABLES) -> dict[str, Any]:
     """The analysis as one object of plain Python values, ready for any JSON writer."""
-    rows = {table: [plain(row) for row in getattr(analysis, table)] for table in TABLES}
+    rows = {table: [plain(row) for row in getattr(analysis, table)] for table in tables}
     capture = plain(analysis.capture)
     if analysis.capture.time_base == "none":
         # Stamps that are none have no step.
@@ -78,13 +79,13 @@ def to_json(analysis: Analysis) -> str:
 
 def findings_json(analysis: Analysis) -> str:
     """What `findings.json` holds: schema, capture and findings, for programs that only alarm."""
-    whole = to_object(analysis)
-    chosen = {key: whole[key] for key in ("schema", "capture", "findings")}
-    return json.dumps(chosen, allow_nan=False, indent=2) + "\n"
+    return json.dumps(to_object(analysis, ("findings",)), allow_nan=False, indent=2) + "\n"
 
 
 def plain(value: Any) -> Any:
     """Rows and values as what any JSON writer takes: dicts, lists, text, numbers and None."""
+    if value is None or type(value) in (int, str, bool):
+        return value
     match value:
         case Quantiles():
             return _quantiles(value)

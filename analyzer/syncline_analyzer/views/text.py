@@ -1,4 +1,4 @@
-"""The analysis as text for a terminal: findings first, then what they rest on."""
+"""Everything of an analysis as text for a terminal: findings first, then what they rest on."""
 
 import os
 from collections.abc import Iterable, Iterator, Sequence
@@ -57,7 +57,7 @@ _MEANT = (
 )
 """What columns of the table of SYNC and PDOs hold."""
 
-_SEVERITY_WORDS = {"error": "ERROR", "warning": "WARNING", "info": "NOTE"}
+SEVERITY_WORDS = {"error": "ERROR", "warning": "WARNING", "info": "NOTE"}
 
 
 def summary(analysis: Analysis, *, width: int = PIPE_WIDTH) -> str:
@@ -82,7 +82,7 @@ def print_summary(analysis: Analysis, console: Console) -> None:
 def _parts(analysis: Analysis, width: int) -> Iterator[RenderableType]:
     clock = Clock.of(analysis.capture)
     yield Text(extent(analysis), style="dim")
-    yield from _start(analysis, clock)
+    yield from start_lines(analysis, clock)
     yield Text(verdict(analysis), style="bold")
     for finding in analysis.findings:
         yield from _story(finding, analysis, clock)
@@ -92,7 +92,8 @@ def _parts(analysis: Analysis, width: int) -> Iterator[RenderableType]:
         yield table
 
 
-def _start(analysis: Analysis, clock: Clock) -> Iterator[Text]:
+def start_lines(analysis: Analysis, clock: Clock) -> Iterator[Text]:
+    """When the capture was made, and what is to be known before anything else."""
     capture = analysis.capture
     if not capture.frames:
         yield Text("There are no frames in it, so there are no times.", style="dim")
@@ -116,7 +117,7 @@ def _start(analysis: Analysis, clock: Clock) -> Iterator[Text]:
 def _story(finding: Finding, analysis: Analysis, clock: Clock) -> Iterator[RenderableType]:
     head = Text("\n")
     colour = css(SEVERITY_COLOURS[finding.severity])
-    head.append(f"{_SEVERITY_WORDS[finding.severity]} ", style=f"bold {colour}")
+    head.append(f"{SEVERITY_WORDS[finding.severity]} ", style=f"bold {colour}")
     head.append(printable(where(finding, names_of(analysis.nodes))), style="bold")
     stretch = clock.stretch(finding.start_ns, finding.end_ns)
     if clock.timed:
@@ -251,12 +252,15 @@ def _states(analysis: Analysis, width: int) -> Group:
     )
     table.add_column(no_wrap=True)
     for key, rows in lanes.items():
-        table.add_row(Text(heads[key]), _bar(cells(rows, capture.begin_ns, capture.end_ns, room)))
+        table.add_row(
+            Text(heads[key]), state_bar(cells(rows, capture.begin_ns, capture.end_ns, room))
+        )
     legend = "  ".join(f"{letter} {state}" for state, letter in STATE_LETTERS.items())
     return Group(table, Text(legend, style="dim"))
 
 
-def _bar(states: list[str]) -> Text:
+def state_bar(states: list[str]) -> Text:
+    """One letter per cell, on the colour of its state."""
     bar = Text()
     for state, run in groupby(states):
         count = len(list(run))

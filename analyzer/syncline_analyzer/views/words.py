@@ -52,6 +52,8 @@ def printable(text: str) -> str:
     >>> printable("tilt\x1b[31m")
     'tilt\\x1b[31m'
     """
+    if text.isprintable():
+        return text
     return "".join(c if unicodedata.category(c)[0] != "C" else ascii(c)[1:-1] for c in text)
 
 

@@ -1,0 +1,1 @@
+"""Frames in words, one by one: what `syncline decode` shows."""

@@ -1,0 +1,1 @@
+"""Many captures of many machines, analyzed on a Dask cluster into one parquet data set."""

@@ -1,0 +1,113 @@
+"""Making captures stand in a data set, whole, and taking old ones away.
+
+In a folder a capture is written beside (`.staging`), and appears by one rename. An object store has
+no rename: there its `captures.parquet` is written last and removed first.
+"""
+
+import shutil
+import uuid
+from collections.abc import Iterable
+from contextlib import suppress
+from pathlib import Path
+
+from syncline_analyzer.fleet.captures import CaptureEntry
+from syncline_analyzer.fleet.layout import CAPTURES_FILE, STAGING, Partition
+from syncline_analyzer.fleet.storage import Storage
+
+_TRIES = 20
+"""Twins of a task, after a scheduler was lost, may publish the same capture at the same time."""
+
+
+def standing(storage: Storage, partition: Partition) -> CaptureEntry | None:
+    """The entry of a capture that stands at a place."""
+    content = storage.read(f"{partition.folder}/{CAPTURES_FILE}")
+    return None if content is None else CaptureEntry.of_bytes(content, partition)
+
+
+def publish(storage: Storage, staged: Path, entry: CaptureEntry) -> None:
+    """Make a capture stand; one that stands at its place goes.
+
+    Args:
+        staged: folder with its tables and nothing else; of a local storage on the same disk.
+    """
+    if storage.local:
+        (staged / CAPTURES_FILE).write_bytes(entry.to_bytes())
+        _rename(storage, staged, entry.partition.folder)
+        return
+    retire(storage, entry.partition)
+    for path in sorted(staged.glob("*.parquet")):
+        storage.fs.put_file(str(path), storage.path(f"{entry.partition.folder}/{path.name}"))
+    storage.write(f"{entry.partition.folder}/{CAPTURES_FILE}", entry.to_bytes())
+
+
+def refresh(storage: Storage, entry: CaptureEntry) -> None:
+    """Write the row of a capture that stands anew; its tables stay."""
+    storage.write(f"{entry.partition.folder}/{CAPTURES_FILE}", entry.to_bytes())
+
+
+def retire(storage: Storage, partition: Partition) -> None:
+    """Take a capture away: out of sight at once, then what it held."""
+    if not storage.local:
+        storage.remove(f"{partition.folder}/{CAPTURES_FILE}")
+        for relative in storage.files(partition.folder):
+            storage.remove(relative)
+        return
+    folder = storage.folder(partition.folder)
+    away = staging_folder(storage, "retired")
+    with suppress(FileNotFoundError):
+        folder.rename(away / "capture")
+    shutil.rmtree(away, ignore_errors=True)
+    _remove_empty(storage, folder.parent)
+
+
+def put_beside(storage: Storage, made: Path, relative: str) -> None:
+    """Put a file that was made, a report or a recording, at its place."""
+    if not storage.local:
+        storage.fs.put_file(str(made), storage.path(relative))
+        return
+    target = storage.folder(relative)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    made.replace(target)
+
+
+def staging_folder(storage: Storage, run: str) -> Path:
+    """A new folder of a run, beside the data set of a local storage, where nobody reads."""
+    folder = storage.folder(f"{STAGING}/{run}/{uuid.uuid4().hex}")
+    folder.mkdir(parents=True)
+    return folder
+
+
+def remove_staging(storage: Storage, runs: Iterable[str]) -> None:
+    """Remove what these runs left beside the data set, as far as nobody uses it."""
+    if storage.local:
+        for run in runs:
+            shutil.rmtree(storage.folder(f"{STAGING}/{run}"), ignore_errors=True)
+        with suppress(OSError):
+            storage.folder(STAGING).rmdir()
+
+
+def _rename(storage: Storage, staged: Path, place: str) -> None:
+    target = storage.folder(place)
+    for left in reversed(range(_TRIES)):
+        target.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            if target.exists():
+                away = staging_folder(storage, "retired")
+                target.rename(away / "capture")
+                shutil.rmtree(away, ignore_errors=True)
+            staged.rename(target)
+        except OSError:
+            # Somebody else put its own there, or took the empty folder above away.
+            if not left:
+                raise
+        else:
+            return
+
+
+def _remove_empty(storage: Storage, folder: Path) -> None:
+    """Remove folders that hold nothing any more, up to the root."""
+    root = storage.folder()
+    with suppress(OSError):
+        while folder != root and root in folder.parents:
+            folder.rmdir()
+            folder = folder.parent

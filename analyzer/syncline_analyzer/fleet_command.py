@@ -1,0 +1,202 @@
+"""`syncline fleet`: many captures of many machines as one data set."""
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from syncline_schemas.errors import MissingExtraError, UsageError
+
+if TYPE_CHECKING:
+    from syncline_analyzer.fleet.task import Settings
+
+NOT_REACHED = 1
+INSTALL = 'pip install "syncline[fleet]"'
+
+
+@click.group(
+    epilog="\b\nExamples:\n"
+    "  syncline fleet analyze captures --out fleet\n"
+    "  syncline fleet analyze s3://line/** --out s3://fleet/a --scheduler tcp://host:8786"
+)
+def fleet() -> None:
+    """Analyze the captures of many machines and ask about all of them."""
+
+
+@contextmanager
+def fleet_extra() -> Iterator[None]:
+    """Say which extra is missing where a package of it is. Raises: MissingExtraError."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if str(error.name).startswith("syncline"):
+            raise
+        raise MissingExtraError(
+            f"'syncline fleet' needs the package '{error.name}', which is not installed;"
+            f" type: {INSTALL}"
+        ) from error
+
+
+def storage_options(pairs: tuple[str, ...]) -> dict[str, Any]:
+    """Options of file systems from KEY=VALUE; a value is JSON where it can be. Raises: UsageError.
+
+    >>> storage_options(("anon=true", 'client_kwargs={"region_name": "eu"}', "key=me"))
+    {'anon': True, 'client_kwargs': {'region_name': 'eu'}, 'key': 'me'}
+    """
+    options = {}
+    for pair in pairs:
+        key, equals, value = pair.partition("=")
+        if not (key and equals):
+            raise UsageError(f"--storage-option {pair}: write it as KEY=VALUE")
+        try:
+            options[key] = json.loads(value)
+        except ValueError:
+            options[key] = value
+    return options
+
+
+@fleet.command(
+    epilog="\b\nExamples:\n"
+    "  syncline fleet analyze /data/captures --out /data/fleet --workers 8\n"
+    '  syncline fleet analyze "s3://line/**" --out s3://fleet/a --machine-from "{machine}/{date}"'
+)
+@click.argument("sources", nargs=-1, required=True, metavar="SOURCE...")
+@click.option(
+    "--out", required=True, metavar="DEST", help="Folder or URL of the data set; made if need be."
+)
+@click.option(
+    "--scheduler",
+    metavar="ADDRESS",
+    help="Work on the Dask cluster of this scheduler, tcp://host:8786. Its workers must reach"
+    " SOURCE and DEST by the same names.",
+)
+@click.option(
+    "--workers",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Worker processes on this machine; by default one for each processor.",
+)
+@click.option(
+    "--machine-from",
+    metavar="RULE",
+    help="Where the name of the machine stands in a capture's path: a template such as"
+    ' "{machine}/{date}", a regular expression with (?P<machine>...), or host for the name of the'
+    " recording gateway. By default what the recorder was told, else the name of the folder.",
+)
+@click.option(
+    "--description",
+    type=click.Path(path_type=Path, exists=True),
+    metavar="BUS.toml|FOLDER",
+    help="Bus description of all machines, or a folder with one MACHINE.toml each; by default the"
+    " one that a capture carries.",
+)
+@click.option(
+    "--bitrate",
+    type=click.IntRange(min=1),
+    metavar="BIT/S",
+    help="Bit rate of buses of which neither description nor capture tells it.",
+)
+@click.option("--with-traces", is_flag=True, help="Write every sample and every PDO answer too.")
+@click.option("--reports", is_flag=True, help="Write a report.html of each capture.")
+@click.option("--rrd", is_flag=True, help="Write a Rerun recording of each capture.")
+@click.option(
+    "--storage-option",
+    "storage_pairs",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Option of the object store, as fsspec takes it; a value may be JSON. May be repeated."
+    " By default the environment tells (AWS_ENDPOINT_URL, FSSPEC_S3_KEY ...).",
+)
+@click.option("--retry-failed", is_flag=True, help="Try again what failed, though nothing changed.")
+@click.option("--check", is_flag=True, help="Exit with 1 when a capture failed.")
+@click.option(
+    "--format",
+    "form",
+    type=click.Choice(["text", "json"]),
+    default="text",
+    show_default=True,
+    help="What to print: a summary for people, or one JSON object a line for each capture.",
+)
+@click.pass_context
+def analyze(
+    ctx: click.Context,
+    sources: tuple[str, ...],
+    out: str,
+    scheduler: str | None,
+    workers: int | None,
+    machine_from: str | None,
+    description: Path | None,
+    bitrate: int | None,
+    with_traces: bool,
+    reports: bool,
+    rrd: bool,
+    storage_pairs: tuple[str, ...],
+    retry_failed: bool,
+    check: bool,
+    form: str,
+) -> None:
+    """Analyze all captures of folders, globs and object stores into one parquet data set.
+
+    Segments of one recording are one capture. Running it again does what is new or changed; what
+    cannot be analyzed becomes a row of 'failures' and stops nothing. Whoever reads the data set
+    meanwhile sees whole captures only.
+    """
+    if scheduler is not None and workers is not None:
+        raise UsageError("--workers starts processes here, --scheduler uses others: name one")
+    with fleet_extra():
+        from syncline_analyzer.fleet.machine import MachineRule
+        from syncline_analyzer.fleet.plan import Order
+        from syncline_analyzer.fleet.progress import summary_json, summary_lines, watching
+        from syncline_analyzer.fleet.run import run
+        from syncline_analyzer.fleet.source import find_captures
+        from syncline_analyzer.fleet.storage import open_storage
+
+        options = storage_options(storage_pairs)
+        storage = open_storage(out, options)
+        order = Order(
+            find_captures(sources, storage, options),
+            storage,
+            MachineRule.of(machine_from),
+            _settings(description, bitrate, with_traces, reports, rrd),
+            options,
+            retry_failed,
+        )
+        with watching(as_json=form == "json") as watcher:
+            summary = run(order, watcher, scheduler=scheduler, workers=workers)
+    if form == "json":
+        click.echo(summary_json(summary, storage.url))
+    else:
+        for line in summary_lines(summary, storage.url):
+            click.echo(line)
+    if check and summary.failed:
+        ctx.exit(NOT_REACHED)
+
+
+def _settings(
+    description: Path | None, bitrate: int | None, with_traces: bool, reports: bool, rrd: bool
+) -> "Settings":
+    """What is asked of each analysis. Raises: DescriptionError."""
+    from syncline_analyzer.fleet.task import Extra, Settings
+    from syncline_schemas.description import BusDescription
+
+    wanted: tuple[tuple[bool, Extra], ...] = (
+        (with_traces, "samples"),
+        (reports, "report"),
+        (rrd, "recording"),
+    )
+    if description is None:
+        paths = {}
+    elif description.is_dir():
+        paths = {path.stem: path for path in sorted(description.glob("*.toml"))}
+    else:
+        paths = {"": description}
+    loaded = {machine: BusDescription.load(path) for machine, path in paths.items()}
+    return Settings(
+        {machine: each.text for machine, each in loaded.items()},
+        {name: content for each in loaded.values() for name, content in each.files.items()},
+        bitrate,
+        tuple(extra for asked, extra in wanted if asked),
+    )

@@ -27,7 +27,10 @@ from syncline_analyzer import open_session
 from syncline_logger import message_log
 from syncline_logger.can_message import ns_of
 from syncline_logger.can_plugin import McapReader, McapWriter
+from syncline_schemas.batch import FrameFlag
 from syncline_schemas.errors import CaptureError
+from tests.analyzer import binary_files
+from tests.analyzer.log_builder import row
 from tests.logger.capture_contents import doctor_complaints, read_capture
 
 ROOT = Path(__file__).parents[1]
@@ -177,6 +180,51 @@ def test_can_logconvert_reads_and_writes(tmp_path: Path, monkeypatch: pytest.Mon
     monkeypatch.setattr(sys, "argv", ["can_logconvert", str(first), str(second)])
     can.logconvert.main()
     assert same(list(McapReader(second)), list(MESSAGES))
+
+
+BAG = [
+    row(0, 0x701, b"\5"),
+    row(1_000, 0x18DAF110, bytes(range(8)), bus=1, flags=FrameFlag.EXTENDED),
+    row(2_000, 0x705, flags=FrameFlag.REMOTE, dlc=3),
+]
+
+
+@plugged
+def test_log_reader_reads_ros2_bags(tmp_path: Path) -> None:
+    (tmp_path / "bag.mcap").write_bytes(binary_files.ros2(BAG))
+    with can.LogReader(tmp_path / "bag.mcap") as log:
+        got = list(log)
+    truth = [
+        can.Message(timestamp=START_S, arbitration_id=0x701, is_extended_id=False, data=b"\5"),
+        can.Message(timestamp=START_S + 1e-3, arbitration_id=0x18DAF110, data=bytes(range(8))),
+        can.Message(timestamp=START_S + 2e-3, arbitration_id=0x705, is_extended_id=False,
+                    is_remote_frame=True, dlc=3),
+    ]  # fmt: skip
+    for message, bus in zip(truth, (0, 1, 0), strict=True):
+        message.channel = f"/can{bus}/from_can_bus"
+    assert same(got, truth)
+
+
+def test_can_fd_in_a_ros2_bag_and_what_is_cut_off(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    raw = binary_files.ros2_fd([row(0, 0x123, bytes(range(12)), flags=FrameFlag.FD)])
+    (tmp_path / "bag.mcap").write_bytes(raw[:-20])
+    (got,) = McapReader(tmp_path / "bag.mcap")
+    assert (got.is_fd, bytes(got.data), got.timestamp) == (True, bytes(range(12)), START_S)
+    assert "no footer" in caplog.text
+
+
+@plugged
+def test_can_player_plays_a_ros2_bag(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "bag.mcap").write_bytes(binary_files.ros2(BAG))
+    with VirtualBus("bag") as receiver:
+        monkeypatch.setattr(sys, "argv", ["can_player", "-i", "virtual", "-c", "bag", "-g", "0",
+                                          "--ignore-timestamps", str(tmp_path / "bag.mcap")])  # fmt: skip
+        monkeypatch.setattr(can.player, "_set_logging_level_from_namespace", lambda _: None)
+        can.player.main()
+        got = [receiver.recv(0) for _ in BAG]
+    assert [m.arbitration_id for m in got if m is not None] == [0x701, 0x18DAF110, 0x705]
 
 
 def test_message_sync_keeps_the_order_of_the_capture(tmp_path: Path) -> None:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from can.typechecking import StringPathLike
 
     from syncline_logger.can_message import Channel
+    from syncline_schemas.capture.ros2_bag import BagScan
     from syncline_schemas.capture.scan import CaptureScan
 
 LOG = logging.getLogger("syncline.can")
@@ -72,17 +73,19 @@ class McapWriter(BinaryIOMessageWriter):
 
 
 class McapReader(BinaryIOMessageReader):
-    """python-can's reader of `.mcap`, whether this plug-in or `syncline record` wrote it.
+    """python-can's reader of `.mcap`: of this plug-in, of `syncline record`, or a ROS 2 bag.
 
     Whole, cut off or damaged: what can be read comes, and what was lost is logged as a warning.
-    `channel` of the messages is as it was written (a number in digits is an int), or the name of the
-    recorded bus. A time before the first message of a file object is spent on copying it.
+    `channel` of the messages is as it was written (a number in digits is an int), the name of the
+    recorded bus, or the topic in a bag. A time before the first message of a file object is spent on
+    copying it.
 
     Raises:
-        CaptureError: the file cannot be opened, is no MCAP file or holds no frames of Syncline's.
+        CaptureError: the file cannot be opened, is no MCAP file or holds no CAN frames.
     """
 
     def __init__(self, file: "StringPathLike | BinaryIO | BufferedIOBase", **kwargs: Any) -> None:
+        from syncline_schemas.capture.ros2_bag import BagScan, bag_schemas
         from syncline_schemas.capture.scan import CaptureScan
 
         self._folder: tempfile.TemporaryDirectory[str] | None = None
@@ -94,7 +97,8 @@ class McapReader(BinaryIOMessageReader):
             else:
                 self._path = self._copied()
             self._scan = CaptureScan(self._path)
-            if self._scan.facts.closed:
+            self._bag = BagScan(self._path) if bag_schemas(self._path) else None
+            if self._scan.facts.closed and self._bag is None:
                 self._check_schemas()
         except BaseException:
             self.stop()
@@ -102,6 +106,9 @@ class McapReader(BinaryIOMessageReader):
 
     def __iter__(self) -> Iterator[can.Message]:
         """All messages in arrival order."""
+        if self._bag is not None:
+            yield from self._of_bag(self._bag)
+            return
         from syncline_logger.can_message import messages_of
         from syncline_schemas.batch import FrameBatch
 
@@ -111,6 +118,16 @@ class McapReader(BinaryIOMessageReader):
         self._check_schemas()
         for damage in self._scan.facts.damage:
             LOG.warning("%s: %s", self._path.name, damage)
+
+    def _of_bag(self, bag: "BagScan") -> Iterator[can.Message]:
+        from syncline_logger.can_message import messages_of
+
+        for batch in bag.batches():
+            yield from messages_of(batch, bag.facts.topics)
+        for damage in bag.facts.damage:
+            LOG.warning("%s: %s", self._path.name, damage)
+        if bag.facts.unreadable:
+            LOG.warning("%s: %d messages are no CAN frames", self._path.name, bag.facts.unreadable)
 
     def stop(self) -> None:
         """Close the file."""
@@ -135,8 +152,7 @@ class McapReader(BinaryIOMessageReader):
             return
         found = ", ".join(facts.schema_names) or "none"
         raise CaptureError(
-            f"{self._path} is no Syncline capture, its schemas: {found}; a ROS 2 bag is read after "
-            f"`syncline convert {self._path.name} converted.mcap`"
+            f"{self._path} holds no CAN frames, neither Syncline's nor of a ROS 2 bag; its schemas: {found}"
         )
 
 

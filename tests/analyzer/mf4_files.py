@@ -4,7 +4,7 @@ import tempfile
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -87,3 +87,48 @@ def mf4(
 def mf4_keeps(frame: Row) -> Row | None:
     """Everything, stamps as fractions of a second; an extended flag of error frames has no meaning."""
     return frame
+
+
+def canedge(frames: Sequence[Row]) -> bytes:
+    """Data frames as a CANedge stores them: fields of single bits, data of variable length.
+
+    IDE is the highest bit of the identifier's word, direction, flags and channel share a byte, and the
+    data bytes stand apart from the records.
+    """
+    from asammdf import MDF, Signal, Source
+
+    name, source = "CAN_DataFrame", Source("CAN", "CAN", "", 2, 2)
+    whole = _samples(name, frames)
+    kept = [each for each in whole.dtype.names or () if not each.endswith("DataBytes")]
+    samples = np.zeros(len(whole), [(each, whole.dtype[each]) for each in kept])
+    for each in kept:
+        samples[each] = whole[each]
+    shared = ("EDL", "BRS", "ESI", "Dir", "BusChannel")
+    bits = sum(samples[f"{name}.{field}"] << bit for bit, field in enumerate(shared))
+    samples[f"{name}.ID"] |= samples[f"{name}.IDE"].astype(np.uint32) << 31
+    samples[f"{name}.EDL"] = bits
+    for field in ("IDE", *shared[1:]):
+        samples[f"{name}.{field}"] = 0xFF
+    times = np.array([(frame[0] - T0_NS) / 1e9 for frame in frames])
+    data = np.array([frame[5] for frame in frames], "S64")
+    with MDF(version="4.10") as mdf:
+        mdf.header.start_time = datetime.fromtimestamp(T0_NS // 10**9, UTC)
+        parts = [
+            Signal(samples, times, name=name, source=source),
+            Signal(data, times, name=f"{name}.DataBytes", source=source, encoding="latin-1"),
+        ]
+        mdf.append(parts, common_timebase=True)
+        group: Any = mdf.groups[0]
+        places = {channel.name: number for number, channel in enumerate(group.channels)}
+        channels = {channel.name.partition(".")[2]: channel for channel in group.channels}
+        group.channel_dependencies[places[name]].append((0, places[f"{name}.DataBytes"]))
+        channels["DataBytes"].data_type = 10
+        channels["ID"].bit_count = 29
+        first, ide = channels["ID"].byte_offset, channels["IDE"]
+        ide.byte_offset, ide.bit_offset, ide.bit_count = first + 3, 7, 1
+        for bit, field in enumerate(shared):
+            channel = channels[field]
+            channel.byte_offset = channels["EDL"].byte_offset
+            channel.bit_offset, channel.bit_count = bit, 2 if field == "BusChannel" else 1
+        with tempfile.TemporaryDirectory() as folder:
+            return Path(mdf.save(Path(folder) / "x.mf4")).read_bytes()

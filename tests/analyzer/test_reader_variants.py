@@ -1,5 +1,6 @@
 """Files as customers send them: spellings of every text format that are not the usual one."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -322,3 +323,85 @@ def test_transport_messages_that_asc_logs_tell_besides_their_frames_are_no_lost_
     found, facts = read_text(tmp_path, text)
     assert found == [row(5, data=b"\x11")]
     assert [number for number, _ in facts.unparsed_lines] == [5]
+
+
+def _sdo_write(t_us: int, index: int, sub: int, value: int) -> list[tuple[int, int, bytes, bool]]:
+    head = index.to_bytes(2, "little") + bytes([sub])
+    written = b"\x23" + head + value.to_bytes(4, "little")
+    return [(t_us, 0x606, written, False), (t_us + 900, 0x586, b"\x60" + head + bytes(4), False)]
+
+
+def _asked_nodes(missed: range) -> list[tuple[int, int, bytes, bool]]:
+    """Node 5 is guarded, but for what it misses; TPDO1 of node 6 is asked for by remote frames."""
+    start = [(0, 0x705, b"\0", False), (1_000, 0x706, b"\0", False)]
+    mapped = [(0x1A00, 0, 0), (0x1A00, 1, 0x60040020), (0x1A00, 0, 1)]
+    for number, write in enumerate(mapped):
+        start += _sdo_write(20_000 + 10_000 * number, *write)
+    start += [(70_000, 0, b"\1\5", False), (71_000, 0, b"\1\6", False)]
+    answers = 0
+    for number in range(60):
+        t_us = 100_000 + 500_000 * number
+        start.append((t_us, 0x705, b"", True))
+        if number not in missed:
+            start.append((t_us + 600, 0x705, bytes([5 | answers % 2 << 7]), False))
+            answers += 1
+        start += [(t_us + 50_000, 0x186, b"", True), (t_us + 50_800, 0x186, bytes(4), False)]
+    return start
+
+
+def _marked(frames: list[tuple[int, int, bytes, bool]]) -> str:
+    return "".join(
+        f"({1_700_000_000 + t_us / 1e6:.6f}) can0 {can_id:03X}#{'R' if asks else data.hex()}\n"
+        for t_us, can_id, data, asks in frames
+    )
+
+
+def _unmarked(frames: list[tuple[int, int, bytes, bool]]) -> str:
+    head = "Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2,D3,D4,D5,D6,D7,D8\n"
+    return head + "".join(
+        f"{t_us},{can_id:08X},false,Rx,0,{len(data)},{data.hex(',').upper()}\n"
+        for t_us, can_id, data, _ in frames
+    )
+
+
+@pytest.mark.parametrize("written", [_marked, _unmarked])
+def test_remote_frames_that_a_log_does_not_mark_accuse_nobody(
+    tmp_path: Path, written: Callable[[list[tuple[int, int, bytes, bool]]], str]
+) -> None:
+    (tmp_path / "log").write_text(written(_asked_nodes(range(0))), encoding="utf-8")
+    assert open_session(tmp_path / "log").analyze().findings == []
+
+
+@pytest.mark.parametrize("sends", [True, False], ids=["there", "away"])
+@pytest.mark.parametrize(
+    ("written", "assumed"),
+    [
+        (_marked, []),
+        (_unmarked, ["empty data frames are remote frames, which the log does not mark"]),
+    ],
+)
+def test_what_rests_on_unmarked_remote_frames_says_so(
+    tmp_path: Path,
+    written: Callable[[list[tuple[int, int, bytes, bool]]], str],
+    assumed: list[str],
+    sends: bool,
+) -> None:
+    """Four answers that do not come, of a node whose PDOs go on or do not."""
+    frames = _asked_nodes(range(20, 24))
+    if sends:
+        frames += [(170_000 + 500_000 * n, 0x185, bytes([n]), False) for n in range(60)]
+    (tmp_path / "log").write_text(written(sorted(frames)), encoding="utf-8")
+    (finding,) = open_session(tmp_path / "log").analyze().findings
+    told = "nmt.guard_unanswered" if sends else "nmt.node_lost"
+    assert (finding.id, finding.node, finding.assumed) == (told, 5, assumed)
+
+
+@pytest.mark.parametrize(("unit", "worth"), [("ns", 1), ("us", 1_000), ("ms", 1_000_000)])
+def test_times_in_any_unit_may_have_a_fraction(tmp_path: Path, unit: str, worth: int) -> None:
+    text = (
+        f"Time [{unit}];Bus;ID (hex);DLC;RTR;Data\n2000000.000;1;181;0;1;\n5000000.0;1;181;1;0;11\n"
+    )
+    assert _frames(tmp_path, text) == [
+        (2_000_000 * worth, 0, 0x181, REMOTE, 0, b""),
+        (5_000_000 * worth, 0, 0x181, 0, 1, b"\x11"),
+    ]

@@ -112,6 +112,7 @@ def test_without_asammdf_the_pip_line_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "asammdf", None)
+    monkeypatch.setitem(sys.modules, "asammdf.blocks.mdf_v4", None)
     with pytest.raises(CaptureError, match=r"pip install 'syncline\[mf4\]'"):
         read(_written(tmp_path, b"MDF     4.10    " + bytes(64)))
 
@@ -129,3 +130,42 @@ def test_mdf_logs_of_python_can_are_read(tmp_path: Path) -> None:
     assert {FrameFlag.FD, FrameFlag.REMOTE, FrameFlag.ERROR} <= {
         FrameFlag(f[3]) & ~FrameFlag.TX for f in rows(batch)
     }
+
+
+@pytest.mark.skipif(find_spec("asammdf") is None, reason="asammdf is not here")
+@pytest.mark.parametrize("at_once", [2, 1 << 17])
+def test_mdf_logs_of_single_bits_and_data_apart_are_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at_once: int
+) -> None:
+    from tests.analyzer.mf4_files import canedge
+
+    monkeypatch.setattr("syncline_analyzer.readers.mf4._RECORDS_AT_ONCE", at_once)
+    extended, fd = FrameFlag.EXTENDED, FrameFlag.FD
+    frames = [
+        row(0, 0x181, b"\1\2\3"),
+        row(1_000, 0x18FEF100, bytes(range(8)), bus=1, flags=extended),
+        row(2_000, 0x701, b"\5", flags=FrameFlag.TX),
+        row(3_000, 0x1FFFFFFF, bytes(range(64)), bus=1, flags=extended | fd | FrameFlag.BRS),
+        row(4_000, 0x080),
+        row(5_000, 0x123, bytes(range(12)), flags=fd | FrameFlag.ESI),
+        row(6_000, 0x000, b"\x01\x05"),
+    ]
+    batch, facts, _ = read(_written(tmp_path, canedge(frames)))
+    assert [(t, int(facts.buses[bus]) - 1, *rest) for t, bus, *rest in rows(batch)] == frames
+
+
+@pytest.mark.skipif(find_spec("asammdf") is None, reason="asammdf is not here")
+@pytest.mark.parametrize("offset", [80, 1 << 20])
+def test_mdf_fields_outside_of_their_records_are_not_read(tmp_path: Path, offset: int) -> None:
+    from tests.analyzer.mf4_files import canedge
+
+    raw = bytearray(canedge([row(0, 0x181, b"\1"), row(1_000, 0x182, b"\2")]))
+    places = [at for at in range(len(raw)) if raw[at : at + 4] == b"##CN"]
+    data = [at + 24 + 8 * int.from_bytes(raw[at + 16 : at + 24], "little") for at in places]
+    # In the data of a channel block the byte offset is at 4, and at 8 the bit count: 29 of an ID.
+    at = 4 + next(at for at in data if raw[at + 8 : at + 12] == b"\x1d\0\0\0")
+    raw[at : at + 4] = offset.to_bytes(4, "little")
+    with pytest.raises(
+        CaptureError, match="the fields of CAN_DataFrame lie outside of its records"
+    ):
+        read(_written(tmp_path, bytes(raw)))

@@ -1,11 +1,12 @@
 """ASC, TRC, CSV and BLF: what their headers and rarer lines mean."""
 
+import struct
 from pathlib import Path
 
 import pytest
 
 from syncline_schemas.batch import FrameFlag
-from tests.analyzer.log_builder import CAPTURES, read, read_text, row
+from tests.analyzer.log_builder import CAPTURES, read, read_text, row, rows
 
 EXTENDED, REMOTE, ERROR, FD = (
     FrameFlag.EXTENDED,
@@ -278,3 +279,49 @@ def test_ixxat_frames_past_the_stop_time_are_noted(tmp_path: Path, stop: str, to
     )
     _, facts = read_text(tmp_path, head + '"00:03:34.48";"389";"Std";"";"D8 "\n')
     assert any("stop time" in note for note in facts.notes) is told
+
+
+def _blf_object(kind: int, stamp_ns: int, body: bytes) -> bytes:
+    size = 32 + len(body)
+    head = struct.pack("<4sHHLL", b"LOBJ", 32, 1, size, kind)
+    return head + struct.pack("<LHHQ", 2, 0, 0, stamp_ns) + body + bytes(size % 4)
+
+
+def test_blf_objects_as_vector_describes_them(tmp_path: Path) -> None:
+    """Written by hand: object types 86, 2, 73, 104, 100, 101, 1, and one that is no frame (4)."""
+    data8, data12 = bytes(range(1, 9)), bytes(range(12))
+    error_ext = struct.pack("<HHLBBBBLLHH8s", 2, 0, 0xE, 0x42, 5, 8, 0, 0, 0x181, 0, 0, data8)
+    fd_error = struct.pack("<BBBBHHBBHLLLLLLLHH", 2, 9, 0, 0x42, 1, 0, 0, 0, 0, 0x181, *[0] * 8)
+    fd = struct.pack("<HBBLLBBBBL64s", 1, 1, 9, 0x123, 0, 0, 7, 12, 0, 0, data12.ljust(64, b"\0"))
+    head64 = struct.pack("<BBBBLLL", 1, 9, 12, 0, 0x98FEF100, 0, 0x3000)
+    fd64 = head64 + struct.pack("<LLLLHBBL", 0, 0, 0, 0, 0, 0, 0, 0) + data12
+    remote = struct.pack("<HBBL8s", 1, 0x80, 1, 0x701, bytes(8))
+    objects = [
+        _blf_object(86, 1_000, struct.pack("<HBBL8sLBBH", 1, 0, 8, 0x181, data8, 0, 0, 0, 0)),
+        _blf_object(2, 2_000, struct.pack("<HHL", 2, 0, 0)),
+        _blf_object(4, 2_500, bytes(24)),
+        _blf_object(73, 3_000, error_ext),
+        _blf_object(104, 4_000, fd_error),
+        _blf_object(100, 5_000, fd),
+        _blf_object(101, 6_000, fd64),
+        _blf_object(1, 7_000, remote),
+    ]
+    inner = b"".join(objects)
+    container = struct.pack("<HHLLL", 0, 0, 0, len(inner), 0) + inner
+    size = 16 + len(container)
+    outer = struct.pack("<4sHHLL", b"LOBJ", 16, 1, size, 10) + container + bytes(size % 4)
+    start = struct.pack("<8H", 2023, 11, 2, 14, 22, 13, 20, 0)
+    head = struct.pack("<4sL", b"LOGG", 144) + bytes(32) + start + start
+    path = tmp_path / "log"
+    path.write_bytes(head.ljust(144, b"\0") + outer)
+    batch, facts, _ = read(path)
+    found = [(t, int(facts.buses[bus]) - 1, *rest) for t, bus, *rest in rows(batch)]
+    assert found == [
+        row(1, 0x181, data8),
+        row(2, 0, bytes(8), bus=1, flags=ERROR),
+        row(3, 0, bytes(8), bus=1, flags=ERROR),
+        row(4, 0, bytes(8), bus=1, flags=ERROR),
+        row(5, 0x123, data12, flags=FD | FrameFlag.TX | FrameFlag.BRS | FrameFlag.ESI),
+        row(6, 0x18FEF100, data12, flags=FD | EXTENDED | FrameFlag.BRS),
+        row(7, 0x701, flags=REMOTE, dlc=1),
+    ]

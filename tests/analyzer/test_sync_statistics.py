@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from syncline_analyzer.folds.timing.doubled_sync import Doubled
 from syncline_analyzer.results import SyncRow, WorstRow
 from syncline_schemas.batch import Gap
 from tests.analyzer.timing_builder import (
@@ -221,3 +222,9 @@ def test_the_worst_periods_are_kept_with_their_frames() -> None:
     (shortest, *_) = [row for row in worst if row.extreme == "shortest"]
     assert (shortest.seq, shortest.value_us) == (701, 8000)
     assert len(worst) == 20
+
+
+def test_syncs_that_share_a_stamp_are_not_held_against_a_period_of_nothing() -> None:
+    doubled = Doubled()
+    doubled.add(np.arange(4), np.array([0, 0, 0, 10]), np.array([0.0, 0.0, 0.0, 10.0]))
+    assert doubled.count == 0

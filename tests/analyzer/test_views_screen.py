@@ -152,6 +152,28 @@ def test_a_screen_is_never_longer_than_promised() -> None:
     assert len(screen(shown, width=80, whole_texts=False).splitlines()) <= MOST
 
 
+@pytest.mark.parametrize("width", [12, 30])
+def test_the_narrowest_terminals_get_whole_lines(width: int) -> None:
+    kinds = [finding(severity=kind) for kind in ("error", "warning", "info")]
+    shown = analysis(
+        findings=kinds * 9, nodes=many_nodes().nodes, nmt_states=many_nodes().nmt_states
+    )
+    lines = screen(shown, width=width, height=24, whole_texts=False).splitlines()
+    assert max(map(len, lines)) <= width
+    words = " ".join(lines).split()
+    assert "more: -v" in " ".join(words)
+    assert "more nodes, at the end" in " ".join(words)
+
+
+def test_where_nothing_was_found_nothing_more_is_promised() -> None:
+    lines = screen(many_nodes(), width=10, height=24, whole_texts=False).splitlines()
+    assert "more:" not in " ".join(" ".join(lines).split())
+
+
+def test_one_frame_is_one() -> None:
+    assert ": 1 frame in" in screen(analysis(capture=capture_row(frames=1)), width=80)
+
+
 @pytest.mark.parametrize("encoding", ["cp1252", "cp437", "ascii"])
 def test_a_code_page_gets_plain_characters(encoding: str) -> None:
     for show in (print_screen, print_summary):

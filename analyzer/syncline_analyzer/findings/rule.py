@@ -1,7 +1,7 @@
 """A rule: how one kind of finding is found, and what a reader may know of it."""
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 from syncline_analyzer.context import Context
@@ -9,6 +9,7 @@ from syncline_analyzer.folds.control import ControlTables
 from syncline_analyzer.results import Analysis, Finding
 
 _T = TypeVar("_T")
+_REMOTE_FRAMES = "empty data frames are remote frames, which the log does not mark"
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +46,10 @@ class Facts:
         """A moment as seconds into the capture."""
         return f"{(t_ns - self.analysis.capture.first_ns) / 1e9:+.3f} s"
 
+    def assumed_remote(self) -> list[str]:
+        """What rests on remote frames assumes in a log that does not mark them."""
+        return [_REMOTE_FRAMES] if self.analysis.capture.remote_lost else []
+
     def at(self, t_ns: int) -> str:
         """ " at +12.345 s", to go on in a sentence with; nothing in a log without times."""
         return f" at {self.moment(t_ns)}" if self.context.timed else ""
@@ -61,6 +66,7 @@ class Rule:
         guards: what keeps the rule silent where nothing is wrong.
         find: the findings of a capture, in any order.
         untimed: whether a log without times is judged as well.
+        by_remote: whether it rests on remote frames, and says so where a log does not mark them.
     """
 
     id: str
@@ -69,9 +75,19 @@ class Rule:
     guards: tuple[str, ...]
     find: Callable[[Facts], Iterable[Finding]]
     untimed: bool = False
+    by_remote: bool = False
 
 
 def apply(rules: Iterable[Rule], facts: Facts) -> list[Finding]:
     """Findings of the rules that can be judged on this capture, in the order of the rules."""
     timed = facts.context.timed
-    return [finding for rule in rules if timed or rule.untimed for finding in rule.find(facts)]
+    return [
+        finding for rule in rules if timed or rule.untimed for finding in _found_by(rule, facts)
+    ]
+
+
+def _found_by(rule: Rule, facts: Facts) -> Iterator[Finding]:
+    """A rule's findings; those by remote frames say what a log that does not mark them left open."""
+    assumed = facts.assumed_remote() if rule.by_remote else []
+    for finding in rule.find(facts):
+        yield replace(finding, assumed=[*finding.assumed, *assumed]) if assumed else finding

@@ -29,7 +29,15 @@ _CAN_ERROR: Final = 2
 _CAN_ERROR_EXT: Final = 73
 _CAN_FD: Final = 100
 _CAN_FD_64: Final = 101
-_FRAME_TYPES: Final = (*_CAN_MESSAGES, _CAN_ERROR, _CAN_ERROR_EXT, _CAN_FD, _CAN_FD_64)
+_CAN_FD_ERROR_64: Final = 104
+_FRAME_TYPES: Final = (
+    *_CAN_MESSAGES,
+    _CAN_ERROR,
+    _CAN_ERROR_EXT,
+    _CAN_FD,
+    _CAN_FD_64,
+    _CAN_FD_ERROR_64,
+)
 _OBJECT: Final = struct.Struct("<4sHHLL")
 _SIGNATURE: Final = int.from_bytes(b"LOBJ", "little")
 _BATCH_BYTES: Final = 4 * 1024 * 1024
@@ -366,6 +374,18 @@ def _can_fd_64(
     out.data[rows, :64] = np.where(np.arange(64) < there[:, None], data, 0)
 
 
+def _can_fd_error_64(
+    view: ByteColumns,
+    at: NDArray[np.intp],
+    end: NDArray[np.intp],
+    out: _Columns,
+    rows: NDArray[np.intp],
+) -> None:
+    out.channel[rows] = view.u8(at, 0)
+    out.flags[rows] = FrameFlag.ERROR
+    out.dlc[rows] = 8
+
+
 def _put_fd_flags(
     out: _Columns, rows: NDArray[np.intp], fd: Column, brs: Column, esi: Column
 ) -> None:
@@ -380,11 +400,12 @@ _READERS: Final[tuple[tuple[tuple[int, ...], _Reader], ...]] = (
     ((_CAN_ERROR_EXT,), _can_error_ext),
     ((_CAN_FD,), _can_fd),
     ((_CAN_FD_64,), _can_fd_64),
+    ((_CAN_FD_ERROR_64,), _can_fd_error_64),
 )
 
 
 def _least_body(kind: Column) -> NDArray[np.intp]:
-    sizes = {1: 16, 86: 16, 2: 4, 73: 32, 100: 20, 101: 40}
+    sizes = {1: 16, 86: 16, 2: 4, 73: 32, 100: 20, 101: 40, 104: 44}
     out = np.zeros(len(kind), np.intp)
     for number, size in sizes.items():
         out[kind == number] = size

@@ -4,11 +4,9 @@ Source: ASAM MDF 4.1 "Bus logging"; channel groups named CAN_DataFrame, CAN_Remo
 CAN_ErrorFrame.
 """
 
-import gc
-import sys
 import weakref
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
@@ -32,20 +30,31 @@ _KINDS: Final = {
     "CAN_ErrorFrame": FrameFlag.ERROR,
 }
 _MAX_BUSES: Final = 256
+_MOST_BYTES: Final = 1 << 16
+"""No record of a CAN frame is longer."""
+_VIRTUAL: Final = (3, 6)
+"""Types of channels that have no bytes in the records."""
 _LOCAL_TIME: Final = 1
 """Flag of the header block: its time is that of a clock on the wall."""
 _LAST_NS: Final = 1 << 62
 _MOST_S: Final = 2e9
 
 
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Keep to itself what goes wrong when asammdf cleans up behind a file that it could not open."""
-    hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
-    try:
-        yield
-    finally:
-        sys.unraisablehook = hook
+def _library() -> Any:
+    """asammdf's class for files of version 4, whose instances close without a word.
+
+    Raises: ImportError.
+    """
+    from asammdf.blocks.mdf_v4 import MDF4
+
+    class Quiet(MDF4):  # type: ignore[misc, unused-ignore]
+        """What a damaged file left half made cannot be closed either, and would tell so on stderr."""
+
+        def close(self) -> None:
+            with suppress(Exception):
+                super().close()
+
+    return Quiet
 
 
 def _opened(path: Path, file: BinaryIO, library: Any) -> Any:
@@ -57,22 +66,25 @@ def _opened(path: Path, file: BinaryIO, library: Any) -> Any:
         raise CaptureError(
             f"{path}: a damaged ASAM MDF file: its blocks follow each other in a ring"
         )
-    found: Any = None
-    problem = ""
-    with _quiet():
-        try:
-            found = library(file)
-        except Exception as error:  # noqa: BLE001  whatever a damaged file makes of asammdf
-            problem = str(error) or type(error).__name__
-        gc.collect()
-    if found is None:
-        raise CaptureError(f"{path}: cannot be read as ASAM MDF: {problem}")
-    return found
+    try:
+        return library(file, __internal__=True, original_name=None, process_bus_logging=False)
+    except Exception as error:  # noqa: BLE001  whatever a damaged file makes of asammdf
+        problem = str(error) or type(error).__name__
+    raise CaptureError(f"{path}: cannot be read as ASAM MDF: {problem}")
+
+
+def _fits(group: Any) -> bool:
+    """Whether all fields lie within the records: asammdf reads whatever memory they point to."""
+    size = int(group.channel_group.samples_byte_nr)
+    return size <= _MOST_BYTES and all(
+        each.byte_offset + (each.bit_offset + each.bit_count + 7) // 8 <= size
+        for each in group.channels
+        if each.channel_type not in _VIRTUAL
+    )
 
 
 def _closed(mdf: Any, file: BinaryIO) -> None:
-    with suppress(Exception):  # whatever a damaged file makes of asammdf
-        mdf.close()
+    mdf.close()
     file.close()
 
 
@@ -86,7 +98,7 @@ class Mf4Reader:
     def __init__(self, path: Path) -> None:
         self.facts = CaptureFacts(path, "mf4")
         try:
-            from asammdf import MDF
+            library = _library()
         except ImportError as error:
             raise CaptureError(
                 f"{path}: is an ASAM MDF file; to read it, install the extra 'mf4': {PIP_LINE}"
@@ -94,14 +106,15 @@ class Mf4Reader:
         # What asammdf opens itself stays open where it fails.
         file = path.open("rb")
         try:
-            self._mdf: Any = _opened(path, file, MDF)
+            self._mdf: Any = _opened(path, file, library)
         except CaptureError:
             file.close()
             raise
         self._close = weakref.finalize(self, _closed, self._mdf, file)
         self._groups = list(self._can_groups())
         if not self._groups:
-            raise CaptureError(f"{path}: an ASAM MDF file without recorded CAN frames")
+            why = f" that can be read: {self.facts.damage}" if self.facts.damage else ""
+            raise CaptureError(f"{path}: an ASAM MDF file without recorded CAN frames{why}")
         header: Any = self._mdf.header
         start_ns = int(header.abs_time)
         self._start_ns = start_ns if FIRST_UTC_NS <= start_ns < _LAST_NS else 0
@@ -115,8 +128,12 @@ class Mf4Reader:
         for index, group in enumerate(self._mdf.groups):
             names = {channel.name for channel in group.channels}
             for kind in _KINDS:
-                if kind in names and group.channel_group.cycles_nr:
+                if kind not in names or not group.channel_group.cycles_nr:
+                    continue
+                if _fits(group):
                     yield index, kind, int(group.channel_group.cycles_nr)
+                else:
+                    self.facts.damage = f"the fields of {kind} lie outside of its records"
 
     def batches(self) -> Iterator[FrameBatch | Gap]:
         """Batches in order of time."""

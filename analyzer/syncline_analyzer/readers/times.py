@@ -44,6 +44,8 @@ def decimal_times(whole: Span, fraction: Span, unit_ns: int) -> tuple[Times, tup
     if start < 0 or end == start:
         return ((whole, unit_ns),), ()
     places = len(str(unit_ns)) - 1
+    if not places:
+        return ((whole, unit_ns),), (fraction,)
     kept = min(end, start + places)
     fields = ((whole, unit_ns), ((start, kept), 10 ** (places - (kept - start))))
     return fields, ((kept, end),) if kept < end else ()

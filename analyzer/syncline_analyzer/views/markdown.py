@@ -72,7 +72,8 @@ def extent(analysis: Analysis) -> str:
     buses = f" on {', '.join(capture.buses)}" if capture.buses else ""
     nodes = len(analysis.nodes)
     return printable(
-        f"{files}: {capture.frames:,} frames{time}{buses}, {nodes} node{'s'[: nodes != 1]}."
+        f"{files}: {capture.frames:,} frame{'s'[: capture.frames != 1]}{time}{buses},"
+        f" {nodes} node{'s'[: nodes != 1]}."
     )
 
 

@@ -103,22 +103,24 @@ def _findings(
     blocks: list[list[Line]] = []
     for shape in WHOLE if whole_texts else (*WHOLE, *SHORT):
         blocks = [_finding(each, clock, width, shape) for each in findings]
-        if sum(map(len, blocks)) <= room:
+        if sum(map(len, blocks)) <= max(room, 0):
             return [line for block in blocks for line in block]
     lines: list[Line] = []
     shown = 0
     for block in blocks:
-        if shown and len(lines) + len(block) > room - 1:
+        if shown and len(lines) + len(block) > room - len(_left_out(findings[shown:], width)):
             break
         lines += block
         shown += 1
-    return [*lines, _left_out(findings[shown:])]
+    return [*lines, *_left_out(findings[shown:], width)]
 
 
-def _left_out(findings: Sequence[Finding]) -> Line:
+def _left_out(findings: Sequence[Finding], width: int) -> list[Line]:
+    if not findings:
+        return []
     counts = Counter(SEVERITY_WORDS[each.severity].lower() for each in findings)
     told = ", ".join(counted(count, word) for word, count in counts.items())
-    return Text(f"and {told} more: -v", style="dim")
+    return [*_wrapped(Text(f"and {told} more: -v", style="dim"), width)]
 
 
 def _finding(finding: Finding, clock: Clock, width: int, shape: Shape) -> list[Line]:
@@ -167,7 +169,8 @@ def _states(analysis: Analysis, lanes: Lanes, width: int, room: int) -> list[Lin
     if rest:
         ends = Counter(lanes[key][-1].state for key in rest)
         told = ", ".join(f"{count} {state}" for state, count in ends.most_common())
-        lines.append(Text(f"{counted(len(rest), 'more node')}, at the end {told}", style="dim"))
+        more = f"{counted(len(rest), 'more node')}, at the end {told}"
+        lines += _wrapped(Text(more, style="dim"), width)
     return lines
 
 

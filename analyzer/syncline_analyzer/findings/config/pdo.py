@@ -1,6 +1,7 @@
 """Findings on the configuration of PDOs: refused, left off, of the wrong length, contradictory."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 from syncline_analyzer.findings.config.settings import (
     NodeKey,
@@ -11,6 +12,7 @@ from syncline_analyzer.findings.config.settings import (
     written,
 )
 from syncline_analyzer.findings.rule import Facts, Rule
+from syncline_analyzer.folds.timing.pdo_length import WrongLength
 from syncline_analyzer.object_history import Change
 from syncline_analyzer.pdo_binding import (
     COMMUNICATION,
@@ -208,9 +210,15 @@ def _was_on(facts: Facts, key: NodeKey, place: Place, off: Change) -> bool:
     )
 
 
+def _without_remote(wrong: WrongLength) -> WrongLength:
+    """Without the empty frames, which may be remote frames where a log does not mark them."""
+    return replace(wrong, lengths={k: n for k, n in wrong.lengths.items() if k})
+
+
 def _wrong_length(facts: Facts) -> Iterator[Finding]:
     """PDOs whose frames do not fit the mapping that the node confirmed."""
-    for wrong in facts.control.lengths:
+    for found in facts.control.lengths:
+        wrong = _without_remote(found) if facts.analysis.capture.remote_lost else found
         if wrong.frames < MIN_WRONG:
             continue
         pdo = wrong.pdo
@@ -300,6 +308,7 @@ RULES: tuple[Rule, ...] = (
             "Only where the node itself told or acknowledged the whole mapping.",
             "Three frames or more; those within 100 ms of a change of the mapping do not count.",
             "An RPDO may be longer than its mapping.",
+            "In a log that does not mark remote frames, empty frames do not count.",
         ),
         _wrong_length,
         untimed=True,

@@ -229,6 +229,7 @@ RULES = (
             ),
         ),
         _unanswered,
+        by_remote=True,
     ),
     Rule(
         "nmt.guard_toggle",
@@ -241,6 +242,7 @@ RULES = (
         ),
         _toggles,
         untimed=True,
+        by_remote=True,
     ),
     Rule(
         "nmt.life_time",
@@ -248,6 +250,7 @@ RULES = (
         "The values of 100Ch and 100Dh, and an answer.",
         ("Only values read or written on the bus, or described, and a measured guard period.",),
         _life_times,
+        by_remote=True,
     ),
     Rule(
         "config.rtr_on_heartbeat_node",
@@ -256,5 +259,6 @@ RULES = (
         ("Only nodes that sent at least three heartbeats unasked.",),
         _both,
         untimed=True,
+        by_remote=True,
     ),
 )

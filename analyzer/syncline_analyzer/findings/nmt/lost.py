@@ -263,7 +263,10 @@ def _finding(
         cause,
         check_next,
         [seq for loss in losses for seq in loss.evidence][:EVIDENCE],
-        assumed=sorted({loss.limit.strip() for loss in losses if "eds-default" in loss.limit}),
+        assumed=[
+            *sorted({loss.limit.strip() for loss in losses if "eds-default" in loss.limit}),
+            *(facts.assumed_remote() if any("request" in loss.limit for loss in losses) else []),
+        ],
     )
 
 

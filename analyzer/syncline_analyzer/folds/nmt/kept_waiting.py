@@ -44,6 +44,8 @@ _HELD = 1 << 16
 """Frames of a bus before a block in which the last idle moment is looked for."""
 _MAX_KEPT = 10_000
 """Kept for each node."""
+_SHORT = 0x7FF
+"""Identifiers up to here are counted without being sorted."""
 _AHEAD = 3
 """Identifiers that are named."""
 _CUT_NS = 10_000_000
@@ -352,6 +354,10 @@ def _overdue(state: _Bus, node: int, t_ns: Ints) -> tuple[Ints, Bools]:
 
 def _longest(can_id: Ints, wire_ns: Floats) -> tuple[int, ...]:
     """The identifiers that took most of the time."""
-    keys, place = np.unique(can_id, return_inverse=True)
-    took = np.bincount(place, wire_ns, minlength=len(keys))
+    if int(can_id.max(initial=0)) <= _SHORT:
+        keys = np.flatnonzero(np.bincount(can_id))
+        took = np.bincount(can_id, wire_ns).take(keys)
+    else:
+        keys, place = np.unique(can_id, return_inverse=True)
+        took = np.bincount(place, wire_ns, minlength=len(keys))
     return tuple(keys[np.argsort(-took, kind="stable")[:_AHEAD]].tolist())

@@ -142,8 +142,10 @@ class DelaySums:
         if not len(victims.rows):
             return
         senders = block.senders_by_key[0]
-        keys = _by_key(block, len(cob_ids), victims)
-        sums = _by_sender(block, keys, victims)
+        several = block.same_sender_within(victims.first, victims.rows)
+        again = victims.chosen(np.flatnonzero(several))
+        keys = _by_key(block, len(cob_ids), victims, again)
+        sums = _by_sender(block, keys, again)
         sender = np.array(own, np.int16)[:, None]
         keys = keys.without(block.key_sender == sender)
         sums = sums.without((senders == sender) | (senders == UNKNOWN))
@@ -202,8 +204,11 @@ def _delay(
     )
 
 
-def _by_key(block: BusBlock, pdos: int, victims: Victims) -> _Cells:
-    """What they waited for by identifier, in the order of `BusBlock.keys`."""
+def _by_key(block: BusBlock, pdos: int, victims: Victims, again: Victims) -> _Cells:
+    """What they waited for by identifier, in the order of `BusBlock.keys`.
+
+    `again` are those that waited for several frames of a sender.
+    """
     groups = len(block.keys) + 1
     frames, ns = np.zeros(pdos * groups, np.int64), np.zeros(pdos * groups)
     worst_ns, worst_seq = np.zeros(pdos * groups), np.full(pdos * groups, _NEVER)
@@ -231,21 +236,20 @@ def _by_key(block: BusBlock, pdos: int, victims: Victims) -> _Cells:
         worst_ns.reshape(shape)[kept],
         worst_seq.reshape(shape)[kept],
     )
-    again = np.flatnonzero(block.same_sender_within(victims.first, victims.rows))
-    if len(again):
-        same = block.same_key_within(victims.first[again], victims.rows[again])
-        _join_again(block, cells, block.places, victims.chosen(again[same]))
+    if len(again.rows):
+        same = block.same_key_within(again.first, again.rows)
+        _join_again(block, cells, block.places, again.chosen(np.flatnonzero(same)))
     return cells
 
 
-def _by_sender(block: BusBlock, keys: _Cells, victims: Victims) -> _Cells:
+def _by_sender(block: BusBlock, keys: _Cells, again: Victims) -> _Cells:
     """The same by sender, in the order of `BusBlock.senders_by_key`."""
     senders, of_key = block.senders_by_key
     by_key = _Cells(keys.frames, keys.frames, keys.ns, keys.worst_ns, keys.worst_seq)
     cells = by_key.joined(of_key, len(senders))
-    again = np.flatnonzero(block.same_sender_within(victims.first, victims.rows))
-    place = np.append(of_key, len(senders)).take(block.places)
-    _join_again(block, cells, place, victims.chosen(again))
+    if len(again.rows):
+        place = np.append(of_key, len(senders)).take(block.places)
+        _join_again(block, cells, place, again)
     return cells
 
 

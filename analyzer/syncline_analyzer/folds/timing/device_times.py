@@ -92,12 +92,11 @@ def _columns(answers: PdoAnswers) -> Columns:
 
 def _keep(answers: AnswersTo, names: Sequence[str], *times_ns: Floats) -> None:
     """Keep answers with (r,) times of their devices [ns], the first two of which are its bounds."""
-    by_pdo = [answers.by_pdo(column) for column in times_ns]
-    limits = [limits_of_each(column, answers.starts) for column in by_pdo[:2]]
+    limits = [limits_of_each(column, answers.starts) for column in times_ns[:2]]
     for number, (each, part) in enumerate(zip(answers.pdos, answers.parts, strict=True)):
-        each.state.device_low.add(by_pdo[0][part], limits[0][number])
-        each.state.device_high.add(by_pdo[1][part], limits[1][number])
+        each.state.device_low.add(times_ns[0][part], limits[0][number])
+        each.state.device_high.add(times_ns[1][part], limits[1][number])
         columns = _columns(each)
-        for name, column in zip(names, by_pdo, strict=True):
+        for name, column in zip(names, times_ns, strict=True):
             columns[name] = column[part] / 1000
         each.state.responses.add(columns)

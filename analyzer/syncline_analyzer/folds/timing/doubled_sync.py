@@ -31,6 +31,7 @@ class Doubled:
             return
         pairs = periods[1:] + periods[:-1]
         close = (pairs <= _ONE * usual_ns[1:]) & (periods[1:] >= 0) & (periods[:-1] >= 0)
+        close &= usual_ns[:-1] > 0
         if not close.any():
             return
         total = np.concatenate(([0], np.cumsum(periods)))

@@ -13,7 +13,7 @@ from syncline_analyzer.folds.timing.pdo_frames import PdoFrames
 from syncline_analyzer.folds.timing.pdo_state import PdoState
 from syncline_analyzer.folds.timing.sync_index import SyncIndex
 
-_T = TypeVar("_T", np.int64, np.float64, np.bool_)
+_T = TypeVar("_T", np.int16, np.uint32)
 Ints = NDArray[np.int64]
 
 
@@ -37,7 +37,7 @@ class PdoAnswers:
 
 @dataclass(frozen=True, eq=False)
 class AnswersTo:
-    """Answers of several PDOs to the SYNCs of one identifier, all of them in order of arrival."""
+    """Answers of several PDOs to the SYNCs of one identifier, those of a PDO behind one another."""
 
     block: Block
     sync: SyncIndex
@@ -49,7 +49,7 @@ class AnswersTo:
 
     @cached_property
     def starts(self) -> Ints:
-        """(p,) where those of each PDO begin when they are sorted `by_pdo`."""
+        """(p,) where those of each PDO begin."""
         return np.cumsum(self._counts) - self._counts
 
     @property
@@ -59,37 +59,28 @@ class AnswersTo:
         return [slice(start, start + count) for start, count in edges]
 
     @cached_property
-    def _numbers(self) -> Ints:
-        """(n,) number by PDO of the answer in each row of the block, -1 for other frames."""
-        numbers = np.full(len(self.block.frames), -1)
-        numbers[np.concatenate([each.frames.rows for each in self.pdos])] = np.arange(
-            int(self._counts.sum())
-        )
-        return numbers
-
-    @cached_property
     def rows(self) -> NDArray[np.intp]:
         """(r,) rows in the block."""
-        return np.flatnonzero(self._numbers >= 0)
-
-    @cached_property
-    def _number(self) -> Ints:
-        return self._numbers.take(self.rows)
+        return np.concatenate([each.frames.rows for each in self.pdos])
 
     @cached_property
     def pdo(self) -> NDArray[np.intp]:
         """(r,) number of the PDO of each."""
-        return np.repeat(np.arange(len(self.pdos)), self._counts).take(self._number)
+        return np.repeat(np.arange(len(self.pdos)), self._counts)
+
+    def each(self, column: NDArray[_T]) -> NDArray[_T]:
+        """(r,) what is told of the PDOs, (p,), for each of their answers."""
+        return np.repeat(column, self._counts)
 
     @cached_property
     def seq(self) -> Ints:
         """(r,) position in the capture."""
-        return self.block.batch.seqs.take(self.rows)
+        return np.concatenate([each.frames.seq for each in self.pdos])
 
     @cached_property
     def position(self) -> Ints:
         """(r,) of the SYNC that each answers."""
-        return self.sync.before.take(self.rows)
+        return np.concatenate([each.position for each in self.pdos])
 
     @cached_property
     def sync_ns(self) -> Ints:
@@ -99,10 +90,4 @@ class AnswersTo:
     @cached_property
     def response(self) -> Ints:
         """(r,) time since that SYNC [ns]."""
-        return self.block.frames.t_ns.take(self.rows) - self.sync_ns
-
-    def by_pdo(self, column: NDArray[_T]) -> NDArray[_T]:
-        """(r,) a column of theirs, those of one PDO behind those of the one before."""
-        found = np.empty_like(column)
-        found[self._number] = column
-        return found
+        return np.concatenate([each.response for each in self.pdos])

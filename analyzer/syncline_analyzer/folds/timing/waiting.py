@@ -210,25 +210,30 @@ class Arbitration:
             sync_ns: (r,) stamp of that SYNC.
             can_rank, sender: of the identifier, or (r,) of that of each frame.
         """
-        last = self.last_without(rows, can_rank, sender)
-        told = last > sync_rows
+        first = self.last_without(rows, can_rank, sender)
+        untold = np.flatnonzero(first <= sync_rows)
         synced = (sync_ns - self._base_ns).astype(np.float64)
-        begun = self.start_ns[rows]
+        begun = self.start_ns.take(rows)
         if not self._measured:
-            begun = np.where(np.isfinite(begun), begun, self.end_ns[rows])
-        earliest = np.where(
-            told, self.start_ns[last] - self.slack_ns - _JOIN_BITS * self.bit_ns, synced
-        )
-        free = last == rows
-        waiting = begun - earliest + np.where(told, 0.0, self.slack_ns)
+            begun = np.where(np.isfinite(begun), begun, self.end_ns.take(rows))
+        free = first == rows
+        earliest = self.start_ns.take(first)
+        earliest -= self.slack_ns
+        earliest -= _JOIN_BITS * self.bit_ns
+        earliest[untold] = synced.take(untold)
+        waiting = begun - earliest
+        waiting[untold] += self.slack_ns
+        first[untold] = sync_rows.take(untold) + 1
+        waiting[free] = 0.0
         known = np.ones(len(rows), np.bool_)
         if self._steps_back[-1:].any():
             steps = np.where(sync_rows >= 0, self._steps_back[sync_rows], 0)
             known = self._steps_back[rows] == steps
+        earliest -= synced
         return Ready(
-            np.maximum(earliest - synced, 0.0),
-            np.where(free, 0.0, np.maximum(waiting, 0.0)),
-            np.where(told, last, sync_rows + 1),
+            np.maximum(earliest, 0.0, out=earliest),
+            np.maximum(waiting, 0.0, out=waiting),
+            first,
             free,
             known,
         )

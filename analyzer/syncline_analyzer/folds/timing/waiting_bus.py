@@ -140,8 +140,9 @@ class BusBlock:
         """Rows of frames by their `seq`, -1 for those before the first one that is here."""
         first = int(self.seq[0])
         whole = int(self.seq[-1]) - first == len(self.seq) - 1
-        place = seq - first if whole else np.searchsorted(self.seq, seq)
-        found: Ints = np.where(seq >= first, place, -1)
+        found: Ints = seq - first if whole else np.searchsorted(self.seq, seq)
+        if int(np.minimum.reduce(seq, initial=first)) < first:
+            found[seq < first] = -1
         return found
 
     @cached_property
@@ -183,8 +184,10 @@ class BusBlock:
         sdo = every[whose == node]
         if not len(sdo):
             return np.full(len(rows), np.iinfo(np.int64).min)
-        place = np.searchsorted(sdo, rows) - 1
-        return np.where(place >= 0, self.t_ns[sdo[place]], np.iinfo(np.int64).min)
+        # The stamp of each holds for the rows from the first one behind it on.
+        stamps = np.append(np.iinfo(np.int64).min, self.t_ns.take(sdo))
+        counts = np.bincount(np.searchsorted(rows, sdo, "right"), minlength=len(rows) + 1)
+        return stamps.take(np.cumsum(counts[:-1]))
 
     @cached_property
     def sdo_nodes(self) -> set[int]:
@@ -327,11 +330,13 @@ def _last_pair(group: NDArray[np.integer[Any]]) -> Ints:
     """(n,) the latest row up to each one that another one of its group follows, -1 without any."""
     # Numbers of 16 bits are sorted in linear time.
     small = int(group.max(initial=0)) < 1 << 16
-    order = np.argsort(group.astype(np.uint16) if small else group, kind="stable")
-    same = np.flatnonzero(group[order[1:]] == group[order[:-1]])
-    before = np.full(len(group), -1, np.int64)
-    before[order[same + 1]] = order[same]
-    return np.maximum.accumulate(before)
+    group = group.astype(np.uint16) if small else group
+    order = np.argsort(group, kind="stable")
+    ordered = group.take(order)
+    before = np.empty(len(group), np.int64)
+    before[order[:1]] = -1
+    before[order[1:]] = np.where(ordered[1:] == ordered[:-1], order[:-1], -1)
+    return np.maximum.accumulate(before, out=before)
 
 
 def sender_of(senders: Senders, bus: int, key: int, seq: int | None = None) -> Sender:

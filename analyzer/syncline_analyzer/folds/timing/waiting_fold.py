@@ -88,10 +88,12 @@ class WaitingFold:
         if now is None:
             nothing = np.full(len(low_ns), np.nan)
             return nothing, nothing
-        ready = self._ready(now, answers).within(low_ns, most_ns)
-        self._add_each(now, answers, ready, most_ns)
         mine = now.rows(answers.seq)
+        ready = self._ready(now, answers, mine).within(low_ns, most_ns)
+        self._add_each(now, answers, ready, mine, most_ns)
         waited = np.flatnonzero((ready.first < mine) & (ready.first >= 0) & ready.known)
+        # In order of arrival, what they waited for lies close together.
+        waited = waited.take(np.argsort(mine.take(waited), kind="stable"))
         self._sums.setdefault(now.bus, DelaySums()).add(
             now,
             [each.can_id for each in answers.pdos],
@@ -104,25 +106,23 @@ class WaitingFold:
         return ready.least_ns + nothing, ready.waiting_ns + nothing
 
     @staticmethod
-    def _ready(now: BusBlock, answers: AnswersTo) -> Ready:
-        """When the answers can have been ready."""
+    def _ready(now: BusBlock, answers: AnswersTo, rows: Ints) -> Ready:
+        """When the answers can have been ready, which stand in these rows."""
         senders = np.array([_sender(each.state.owner) for each in answers.pdos], np.int16)
         ranks = np.array([each.can_id << 21 for each in answers.pdos], np.uint32)
         return now.arbitration.ready(
-            now.rows(answers.seq),
+            rows,
             now.rows(answers.sync.seq).take(answers.position),
             answers.sync_ns,
-            ranks.take(answers.pdo),
-            senders.take(answers.pdo),
+            answers.each(ranks),
+            answers.each(senders),
         )
 
-    def _add_each(self, now: BusBlock, answers: AnswersTo, ready: Ready, most_ns: Floats) -> None:
+    def _add_each(
+        self, now: BusBlock, answers: AnswersTo, ready: Ready, rows: Ints, most_ns: Floats
+    ) -> None:
         """Take in the answers PDO by PDO."""
-        mine = now.rows(answers.seq)
-        own_ns = now.wire_ns.take(mine) - INTERMISSION_BITS * now.arbitration.bit_ns
-        rows, own_ns = answers.by_pdo(mine), answers.by_pdo(own_ns)
-        most_ns = answers.by_pdo(most_ns)
-        ready = ready.put(answers.by_pdo)
+        own_ns = now.wire_ns.take(rows) - INTERMISSION_BITS * now.arbitration.bit_ns
         figures = _figures(answers.starts, ready, rows, own_ns, most_ns)
         for each, part, most in zip(answers.pdos, answers.parts, figures, strict=True):
             owner, sync = each.state.owner, answers.sync

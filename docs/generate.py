@@ -97,6 +97,8 @@ def _rule_section(rule: Rule) -> str:
         lines.append(f"- May explain: {', '.join(f'`{effect}`' for effect in effects)}")
     if rule.untimed:
         lines.append("- Also judged on logs without times.")
+    if rule.by_remote:
+        lines.append("- In a log that does not mark remote frames it says what it assumes.")
     return "\n".join(lines) + "\n"
 
 

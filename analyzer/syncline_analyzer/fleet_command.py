@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from syncline_schemas.errors import MissingExtraError, UsageError
+from syncline_schemas.wording import counted
 
 if TYPE_CHECKING:
     from syncline_analyzer.fleet.task import Settings
@@ -20,7 +21,7 @@ INSTALL = 'pip install "syncline[fleet]"'
 @click.group(
     epilog="\b\nExamples:\n"
     "  syncline fleet analyze captures --out fleet\n"
-    "  syncline fleet analyze s3://line/** --out s3://fleet/a --scheduler tcp://host:8786"
+    "  syncline fleet query fleet --question changes --after 2026-11-01"
 )
 def fleet() -> None:
     """Analyze the captures of many machines and ask about all of them."""
@@ -173,6 +174,104 @@ def analyze(
             click.echo(line)
     if check and summary.failed:
         ctx.exit(NOT_REACHED)
+
+
+@fleet.command(
+    epilog="\b\nExamples:\n"
+    "  syncline fleet query /data/fleet --question emcy --code 7320h --since 2026-11-01\n"
+    '  syncline fleet query /data/fleet "SELECT machine, count(*) FROM findings GROUP BY 1"'
+)
+@click.argument("dest", metavar="DEST")
+@click.argument("sql", required=False)
+@click.option(
+    "--question",
+    metavar="NAME",
+    help="A ready-made question instead of SQL; without both, questions and tables are listed.",
+)
+@click.option("--code", help="EMCY code, 7320h; x stands for any digit, 73xxh.")
+@click.option("--since", metavar="DATE", help="From this date or time on (ISO, UTC).")
+@click.option("--until", metavar="DATE", help="Before this date or time.")
+@click.option("--after", metavar="DATE", help="Compare what began before with what began after it.")
+@click.option("--machine", metavar="NAME", help="Of this machine; * and ? stand for others.")
+@click.option("--bus", metavar="NAME", help="Of this bus.")
+@click.option("--node", type=int, metavar="ID", help="Of this node.")
+@click.option("--quantity", metavar="NAME", help="For outliers and changes; all by default.")
+@click.option(
+    "--every", type=click.Choice(["day", "week", "month"]), help="One value for each; a week."
+)
+@click.option("--min-samples", type=click.IntRange(min=0), help="In a capture; 10.")
+@click.option("--min-captures", type=click.IntRange(min=1), help="Of a machine, on either side.")
+@click.option("--min-machines", type=click.IntRange(min=3), help="That are compared; 5.")
+@click.option("--threshold", type=click.FloatRange(min=0), help="How many spreads off counts.")
+@click.option(
+    "--format",
+    "form",
+    type=click.Choice(["text", "csv", "jsonl", "parquet"]),
+    default="text",
+    show_default=True,
+    help="How to answer; parquet needs -o.",
+)
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="Write there instead of printing.",
+)
+@click.option(
+    "--storage-option",
+    "storage_pairs",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Option of the object store, as of 'syncline fleet analyze'.",
+)
+def query(
+    dest: str,
+    sql: str | None,
+    question: str | None,
+    form: str,
+    output: Path | None,
+    storage_pairs: tuple[str, ...],
+    **options: Any,
+) -> None:
+    """Ask the data set DEST: by SQL (DuckDB), or a ready-made question with its options.
+
+    Each table has machine, date and capture_id before its columns; only captures that stand are
+    seen. SQL reads these tables and nothing else: no other file, and nothing is written.
+    """
+    given = {name: value for name, value in options.items() if value is not None}
+    if sql is not None and (question is not None or given):
+        named = "--question" if question is not None else f"--{next(iter(given))}"
+        raise UsageError(
+            f"{named.replace('_', '-')} is for ready-made questions: leave out the SQL"
+        )
+    if form == "parquet" and output is None:
+        raise UsageError("--format parquet needs -o FILE")
+    with fleet_extra():
+        from syncline_analyzer.fleet.ask import Fleet
+        from syncline_analyzer.fleet.database import Query
+        from syncline_analyzer.fleet.questions import question as question_named
+        from syncline_analyzer.views.fleet_answer import overview_lines, write_answer
+
+        asked: Query | None = None
+        if question is not None:
+            asked = question_named(question, given)
+        elif given:
+            raise UsageError(f"--{next(iter(given)).replace('_', '-')}: name the --question")
+        elif sql is not None:
+            asked = Query(sql, {})
+        opened = Fleet.open(dest, storage_options(storage_pairs))
+        if not opened.database.data.captures and not opened.database.data.failures:
+            raise UsageError(f"{dest}: no data set is here; 'syncline fleet analyze' writes one")
+        if asked is None:
+            for line in overview_lines(opened.tables):
+                click.echo(line)
+            return
+        with opened.database.ask(asked) as reader:
+            write_answer(reader, form, output)
+    if question is not None and opened.undated:
+        undated = counted(opened.undated, "capture")
+        click.echo(f"{undated} without a date: not in what questions say of a time", err=True)
 
 
 def _settings(

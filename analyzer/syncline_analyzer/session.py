@@ -134,7 +134,8 @@ class Session:
                 origin_ns=reading.origin_ns,
                 progress=progress,
             )
-        if reading.origin_ns is not None and not analysis.capture.frames:
+        limited = self._start is not None or self._end is not None
+        if limited and reading.origin_ns is not None and not analysis.capture.frames:
             raise UsageError("no frame lies between --from and --to of these captures")
         return reading.veil.lifted(analysis)
 

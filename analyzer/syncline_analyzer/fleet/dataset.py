@@ -88,7 +88,14 @@ class Dataset:
     def files(self, table: str) -> list[str]:
         """Paths or URLs of a table of the captures that stand; captures without rows have none."""
         return [
-            self.storage.url_of(f"{entry.partition.folder}/{table}.parquet")
+            self.storage.url_of(f"{partition.folder}/{table}.parquet")
+            for partition in self.partitions(table)
+        ]
+
+    def partitions(self, table: str) -> list[Partition]:
+        """The captures that stand and have rows of a table."""
+        return [
+            entry.partition
             for entry in self.captures
             if table in self._tables.get(entry.partition, ())
         ]

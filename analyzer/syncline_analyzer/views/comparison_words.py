@@ -27,7 +27,8 @@ def side_words(capture: CaptureRow, heard_s: float | None) -> str:
     files = ", ".join(printable(Path(file).name) for file in capture.files)
     time = " without times" if heard_s is None else f" in {duration(round(heard_s * 1e9))}"
     damage = "; damaged, read in part" if capture.damage else ""
-    return f"{files}: {capture.frames:,} frames{time}{damage}"
+    frames = f"{capture.frames:,} frame{'' if capture.frames == 1 else 's'}"
+    return f"{files}: {frames}{time}{damage}"
 
 
 def place(row: ComparisonRow | UnseenRow) -> str:

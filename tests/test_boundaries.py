@@ -22,6 +22,9 @@ def modules_after(statement: str) -> set[str]:
     [
         ("import syncline_logger.cli", ("syncline_analyzer", "can", "numpy", *ANALYSIS_STACK)),
         ("import syncline_logger.recorder", ("syncline_analyzer", *ANALYSIS_STACK)),
+        # python-can would bring asammdf: seconds in which nothing is recorded and Ctrl-C is lost.
+        ("import syncline_logger.sources.python_can", ("asammdf", *ANALYSIS_STACK)),
+        ("import syncline_logger.message_log", ("asammdf", *ANALYSIS_STACK)),
         ("import syncline_schemas.devices", ("syncline_analyzer", "syncline_logger")),
         ("import syncline_schemas.capture.writer", ("syncline_analyzer", "syncline_logger")),
     ],

@@ -2,8 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
-import can
-
+from syncline_logger.lean_can import can
 from syncline_schemas.batch import FrameBatch, FrameFlag
 
 _EXTENDED = int(FrameFlag.EXTENDED)

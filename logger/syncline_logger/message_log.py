@@ -10,9 +10,8 @@ from contextlib import suppress
 from importlib.metadata import version
 from typing import BinaryIO
 
-import can
-
 from syncline_logger.can_message import fields_of, ns_of
+from syncline_logger.lean_can import can
 from syncline_schemas.batch import FrameBatch
 from syncline_schemas.capture.layout import BusInfo, CaptureMetadata, frames_topic
 from syncline_schemas.capture.writer import FRAMES_PER_CHUNK, CaptureWriter

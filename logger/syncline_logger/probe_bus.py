@@ -43,7 +43,7 @@ class ProbeSource(PythonCanSource):
 
     def send_sdo(self, can_id: int, data: bytes) -> None:
         """Send a request, and record it. Raises SourceError when the bus does not take it."""
-        import can
+        from syncline_logger.lean_can import can
 
         if can_id not in SDO_REQUESTS:
             raise ValueError(f"{can_id:03X}h is no SDO request; nothing else is ever sent")

@@ -131,9 +131,8 @@ def _record_live(run: Run, path: Path, options: RecordOptions) -> RecordResult:
 
     The stamps are the simulated ones, as an adapter with a clock of its own gives them.
     """
-    import can
-
     from syncline_logger.bus_options import BusOptions
+    from syncline_logger.lean_can import can
     from syncline_logger.sources.python_can import PythonCanSource
     from syncline_samples.play import play
 

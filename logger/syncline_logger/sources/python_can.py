@@ -5,15 +5,13 @@ import logging
 from dataclasses import replace
 from typing import Any
 
-import can
-from can.util import load_config
-
 from syncline_logger.adapter_clock import AdapterClock, Knot
 from syncline_logger.batcher import FrameBuffer
 from syncline_logger.bus_condition import SOCKETCAN_ERROR_FRAMES
 from syncline_logger.bus_options import BusOptions, filter_words
 from syncline_logger.can_message import fields_of, ns_of
 from syncline_logger.clock import RecorderClock
+from syncline_logger.lean_can import can
 from syncline_logger.source import SourceFacts
 from syncline_schemas.errors import SourceError
 
@@ -205,7 +203,7 @@ def configured(options: BusOptions) -> BusOptions:
     if options.interface:
         return options
     try:
-        found = load_config()
+        found = can.util.load_config()
     except Exception:  # noqa: BLE001 - without a usable configuration `open` says what is missing
         return options
     channel = options.channel if options.channel is not None else found.get("channel")

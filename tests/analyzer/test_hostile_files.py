@@ -12,8 +12,6 @@ import pytest
 import zstandard
 from mcap.writer import CompressionType, Writer
 
-from benchmarks.reader_fuzz import case, read_case
-from benchmarks.reader_seeds import SEEDS
 from syncline_analyzer.convert import convert
 from syncline_analyzer.readers import open_capture
 from syncline_schemas.errors import CaptureError, UsageError
@@ -154,18 +152,6 @@ def test_times_before_zero_are_not_written(tmp_path: Path) -> None:
     source = _written(tmp_path, b" 1.0 1 123 Rx d 0\nbase hex timestamps absolute\n")
     with pytest.raises(UsageError, match="before its time 0"):
         convert([source], tmp_path / "x.csv", offsets={"x": "-2"})
-
-
-@pytest.mark.parametrize("kind", SEEDS)
-def test_damaged_files_are_read_or_refused(kind: str, tmp_path: Path) -> None:
-    """A few of the cases of `benchmarks.reader_fuzz`, which CI runs for longer."""
-    if kind == "mf4":
-        pytest.importorskip("asammdf")
-    seeds, others = [make() for make in SEEDS[kind]], [candump(FRAMES)]
-    for number in range(5000, 5020):
-        path = tmp_path / ("x.eds" if kind == "eds" else "x")
-        path.write_bytes(case(kind, 0, number, seeds, others))
-        read_case(path, 1)
 
 
 def test_a_short_endless_line_costs_no_time(tmp_path: Path) -> None:

@@ -328,7 +328,8 @@ def test_case_10_memory_does_not_grow_with_the_capture() -> None:
         return found
 
     peak(2)
-    assert peak(60) < 2.0 * peak(20)
+    # Batches are joined to 131,072 frames: 33 of these are one.
+    assert peak(200) < 2.0 * peak(70)
 
 
 def _busy(number: int) -> FrameBatch:

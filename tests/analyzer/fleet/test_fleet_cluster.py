@@ -105,7 +105,10 @@ def test_ctrl_c_ends_a_run_and_keeps_what_stands(tmp_path: Path) -> None:
     source, out = tmp_path / "in", tmp_path / "out"
     for number in range(20):
         small_mcap(source / f"{number}.mcap", recording_id=str(number))
-    command = (sys.executable, "-m", "syncline_logger", "fleet", "analyze", str(source))
+    # Where the tests run in the background, SIGINT is ignored and would stay so.
+    heeds = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+    program = f"{heeds}; from syncline_logger.cli import main; main()"
+    command = (sys.executable, "-c", program, "fleet", "analyze", str(source))
     options = ("--out", str(out), "--workers", "1", "--format", "json")
     environment = {**os.environ, "DASK_DISTRIBUTED__WORKER__PRELOAD": str(preload(tmp_path, 0.5))}
     process = subprocess.Popen(

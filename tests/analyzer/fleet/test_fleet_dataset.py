@@ -238,7 +238,10 @@ def test_a_reader_beside_a_run_sees_whole_captures_only(tmp_path: Path) -> None:
     def poll() -> None:
         while not stop.is_set():
             for folder in out.glob("machine=*/date=*/capture_id=*"):
-                names = {path.name for path in folder.glob("*.parquet")}
+                try:
+                    names = {path.name for path in folder.glob("*.parquet")}
+                except FileNotFoundError:  # taken away as a whole since it was listed
+                    continue
                 if names and not names >= {"captures.parquet", "nodes.parquet", "pdos.parquet"}:
                     # The folder may have been taken away while it was listed.
                     torn.extend([names] if folder.exists() and _still(folder, names) else [])

@@ -1,17 +1,16 @@
 """One pass over a session: frames through all folds, tables, findings."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
 
 from syncline_analyzer.bit_rates import BitRates
-from syncline_analyzer.capture import CaptureFacts, time_base
+from syncline_analyzer.capture import CaptureFacts
 from syncline_analyzer.capture_row import capture_row
 from syncline_analyzer.collecting import rare_collections
-from syncline_analyzer.context import Context
 from syncline_analyzer.deafness import Numbered
 from syncline_analyzer.device_health import device_health_rows
 from syncline_analyzer.doubled_rows import doubled_rows
 from syncline_analyzer.findings import find_all
+from syncline_analyzer.first_context import first_context
 from syncline_analyzer.fold import Fold
 from syncline_analyzer.folds.angle.fold import AngleFold
 from syncline_analyzer.folds.control import ControlFold
@@ -24,13 +23,10 @@ from syncline_analyzer.object_changes import object_change_rows
 from syncline_analyzer.objects import history_rows, object_rows
 from syncline_analyzer.pdo_lengths import PdoLengths, length_rows
 from syncline_analyzer.preparing import Preparation, Prepared, Step
-from syncline_analyzer.recall import recall
 from syncline_analyzer.results import Analysis
-from syncline_analyzer.shadow import Shadow
 from syncline_schemas.canopen.nmt import NmtState
 from syncline_schemas.description import BusDescription
-from syncline_schemas.devices import Device, device_from_files
-from syncline_schemas.errors import DescriptionError
+from syncline_schemas.devices import Device
 
 Progress = Callable[[int], None]
 """Called after each batch with the number of frames taken in so far."""
@@ -89,8 +85,7 @@ def analyze_prepared(
             the first one of the stream.
     """
     facts = prepared.facts
-    context = _context(facts, prepared.buses, description, devices)
-    recall(context.shadow, facts)
+    context = first_context(facts, prepared.buses, description, devices)
     control, timing, angle = ControlFold(context), TimingFold(context), AngleFold(context)
     folds: tuple[Fold, ...] = (control, timing, angle, PdoLengths(context))
     rates = BitRates(context, facts, bitrate, data_bitrate)
@@ -184,31 +179,3 @@ def _feed(folds: Sequence[Fold], step: Step) -> None:
     if step.gap is not None:
         for fold in folds:
             fold.gap(step.gap)
-
-
-def _context(
-    facts: Sequence[CaptureFacts],
-    buses: list[str],
-    description: BusDescription,
-    devices: Mapping[int, Device],
-) -> Context:
-    def bus_name(bus: int) -> str:
-        return buses[bus] if bus < len(buses) else str(bus)
-
-    return Context(
-        buses=buses,
-        shadow=Shadow(bus_name, description, dict(devices), _attached(facts)),
-        timed=time_base(facts) != "none",
-        description=description,
-    )
-
-
-def _attached(facts: Sequence[CaptureFacts]) -> list[Device]:
-    """Devices whose files the captures carry; what cannot be used of them is left out."""
-    found: dict[str, Device] = {}
-    for each in facts:
-        for name in each.eds_files:
-            if name.endswith(".toml"):
-                with suppress(DescriptionError):
-                    found[name] = device_from_files(name, each.eds_files)
-    return list(found.values())

@@ -8,7 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from importlib.metadata import EntryPoint
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any
 
@@ -138,7 +138,7 @@ def test_a_missing_extra_is_told_with_the_pip_line(
         raise ModuleNotFoundError("No module named 'pandas'", name="pandas")
 
     # Of the class that is found, which a library may have loaded anew.
-    for found in lazy_group.entry_points(group=lazy_group.PLUGIN_GROUP):
+    for found in entry_points(group=lazy_group.PLUGIN_GROUP):
         monkeypatch.setattr(type(found), "load", load)
     with pytest.raises(SystemExit) as exit_info:
         main(["analyze", "x.mcap"])

@@ -47,6 +47,13 @@ def test_a_single_spacing_below_the_limit_among_many_is_no_other_bit_rate() -> N
     assert confident(estimate(apart, bits, 1000)) == 500_000
 
 
+def test_several_frames_in_a_row_prove_nothing_that_single_ones_contradict() -> None:
+    """Two frames end as 500 kbit/s would have it by chance; the first of them came far too soon."""
+    apart = np.array([60, 190, 3000, 100, 330, 3000] * 20, np.int64) * 1000
+    bits = np.array([55, 70, 55, 95, 120, 55] * 20, np.int64)
+    assert confident(estimate(apart, bits, 1000)) is None
+
+
 @pytest.mark.parametrize("bitrate", CANDIDATES)
 @pytest.mark.parametrize("step_ns", [1, 1000, 10_000])
 def test_every_bit_rate_is_found_on_a_busy_bus(bitrate: int, step_ns: int) -> None:

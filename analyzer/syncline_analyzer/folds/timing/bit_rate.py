@@ -166,7 +166,11 @@ def estimate(apart_ns: Ints, bits: Ints, resolution_ns: int) -> Estimate | None:
             for pile in _piles(runs, resolution_ns, off_ns, impossible)
             if impossible[pile.bitrate] <= _IMPOSSIBLE * pile.count
         ]
-        limits = {pile.bitrate: pile for pile in reversed(piles) if pile.is_limit}
+        limits = {
+            pile.bitrate: pile
+            for pile in reversed(piles)
+            if pile.is_limit and _holds_singly(pile, apart_ns, bits)
+        }
         if len(limits) == 1:
             pile = next(iter(limits.values()))
             confident = _most_alike(shifted, pile.within_ns) < pile.count
@@ -236,6 +240,15 @@ def _off_ns(apart_ns: Ints, bits: Ints) -> float:
         return 0.0
     short = bits[counting] * (1e9 / CANDIDATES[-1]) - apart_ns[counting]
     return max(0.0, float(np.quantile(short, _TRUSTED)))
+
+
+def _holds_singly(pile: _Pile, apart_ns: Ints, bits: Ints) -> bool:
+    """Whether single frames do not come sooner than a pile of several in a row allows.
+
+    Two stamps are as far off as two others, however many frames lie between them.
+    """
+    too_soon = _impossible(apart_ns, bits, pile.within_ns)[pile.bitrate]
+    return too_soon <= _IMPOSSIBLE * pile.count
 
 
 def _impossible(apart_ns: Ints, bits: Ints, off_ns: int) -> dict[int, int]:

@@ -61,7 +61,8 @@ def compare(
 
     Nodes, states, periods, bus load, EMCYs, parameters, SDO failures, PDOs, angle sensors and
     findings, ranked by what matters, each with the numbers of both. Captures of different length
-    are compared by rates; what one of both could not have shown is not seen, never gone.
+    are compared by rates; what one of both could not have shown is not seen, never gone. Exits
+    with 1 when a capture is damaged or holds no frames.
     """
     from syncline_analyzer.comparison import compare as compared
     from syncline_analyzer.session import open_session
@@ -95,8 +96,8 @@ def compare(
         from syncline_analyzer.views.comparison_html import comparison_page
 
         _write(out, comparison_page(found))
-    damaged = found.golden.damage or found.capture.damage
-    if damaged or any(row.severity in as_bad_as(check) for row in found.rows):
+    partial = any(each.damage or not each.frames for each in (found.golden, found.capture))
+    if partial or any(row.severity in as_bad_as(check) for row in found.rows):
         ctx.exit(NOT_REACHED)
 
 

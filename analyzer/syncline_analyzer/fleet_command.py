@@ -1,62 +1,33 @@
 """`syncline fleet`: many captures of many machines as one data set."""
 
-import json
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from syncline_schemas.errors import MissingExtraError, UsageError
+from syncline_analyzer.fleet_look_command import report, view
+from syncline_analyzer.fleet_options import STORAGE, fleet_extra, storage_options
+from syncline_schemas.errors import UsageError
 from syncline_schemas.wording import counted
 
 if TYPE_CHECKING:
     from syncline_analyzer.fleet.task import Settings
 
 NOT_REACHED = 1
-INSTALL = 'pip install "syncline[fleet]"'
 
 
 @click.group(
     epilog="\b\nExamples:\n"
     "  syncline fleet analyze captures --out fleet\n"
-    "  syncline fleet query fleet --question changes --after 2026-11-01"
+    "  syncline fleet query fleet --question changes --after 2026-11-01\n"
+    "  syncline fleet view fleet"
 )
 def fleet() -> None:
     """Analyze the captures of many machines and ask about all of them."""
 
 
-@contextmanager
-def fleet_extra() -> Iterator[None]:
-    """Say which extra is missing where a package of it is. Raises: MissingExtraError."""
-    try:
-        yield
-    except ModuleNotFoundError as error:
-        if str(error.name).startswith("syncline"):
-            raise
-        raise MissingExtraError(
-            f"'syncline fleet' needs the package '{error.name}', which is not installed;"
-            f" type: {INSTALL}"
-        ) from error
-
-
-def storage_options(pairs: tuple[str, ...]) -> dict[str, Any]:
-    """Options of file systems from KEY=VALUE; a value is JSON where it can be. Raises: UsageError.
-
-    >>> storage_options(("anon=true", 'client_kwargs={"region_name": "eu"}', "key=me"))
-    {'anon': True, 'client_kwargs': {'region_name': 'eu'}, 'key': 'me'}
-    """
-    options = {}
-    for pair in pairs:
-        key, equals, value = pair.partition("=")
-        if not (key and equals):
-            raise UsageError(f"--storage-option {pair}: write it as KEY=VALUE")
-        try:
-            options[key] = json.loads(value)
-        except ValueError:
-            options[key] = value
-    return options
+fleet.add_command(view)
+fleet.add_command(report)
 
 
 @fleet.command(
@@ -218,13 +189,7 @@ def analyze(
     metavar="FILE",
     help="Write there instead of printing.",
 )
-@click.option(
-    "--storage-option",
-    "storage_pairs",
-    multiple=True,
-    metavar="KEY=VALUE",
-    help="Option of the object store, as of 'syncline fleet analyze'.",
-)
+@STORAGE
 def query(
     dest: str,
     sql: str | None,

@@ -1,10 +1,14 @@
 """`syncline layout`: how other viewers show the decoded channels of captures."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from syncline_schemas.errors import UsageError
+
+if TYPE_CHECKING:
+    from syncline_analyzer.layouts.channels import DecodedChannel
 
 
 @click.command(
@@ -25,6 +29,16 @@ def layout(captures: tuple[Path, ...], output: Path) -> None:
     from syncline_analyzer.layouts.channels import decoded_channels
 
     channels = decoded_channels(captures)
+    if not output.parent.is_dir():
+        raise UsageError(f"{output}: there is no folder {output.parent}; make it first")
+    try:
+        _write(captures, channels, output)
+    except OSError as error:
+        raise UsageError(f"{output}: cannot be written: {error.strerror or error}") from error
+    click.echo(f"{output}: {len(channels)} decoded channels", err=True)
+
+
+def _write(captures: tuple[Path, ...], channels: "list[DecodedChannel]", output: Path) -> None:
     match output.suffix.lower():
         case ".json":
             from syncline_analyzer.layouts.foxglove import foxglove_layout
@@ -36,4 +50,3 @@ def layout(captures: tuple[Path, ...], output: Path) -> None:
             write_plain(captures, channels, output)
         case _:
             raise UsageError(f"{output}: name it .json for Foxglove or .rrd for Rerun")
-    click.echo(f"{output}: {len(channels)} decoded channels", err=True)

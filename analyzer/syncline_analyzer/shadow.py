@@ -45,6 +45,27 @@ BOOT_NS = 10_000_000_000
 """A boot-up this long after a reset command is still its effect [ns]."""
 
 
+class _Rereads:
+    """Reads that only confirmed a value, the last ones of them."""
+
+    def __init__(self) -> None:
+        self._parts: list[Reads] = []
+        self._count = 0
+
+    def add(self, reads: Reads) -> None:
+        """Take in further ones."""
+        # Joined only now and then: most objects are never asked for.
+        if self._count > 2 * MAX_CHANGES:
+            self._parts = [self.joined().part(slice(-MAX_CHANGES, None))]
+            self._count = len(self._parts[0])
+        self._parts.append(reads)
+        self._count += len(reads)
+
+    def joined(self) -> Reads:
+        """All of them in order."""
+        return Reads.joined(*self._parts) if len(self._parts) > 1 else self._parts[0]
+
+
 class Shadow:
     """Values of objects per bus number and node over the capture, addressed by `seq`.
 
@@ -69,7 +90,7 @@ class Shadow:
         self._identified: dict[tuple[int, int], Device | None] = {}
         self._known: dict[tuple[int, int], dict[Key, ObjectHistory]] = {}
         self._refused: dict[tuple[int, int], set[Key]] = {}
-        self._rereads: dict[tuple[int, int, Key], list[Reads]] = {}
+        self._rereads: dict[tuple[int, int, Key], _Rereads] = {}
         self._reset_seq: dict[tuple[int, int], int] = {}
         self._read_again: dict[tuple[int, int, Key], list[int]] = {}
         """`seq` of the first read after each reset that told the value of before."""
@@ -159,11 +180,10 @@ class Shadow:
 
     def confirm(self, bus: int, node: int, key: Key, reads: Reads) -> None:
         """Store reads of a position that brought what was known; see `take_rereads`."""
-        kept = self._rereads.setdefault((bus, node, key), [])
-        # Joined only now and then: most objects are never asked for.
-        if sum(map(len, kept)) > 2 * MAX_CHANGES:
-            kept[:] = [Reads.joined(*kept).part(slice(-MAX_CHANGES, None))]
-        kept.append(reads)
+        kept = self._rereads.get((bus, node, key))
+        if kept is None:
+            kept = self._rereads[bus, node, key] = _Rereads()
+        kept.add(reads)
 
     def recall(self, bus: int, node: int, key: Key, known: Known, *, kept: bool) -> None:
         """Store what was seen before the first frame; `kept`: a reset does not take it back."""
@@ -177,10 +197,11 @@ class Shadow:
         kept = self._rereads.pop((bus, node, (index, sub)), None)
         if kept is None:
             return Reads.of()
-        again = Reads.joined(*kept) if len(kept) > 1 else kept[0]
+        again = kept.joined()
         taken = int(np.searchsorted(again.seq, seq, "right"))
         if taken < len(again):
-            self._rereads[bus, node, (index, sub)] = [again.part(slice(taken, None))]
+            left = self._rereads[bus, node, (index, sub)] = _Rereads()
+            left.add(again.part(slice(taken, None)))
         return again.part(slice(taken))
 
     def refuse(self, bus: int, node: int, index: int, sub: int) -> None:

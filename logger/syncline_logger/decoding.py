@@ -18,6 +18,7 @@ from syncline_logger.triggers.conditions import Condition
 from syncline_logger.triggers.event import Event
 from syncline_logger.triggers.values import ValueWatch
 from syncline_schemas.batch import FrameBatch, FrameFlag
+from syncline_schemas.canopen.nmt import RESETS
 from syncline_schemas.canopen.services import SERVICE_OF_ID, Service
 from syncline_schemas.capture.layout import node_topic, service_topic
 from syncline_schemas.capture.message import MessageBlock, MessageSchema
@@ -29,9 +30,6 @@ from syncline_schemas.devices import Device, identify, identity_objects, quirks
 Rows = NDArray[np.intp]
 Int64s = NDArray[np.int64]
 Change = Callable[[], None]
-
-RESETS = (0x81, 0x82)
-"""NMT commands after which unsaved communication parameters are gone."""
 
 MAX_MAPPINGS = 16
 """A PDO that is mapped anew more often than this is no longer decoded."""

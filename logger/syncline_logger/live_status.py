@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from syncline_logger.bus_condition import BusCondition
 from syncline_schemas.batch import FrameBatch, FrameFlag
-from syncline_schemas.canopen.nmt import STATE_OF_BYTE, NmtState
+from syncline_schemas.canopen.nmt import RESETS, STATE_OF_BYTE, NmtState
 from syncline_schemas.canopen.services import Service, service_of
 from syncline_schemas.capture.layout import BusInfo
 from syncline_schemas.wire_length import wire_ns
@@ -17,6 +17,8 @@ SILENT_PERIODS = 3
 """A node that sent heartbeats is shown as LOST after so many of its periods."""
 SHORTEST_SILENCE_NS = 500_000_000
 """Shorter silences come from adapters and machines that hand frames over late."""
+RESTART_NS = 5_000_000_000
+"""So long a node may take to restart when it is told to; a LIR takes 4 s (SKB IS, LIR CANopen 4.7)."""
 STAMPS_KEPT = 5
 """Of a node's latest heartbeats, to know its period."""
 
@@ -74,16 +76,17 @@ class NodeChange:
 
 @dataclass(slots=True)
 class _Node:
-    """`told`: its state as the last change told it."""
+    """`told`: its state as the last change told it; silence before `excused_ns` is none."""
 
     state: NmtState
     seen_ns: int
     stamps_ns: NDArray[np.int64]
     told: NmtState | None = None
+    excused_ns: int = 0
 
     def state_at(self, heard_ns: int, listening_ns: int) -> NmtState:
         """LOST after too long a silence; only the time in which somebody listened counts."""
-        silent = self.is_long(heard_ns - max(self.seen_ns, listening_ns))
+        silent = self.is_long(heard_ns - max(self.seen_ns, self.excused_ns, listening_ns))
         return NmtState.LOST if silent else self.state
 
     def is_long(self, silence_ns: int) -> bool:
@@ -140,6 +143,7 @@ class LiveStatus:
                 busy_ns = wire_ns(mine, bus.info.bitrate, bus.info.data_bitrate)
                 bus.busy_ns += float(busy_ns.sum())
             self._changes += _take_error_control(bus, mine, log_ns[rows])
+            _excuse_restarts(bus, mine, log_ns[rows])
 
     def take_changes(self) -> list[NodeChange]:
         """What changed with the nodes since the last call."""
@@ -208,7 +212,7 @@ def _take_error_control(
         node = _Node(state, int(log_ns[mine[-1]]), stamps_ns[-STAMPS_KEPT:])
         words = ["boots"] if len(boot_ups) else []
         if before is not None:
-            node.told = before.told
+            node.told, node.excused_ns = before.told, before.excused_ns
             silence_ns = _silence_ns(before, bus, int(frames.t_ns[mine[0]]), int(log_ns[mine[0]]))
             if before.is_long(silence_ns):
                 words.append(f"was silent for {silence_ns / 1e9:.1f} s")
@@ -219,9 +223,20 @@ def _take_error_control(
             yield NodeChange(node.seen_ns, bus.info.name, text)
 
 
+def _excuse_restarts(bus: _Bus, frames: FrameBatch, log_ns: NDArray[np.int64]) -> None:
+    """Nodes that are told to restart may be silent for a while."""
+    told = (service_of(frames) == Service.NMT) & (frames.dlc == 2)
+    told &= np.isin(frames.data[:, 0], RESETS)
+    for row in np.flatnonzero(told).tolist():
+        target = int(frames.data[row, 1])
+        for number, node in bus.nodes.items():
+            if target in (0, number):
+                node.excused_ns = int(log_ns[row]) + RESTART_NS
+
+
 def _silence_ns(before: _Node, bus: _Bus, t_ns: int, log_ns: int) -> int:
     """How long a node was silent until this frame: frames that are only handed over late were not."""
-    listened_ns = log_ns - max(before.seen_ns, bus.listening_ns)
+    listened_ns = log_ns - max(before.seen_ns, before.excused_ns, bus.listening_ns)
     return min(listened_ns, t_ns - int(before.stamps_ns[-1]))
 
 

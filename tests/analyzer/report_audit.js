@@ -71,5 +71,6 @@ for (const path of all(".plot .line, .plot .area-of")) {
   if (box.width > 0 || box.height > 0 || path.classList.contains("lone")) ink += 1;
   else faults.push(`nothing drawn: ${words(path.closest("figure"))}`);
 }
-for (const lane of all(".lane")) if (!lane.querySelector("rect")) faults.push(`empty lane: ${words(lane)}`);
+const wide = (el) => el.getBoundingClientRect().width > 0;
+for (const lane of all(".lane")) if (shown(lane) && !all("rect", lane).some(wide)) faults.push(`empty lane: ${words(lane)}`);
 answer({ faults, ink, plots: all("figure.plot").length, lanes: all("#lanes .lane").length, ready: document.documentElement.dataset.ready, focusable: all("a[href], button, input, select, summary, [tabindex='0']").length });

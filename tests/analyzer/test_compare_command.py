@@ -56,6 +56,27 @@ def test_text_tells_both_sides_and_why() -> None:
     assert "Nothing differs" in comparison_text(compare(*2 * [pair()[0]]))
 
 
+@pytest.mark.parametrize("name", ["golden", "capture"])
+def test_an_empty_side_is_told_before_anything_else(name: str) -> None:
+    full, empty = pair()[0], whole()
+    told = compare(*((empty, full) if name == "golden" else (full, empty)))
+    what = "golden capture" if name == "golden" else "capture"
+    verdict = f"The {what} holds no frames: nothing can be compared"
+    assert verdict in comparison_text(told)
+    assert "Nothing differs" not in comparison_text(told)
+    page = comparison_page(told)
+    assert f">{verdict}</h1>" in page
+    assert "are those of golden" not in page
+
+
+def test_an_empty_golden_capture_is_no_success(tmp_path: Path) -> None:
+    empty, other = tmp_path / "empty.log", tmp_path / "other.log"
+    empty.touch()
+    other.write_text("(1700000000.000000) can0 705#05\n", encoding="utf-8")
+    assert CliRunner().invoke(command, [str(empty), str(other)]).exit_code == 1
+    assert CliRunner().invoke(command, [str(other), str(other)]).exit_code == 0
+
+
 def test_page_is_one_file_in_which_names_are_text() -> None:
     page = comparison_page(found())
     tags = Tags()

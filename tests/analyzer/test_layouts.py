@@ -16,7 +16,7 @@ from syncline_logger.recorder import record_batches
 from syncline_samples.scenarios import bad_day
 from syncline_schemas.capture.layout import BusInfo
 from syncline_schemas.description import BusDescription
-from syncline_schemas.errors import CaptureError
+from syncline_schemas.errors import CaptureError, UsageError
 
 Json = dict[str, Any]
 
@@ -132,6 +132,11 @@ def test_rerun_imports_the_channels_and_the_layout_maps_components_that_it_made(
     assert len(reader.blueprints()) == 1
 
 
+def folder_named(path: Path) -> Path:
+    path.mkdir()
+    return path
+
+
 def test_command_writes_the_layout_that_the_ending_asks_for(capture: Path, tmp_path: Path) -> None:
     out = tmp_path / "line3.json"
     done = CliRunner().invoke(layout, [str(capture), str(out)], catch_exceptions=False)
@@ -139,10 +144,21 @@ def test_command_writes_the_layout_that_the_ending_asks_for(capture: Path, tmp_p
     assert "StateTransitions!nmt" in panels(out.read_text(encoding="utf-8"))
     refused = CliRunner().invoke(layout, [str(capture), str(tmp_path / "x.xml")])
     assert "name it .json for Foxglove or .rrd for Rerun" in str(refused.exception)
+    for name in ("foo.json", "foo.rrd"):
+        refused = CliRunner().invoke(layout, [str(capture), str(tmp_path / "nope" / name)])
+        assert isinstance(refused.exception, UsageError)
+        assert f"there is no folder {tmp_path / 'nope'}" in str(refused.exception)
+    refused = CliRunner().invoke(layout, [str(capture), str(folder_named(tmp_path / "x.json"))])
+    assert "x.json: cannot be written: Is a directory" in str(refused.exception)
 
 
 @pytest.mark.parametrize(
-    ("content", "said"), [(b"not a capture at all", "no closed MCAP file"), (None, "No such file")]
+    ("content", "said"),
+    [
+        (b"(1700000000.000000) can0 705#05", "no MCAP capture; layouts are for the channels that"),
+        (b"\x89MCAP0\r\n", "no closed MCAP file; make one of it with syncline recover"),
+        (None, "No such file"),
+    ],
 )
 def test_what_is_no_capture_is_refused(content: bytes | None, said: str, tmp_path: Path) -> None:
     path = tmp_path / "x.mcap"
@@ -154,5 +170,5 @@ def test_what_is_no_capture_is_refused(content: bytes | None, said: str, tmp_pat
 
 def test_raw_frames_alone_have_no_decoded_channels() -> None:
     sample = Path(__file__).parents[2] / "samples" / "bad_day.mcap"
-    with pytest.raises(CaptureError, match="record with decoding on"):
+    with pytest.raises(CaptureError, match="only 'syncline record' with decoding on"):
         decoded_channels([sample])

@@ -132,6 +132,14 @@ def test_other_samples_have_no_fault_on_a_phone_by_day(name: str, tmp_path: Path
     assert audit["ink"] >= audit["plots"] > 5
 
 
+def test_a_capture_of_one_instant_fills_its_lanes(tmp_path: Path) -> None:
+    log = tmp_path / "one.log"
+    log.write_text("(1700000000.000000) can0 705#05\n", encoding="utf-8")
+    audit = audited(open_session(log).analysis, tmp_path, *WIDE, LIGHT)
+    assert audit["faults"] == []
+    assert audit["lanes"] == 1
+
+
 def test_texts_from_the_bus_run_nowhere(tmp_path: Path) -> None:
     audit = audited(evil(), tmp_path, *WIDE, LIGHT)
     assert audit["faults"] == []

@@ -128,7 +128,7 @@ def test_findings_are_listed_before_they_are_told_and_name_the_bus() -> None:
     text = findings_markdown(analysis(capture=capture_row(buses=["can0", "can1"]), findings=rows))
     lines = text.splitlines()
     assert lines[0] == "### 39 errors"
-    assert lines[2].startswith("- **ERROR** 0:01.000 can0: ")
+    assert lines[2].startswith("- **1 ERROR** 0:01.000 can0: ")
     assert "- and 9 more, told below" in lines
     assert text.count("**Check next**") == 39
 

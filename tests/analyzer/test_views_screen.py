@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
+from syncline_analyzer.bundle.place import finding_at
 from syncline_analyzer.results import Analysis
 from syncline_analyzer.session import open_session
 from syncline_analyzer.views.screen import FEWEST, MOST, print_screen, screen
@@ -181,3 +182,25 @@ def test_a_code_page_gets_plain_characters(encoding: str) -> None:
         show(bad_day(), Console(file=out, width=100))
         out.flush()
         assert "10 boom tilt" in out.buffer.getvalue().decode(encoding)
+
+
+def test_findings_have_the_numbers_that_bundle_takes() -> None:
+    told = analysis(findings=[finding(text=f"Fault {i}.") for i in range(1, 11)])
+    text = screen(told, width=100)
+    assert re.search(r"^ 1 [A-Z]+ .*Fault 1\.$", text, re.MULTILINE)
+    assert re.search(r"^10 [A-Z]+ .*Fault 10\.$", text, re.MULTILINE)
+    assert finding_at(told, "10").text == "Fault 10."
+
+
+def test_a_frame_of_nobody_is_told_without_holes(tmp_path: Path) -> None:
+    log = tmp_path / "one.log"
+    log.write_text("(1700000000.000000) vcan0 123#05\n", encoding="utf-8")
+    assert screen(open_session(log).analysis, width=100).splitlines() == [
+        "one.log: 1 frame at one moment on vcan0, 0 nodes.",
+        "2023-11-14 22:13:20.000000 UTC",
+        "No frame proves a CANopen node; this may be a bus of another protocol.",
+        "No CANopen node in this capture",
+        "",
+        "vcan0: bit rate not known",
+        "-v: everything   --out DIR: report, plots, tables",
+    ]

@@ -173,3 +173,13 @@ def test_columns_are_those_of_the_rows() -> None:
         split = {f.name for f in fields(kind) if re.search("Quantiles|Jitter", str(f.type))}
         split |= {"state_share", "flags"}
         assert {f.name for f in fields(kind)} - split <= columns, name
+
+
+def test_no_table_loses_a_field_to_the_twin_of_a_stamp() -> None:
+    for name, kind in ROW_TYPES.items():
+        frame, known = to_frame([], name), {f.name for f in fields(kind)}
+        for column in known:
+            if f"{column}_ns" in known:
+                assert frame[column].dtype.kind != "M", f"{name}.{column}"
+                assert frame[f"{column}_at"].dtype.kind == "M"
+    assert {"parted", "parted_ns", "parted_at"} <= {*to_frame([], "shafts")}

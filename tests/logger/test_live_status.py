@@ -153,6 +153,34 @@ def test_a_period_set_anew_is_learned() -> None:
     assert states(live, 61 * S) == {5: "LOST"}
 
 
+@pytest.mark.parametrize("target", [0, 5])
+@pytest.mark.parametrize("command", [0x81, 0x82])
+def test_a_node_that_is_told_to_restart_may_be_silent_for_a_while(
+    command: int, target: int
+) -> None:
+    """A LIR says nothing for 4 s after a reset (devices/skbis-lir-canopen.md section 5)."""
+    live = heard_every(S // 10, 20)
+    take(live, FrameBatch.from_rows([(2 * S, 0, 0, 0, 2, bytes([command, target]))]))
+    assert states(live, 6 * S) == {5: "OPERATIONAL"}
+    live.take_changes()
+    take(live, heartbeat(6 * S, 0))
+    assert [each.text for each in live.take_changes()] == [
+        "node 5 boots, goes from OPERATIONAL to PRE-OPERATIONAL"
+    ]
+
+
+def test_a_node_that_does_not_come_back_from_a_restart_is_lost() -> None:
+    live = heard_every(S // 10, 20)
+    take(live, FrameBatch.from_rows([(2 * S, 0, 0, 0, 2, b"\x81\x05")]))
+    assert states(live, 8 * S) == {5: "LOST"}
+
+
+def test_the_restart_of_another_node_excuses_nobody() -> None:
+    live = heard_every(S // 10, 20)
+    take(live, FrameBatch.from_rows([(2 * S, 0, 0, 0, 2, b"\x81\x06")]))
+    assert states(live, 4 * S) == {5: "LOST"}
+
+
 def test_a_guard_request_is_no_sign_of_life() -> None:
     live = one_bus()
     take(live, heartbeat(0, 0, flags=int(FrameFlag.REMOTE)))

@@ -131,7 +131,7 @@ def _lone_buses(golden: Analysis, capture: Analysis, pairs: list[Pair]) -> Itera
 
 
 def _silent(pair: Pair) -> Row:
-    heard = pair.capture.heard if pair.capture.timed else "all of it"
+    heard = pair.capture.heard if pair.capture.timed and pair.capture.heard_ns else "all of it"
     return ComparisonRow(
         kind="bus.silent",
         severity="error",

@@ -17,7 +17,6 @@ _STATE_TONES: dict[str, Tone] = {
     nmt.NmtState.STOPPED: Tone.BAD,
     nmt.NmtState.PRE_OPERATIONAL: Tone.PLAIN,
 }
-_RESETS = (0x81, 0x82)
 
 
 def nmt_words(data: bytes, names: dict[int, str]) -> Words:

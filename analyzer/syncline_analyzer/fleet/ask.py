@@ -7,15 +7,17 @@ fleet.query("SELECT machine, count(*) AS errors FROM findings WHERE severity = '
 fleet.emcy_since("2026-11-01", code="7320h")
 fleet.over_time("encoder-noise", node=5)
 fleet.changes(after="2026-11-10")
+fleet.trends(quantity="encoder-noise")
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields
 from typing import TYPE_CHECKING, Any, Self
 
 from syncline_analyzer.fleet import questions
 from syncline_analyzer.fleet.database import Database, Query
 from syncline_analyzer.fleet.dataset import Dataset
+from syncline_analyzer.fleet.trends import trend_findings
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -79,6 +81,21 @@ class Fleet:
     def ask(self, question: str, **options: Any) -> "pd.DataFrame":
         """A question by its name in `questions.QUESTIONS`."""
         return self._frame(questions.question(question, options))
+
+    def trends(self, **options: Any) -> "pd.DataFrame":
+        """What drifts, steps or comes more often, a `trends.rows.TrendFinding` each, the gravest first.
+
+        Args:
+            options: those of `trends.trend_findings`, such as `quantity`, `machine`, `since`.
+        """
+        import pandas as pd
+
+        from syncline_analyzer.fleet.trends.rows import TrendFinding
+
+        found = [asdict(each) for each in trend_findings(self.database, **options)]
+        frame = pd.DataFrame(found, columns=[each.name for each in fields(TrendFinding)])
+        frame.insert(0, "onset", pd.to_datetime(frame["onset_ns"].astype("int64"), utc=True))
+        return frame.astype({"node": "Int64", "reaches_ns": "Int64"})
 
     def _frame(self, query: Query) -> "pd.DataFrame":
         with self.database.ask(query) as reader:

@@ -167,7 +167,7 @@ def _published(
     name = recording.capture_id or capture_id(found.content_sha256, recording.machine)
     partition = Partition(recording.machine, date_of(analysis.capture.start_utc_ns), name)
     with _staged(task) as staged:
-        extras = _write_beside(analysis, task, name, staged)
+        extras = _write_beside(analysis, task, partition, staged)
         tables = _write_tables(analysis, staged, samples="samples" in task.settings.extras)
         entry = CaptureEntry(
             partition,
@@ -243,8 +243,11 @@ def _is_there(file: File, task: Task) -> bool:
         return False
 
 
-def _write_beside(analysis: Analysis, task: Task, name: str, staged: Path) -> dict[str, bool]:
+def _write_beside(
+    analysis: Analysis, task: Task, partition: Partition, staged: Path
+) -> dict[str, bool]:
     """Write report and recording where they are asked for; which of the extras there are."""
+    name = partition.capture_id
     extras = {each: each in task.settings.extras for each in ("samples", "report", "recording")}
     if extras["report"]:
         from syncline_analyzer.views.report_html import write_report
@@ -253,9 +256,11 @@ def _write_beside(analysis: Analysis, task: Task, name: str, staged: Path) -> di
         put_beside(task.out, made, report_file(name))
         made.unlink(missing_ok=True)
     if extras["recording"]:
+        from syncline_analyzer.fleet.label import label_of
         from syncline_analyzer.views.rerun_view import write_rrd
 
-        made = write_rrd(analysis, staged / "session.rrd")
+        label = label_of(analysis, partition)
+        made = write_rrd(analysis, staged / "session.rrd", label=label)
         put_beside(task.out, made, recording_file(name))
         made.unlink(missing_ok=True)
     return extras

@@ -10,6 +10,7 @@ from google.protobuf.message import DecodeError
 
 from syncline_schemas.capture.layout import PROTOBUF
 from syncline_schemas.capture.record_file import RecordFile
+from syncline_schemas.capture.record_stream import MAGIC
 from syncline_schemas.description import BusDescription
 from syncline_schemas.errors import CaptureError
 
@@ -70,7 +71,10 @@ def decoded_channels(captures: Sequence[Path]) -> list[DecodedChannel]:
         found |= {channel.topic: channel for channel in _of_file(path)}
     if not found:
         names = ", ".join(path.name for path in captures)
-        raise CaptureError(f"{names}: no decoded channels; record with decoding on")
+        raise CaptureError(
+            f"{names}: no decoded channels; only 'syncline record' with decoding on writes them, a"
+            " converted log holds its frames alone"
+        )
     return sorted(found.values(), key=lambda each: (each.bus, each.node or 0, each.service))
 
 
@@ -81,6 +85,11 @@ def _of_file(path: Path) -> list[DecodedChannel]:
     except OSError as error:
         raise CaptureError(f"{path}: {error.strerror or error}") from error
     if summary is None or summary.statistics is None:
+        if not _begins_as_mcap(path):
+            raise CaptureError(
+                f"{path}: no MCAP capture; layouts are for the channels that 'syncline record'"
+                " decodes. 'syncline analyze --out' and 'syncline view' show any log"
+            )
         raise CaptureError(f"{path}: no closed MCAP file; make one of it with syncline recover")
     description = _description(path)
     schemas = {schema.id: schema for schema in summary.schemas}
@@ -91,6 +100,11 @@ def _of_file(path: Path) -> list[DecodedChannel]:
         if counts.get(channel.id) and (schema := schemas.get(channel.schema_id))
         if (decoded := _decoded(channel, schema, description))
     ]
+
+
+def _begins_as_mcap(path: Path) -> bool:
+    with path.open("rb") as stream:
+        return stream.read(len(MAGIC)) == MAGIC
 
 
 def _description(path: Path) -> BusDescription:

@@ -6,6 +6,7 @@ from importlib.resources import files
 from syncline_analyzer.comparison.rows import Comparison, ComparisonRow
 from syncline_analyzer.views.comparison_words import (
     comparison_verdict,
+    empty_sides,
     evidence,
     place,
     side_words,
@@ -62,7 +63,8 @@ def _sides(comparison: Comparison) -> Iterator[Html]:
 def _sections(comparison: Comparison) -> Iterator[Html]:
     stories = [element("li", _story(row, comparison)) for row in comparison.rows]
     found = element("ol", *stories, class_="stories")
-    nothing = element("p", "Rates, periods, states, errors and settings are those of golden.")
+    why = "Rates, periods, states, errors and settings are those of golden."
+    nothing = element("p", "There is nothing to compare." if empty_sides(comparison) else why)
     yield element(
         "section", element("h2", "Differences"), found if stories else nothing, id="differences"
     )

@@ -12,7 +12,11 @@ _WORDS = (("error", "error"), ("warning", "warning"), ("info", "note"))
 
 
 def comparison_verdict(comparison: Comparison) -> str:
-    """One sentence: how much differs."""
+    """One sentence: how much differs, or why that cannot be said."""
+    if empty := empty_sides(comparison):
+        sides = " and the ".join(empty)
+        verb = "holds" if len(empty) == 1 else "hold"
+        return f"The {sides} {verb} no frames: nothing can be compared"
     told = []
     for severity, word in _WORDS:
         count = sum(row.severity == severity for row in comparison.rows)
@@ -22,10 +26,17 @@ def comparison_verdict(comparison: Comparison) -> str:
     return f"Different from the golden capture: {', '.join(told)}"
 
 
+def empty_sides(comparison: Comparison) -> list[str]:
+    """Which of both hold no frame."""
+    sides = (("golden capture", comparison.golden), ("capture", comparison.capture))
+    return [name for name, capture in sides if not capture.frames]
+
+
 def side_words(capture: CaptureRow, heard_s: float | None) -> str:
     """A capture by its files, frames and how long it listened."""
     files = ", ".join(printable(Path(file).name) for file in capture.files)
     time = " without times" if heard_s is None else f" in {duration(round(heard_s * 1e9))}"
+    time = time if capture.frames else ""
     damage = "; damaged, read in part" if capture.damage else ""
     frames = f"{capture.frames:,} frame{'' if capture.frames == 1 else 's'}"
     return f"{files}: {frames}{time}{damage}"

@@ -193,7 +193,7 @@ def change_events(analysis: Analysis) -> Iterator[Event]:
 
 
 def finding_events(analysis: Analysis) -> Iterator[Event]:
-    """Findings, at their start."""
-    for row in analysis.findings:
+    """Findings with their numbers, at their start."""
+    for place, row in enumerate(analysis.findings, 1):
         seq = row.evidence[0] if row.evidence else None
-        yield Event(row.start_ns, seq, row.severity, f"{printable(row.text)} [{row.id}]")
+        yield Event(row.start_ns, seq, row.severity, f"{place}: {printable(row.text)} [{row.id}]")

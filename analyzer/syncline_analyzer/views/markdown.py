@@ -20,14 +20,15 @@ def findings_markdown(analysis: Analysis) -> str:
     starts = f" Starts {clock.full(capture.start_utc_ns)}." if capture.start_utc_ns else ""
     lines = [f"### {verdict(analysis)}", ""]
     several = len(capture.buses) > 1
-    lines += [_headline(each, clock, several) for each in analysis.findings[:HEADLINES]]
+    numbered = [*enumerate(analysis.findings, 1)]
+    lines += [_headline(place, each, clock, several) for place, each in numbered[:HEADLINES]]
     if (left := len(analysis.findings) - HEADLINES) > 0:
         lines.append(f"- and {left} more, told below")
     lines += ["", _escaped(extent(analysis)) + starts]
     for damage in capture.damage:
         lines += ["", f"**Damaged, read in part:** {_escaped(damage)}"]
-    for finding in analysis.findings:
-        lines += _story(finding, clock, names_of(analysis.nodes))
+    for place, finding in numbered:
+        lines += _story(place, finding, clock, names_of(analysis.nodes))
     if basis := list(basis_lines(analysis)):
         lines += [
             "",
@@ -38,10 +39,10 @@ def findings_markdown(analysis: Analysis) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _headline(finding: Finding, clock: Clock, several: bool) -> str:
+def _headline(place: int, finding: Finding, clock: Clock, several: bool) -> str:
     when = f"{clock.short(finding.start_ns)} " if clock.timed else ""
     bus = f"{_escaped(finding.bus)}: " if several and finding.bus else ""
-    return f"- **{_MARKS[finding.severity]}** {when}{bus}{_escaped(finding.text)}"
+    return f"- **{place} {_MARKS[finding.severity]}** {when}{bus}{_escaped(finding.text)}"
 
 
 def verdict(analysis: Analysis) -> str:
@@ -66,9 +67,9 @@ def extent(analysis: Analysis) -> str:
     files = ", ".join(Path(file).name for file in capture.files)
     if not capture.frames:
         return printable(f"{files}: no frames.")
-    time = (
-        f" in {duration(capture.duration_ns)}" if capture.time_base != "none" else " without times"
-    )
+    time = " without times"
+    if capture.time_base != "none":
+        time = f" in {duration(capture.duration_ns)}" if capture.duration_ns else " at one moment"
     buses = f" on {', '.join(capture.buses)}" if capture.buses else ""
     nodes = len(analysis.nodes)
     return printable(
@@ -105,13 +106,15 @@ def chain_lines(finding: Finding, clock: Clock) -> list[ChainLine]:
     return [*lines, ChainLine("followed by", f"and {rest} more")] if rest > 0 else lines
 
 
-def _story(finding: Finding, clock: Clock, labels: dict[tuple[str, int], str]) -> list[str]:
+def _story(
+    place: int, finding: Finding, clock: Clock, labels: dict[tuple[str, int], str]
+) -> list[str]:
     when = f"**When** {clock.stretch(finding.start_ns, finding.end_ns)}, " if clock.timed else ""
     return [
         "",
         "---",
         "",
-        f"**{_MARKS[finding.severity]}: {_escaped(finding.text)}**",
+        f"**{place} {_MARKS[finding.severity]}: {_escaped(finding.text)}**",
         "",
         f"{when}{_escaped(where(finding, labels))}",
         "",

@@ -30,7 +30,9 @@ def analysis_html(analysis: Analysis) -> str:
     if analysis.findings:
         labels = names_of(analysis.nodes)
         shown = analysis.findings[:MAX_FINDINGS]
-        rows = "".join(_finding_row(each, clock, labels) for each in shown)
+        rows = "".join(
+            _finding_row(place, each, clock, labels) for place, each in enumerate(shown, 1)
+        )
         left = len(analysis.findings) - len(shown)
         more = f"<p>and {left} more in <code>findings</code></p>" if left else ""
         parts.append(f"<table><tbody>{rows}</tbody></table>{more}")
@@ -56,8 +58,11 @@ def finding_html(finding: Finding) -> str:
     return f"<div>{head}<table><tbody>{told}</tbody></table></div>"
 
 
-def _finding_row(finding: Finding, clock: Clock, labels: dict[tuple[str, int], str]) -> str:
+def _finding_row(
+    place: int, finding: Finding, clock: Clock, labels: dict[tuple[str, int], str]
+) -> str:
     cells_ = [
+        str(place),
         _severity(finding),
         _text(clock.short(finding.start_ns)),
         _text(where(finding, labels)),

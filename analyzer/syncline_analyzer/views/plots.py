@@ -79,7 +79,7 @@ class Panel:
     @property
     def is_timing(self) -> bool:
         """Whether it shows the bus at work rather than what devices measured."""
-        return self.title in _TIMING
+        return self.title in TIMING
 
     def told(self, analysis: Analysis) -> Analysis:
         """What belongs to this plot: with a subject, only what that node did."""
@@ -137,7 +137,7 @@ def panels(analysis: Analysis, *, nodes_apart: int = NODES_APART) -> list[Panel]
         panel = found.setdefault((title, unit, subject), Panel(title, unit, subject))
         panel.lines.append(line)
     plots = [replace(panel, lines=_coloured(panel.lines)) for panel in found.values()]
-    return sorted(plots, key=lambda panel: _RANK.get(panel.title, len(_RANK) - len(_TIMING) - 0.5))
+    return sorted(plots, key=lambda panel: _RANK.get(panel.title, len(_RANK) - len(TIMING) - 0.5))
 
 
 def shown_at_once(plotted: list[Panel]) -> list[Panel]:
@@ -355,9 +355,9 @@ def _interrupted(
 
 _RESPONSE = "PDO response"
 _APART = "Encoders apart"
-_TIMING = ("Bus load", "Frame rate", "SYNC period", _RESPONSE)
+TIMING = ("Bus load", "Frame rate", "SYNC period", _RESPONSE)
 _IN_WINDOWS = ("Bus load", "Frame rate")
 _FROM_ZERO = ("Bus load", "Frame rate", _RESPONSE)
-_RANK = {title: i for i, title in enumerate((*QUANTITIES.values(), *_TIMING))}
+_RANK = {title: i for i, title in enumerate((*QUANTITIES.values(), *TIMING))}
 _NO_VALUES = np.zeros(0, np.float64)
 _NO_SEQ = np.zeros(0, np.int64)

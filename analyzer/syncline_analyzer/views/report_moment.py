@@ -8,6 +8,8 @@ from syncline_analyzer.views.words import Clock
 
 _DAY_NS = 86_400_000_000_000
 _HALF_MS = 500_000
+LEAST_NS = 1000
+"""What is shorter is drawn as long as this: the step of the places on the time axis."""
 _MONTH, _TIME, _MS = 5, 11, 23
 
 
@@ -21,9 +23,9 @@ class Moments:
 
     @classmethod
     def of(cls, analysis: Analysis) -> "Moments":
-        """The moments of an analysis; a capture of a single frame is a nanosecond long."""
+        """The moments of an analysis; a capture of a single frame is a microsecond long."""
         capture = analysis.capture
-        return cls(Clock.of(capture), capture.begin_ns, max(capture.duration_ns, 1))
+        return cls(Clock.of(capture), capture.begin_ns, max(capture.duration_ns, LEAST_NS))
 
     def second(self, t_ns: int) -> str:
         """Seconds from the left edge to a stamp, to the microsecond.

@@ -42,10 +42,14 @@ class PlotContent:
 
 @dataclass(frozen=True, slots=True)
 class Lanes:
-    """Lanes of NMT states that are shown together: a title and their entities."""
+    """Lanes of NMT states that are shown together: a title and their entities.
+
+    `high` is the number of lanes that there is room for; by default that of the entities.
+    """
 
     title: str
     entities: Sequence[str]
+    high: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +111,8 @@ def _over_time(content: Content) -> rrb.Vertical:
     link = rrb.TimeAxis(link="LinkToGlobal")
     rows: list[tuple[int, Any]] = [(185, rrb.TextDocumentView(origin="/findings", name="Findings"))]
     if content.lanes:
-        height = min(_LANES, _LANES_HEAD + _LANE * len(content.lanes[0].entities))
+        high = content.lanes[0].high or len(content.lanes[0].entities)
+        height = min(_LANES, _LANES_HEAD + _LANE * high)
         rows.append((height, _tabs([_lanes(some, link) for some in content.lanes])))
     if content.strip:
         rows.append((105, _plot(content.strip, link)))

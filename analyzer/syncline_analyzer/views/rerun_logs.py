@@ -25,6 +25,8 @@ _LOGS: list[tuple[str, str, Tell, str]] = [
     ("NMT log", "/log/nmt", events.nmt_events, "No NMT state known in this capture."),
     ("Finding log", "/log/findings", events.finding_events, "Nothing was found."),
 ]
+LOGS = {title: entity for title, entity, _, _ in _LOGS}
+"""Entity of each log by its title; every recording has all of them."""
 FRAMES = PlotContent("Frames around the cursor", "/log/frames")
 
 

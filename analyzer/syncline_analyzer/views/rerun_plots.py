@@ -28,7 +28,7 @@ STRIP = PlotContent(
 )
 """The strip of markers, which has no room for a legend: its title says what its rows are."""
 
-_LOAD = ("Bus load", "Frame rate")
+LOAD = ("Bus load", "Frame rate")
 _PALE = ", each second; pale: each 100 ms"
 _COLOUR_NAMES = ("blue", "orange", "green", "violet")
 """Of the first lines of a plot, see `palette.LINE_COLOURS`."""
@@ -60,7 +60,7 @@ def panels_of(analysis: Analysis, axis: Axis) -> list[Panel]:
 
 def load_plots(plotted: list[Panel]) -> list[PlotContent]:
     """Plots of the bus as a whole."""
-    return [_plot(panel) for panel in plotted if panel.title in _LOAD]
+    return [_plot(panel) for panel in plotted if panel.title in LOAD]
 
 
 def timing_plots(plotted: list[Panel]) -> list[PlotContent]:
@@ -99,7 +99,7 @@ def write_panel(sink: Sink, panel: Panel, analysis: Analysis) -> None:
         _write_line(sink, f"{root}/{i}", line, extremes(line.value, OVERVIEW_POINTS, line.wraps))
         if thinned:
             _write_line(sink, f"{_entity('detail', panel)}/{i}", line, None)
-    told = [] if panel.title in _LOAD else marks(panel.told(analysis))
+    told = [] if panel.title in LOAD else marks(panel.told(analysis))
     shown = [mark for mark in told if mark.name in _ON_PLOTS]
     height = panel.markers_height() if shown else 0.0
     for mark in shown:
@@ -120,7 +120,7 @@ def _part(mark: Marks) -> str:
 
 
 def _timing(plotted: list[Panel]) -> list[Panel]:
-    return [p for p in shown_at_once(plotted) if p.is_timing and p.title not in _LOAD]
+    return [p for p in shown_at_once(plotted) if p.is_timing and p.title not in LOAD]
 
 
 def _rank(panel: Panel, ranks: dict[NodeKey, int]) -> tuple[int, str, int]:

@@ -5,9 +5,10 @@ without times has `frame` (position in the capture) instead.
 """
 
 import hashlib
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import rerun as rr
 
@@ -29,14 +30,41 @@ from syncline_analyzer.views.rerun_logs import (
 from syncline_analyzer.views.rerun_sink import Axis, Sink
 from syncline_analyzer.views.words import Clock, printable
 
+PROPERTIES = "syncline"
+"""Group of the properties by which a catalog of many recordings tells them apart."""
 
-def write_rrd(analysis: Analysis, path: Path, read_frames: ReadFrames | None = None) -> Path:
+
+@dataclass(frozen=True, slots=True)
+class Label:
+    """What tells a recording from the others of a catalog.
+
+    Attributes:
+        recording_id: under which the catalog knows it.
+        name: what a viewer calls it.
+        properties: by name; a list is written as it is, None is left out.
+    """
+
+    recording_id: str
+    name: str
+    properties: Mapping[str, Any]
+
+
+def write_rrd(
+    analysis: Analysis,
+    path: Path,
+    read_frames: ReadFrames | None = None,
+    label: Label | None = None,
+) -> Path:
     """Write the recording of an analysis, and return the file.
 
     With `read_frames` (`Session.frames`) it also lists frames: all of a short capture, of a longer
-    one those around its events.
+    one those around its events. Without `label` it is called by the files of the capture.
     """
-    write_recording(analysis, lambda recording, layout: recording.save(path, layout), read_frames)
+
+    def open_at(recording: rr.RecordingStream, layout: rr.blueprint.Blueprint) -> None:
+        recording.save(path, layout)
+
+    write_recording(analysis, open_at, read_frames, label)
     return path
 
 
@@ -45,14 +73,17 @@ Open = Callable[[rr.RecordingStream, rr.blueprint.Blueprint], None]
 
 
 def write_recording(
-    analysis: Analysis, open_at: Open, read_frames: ReadFrames | None = None
+    analysis: Analysis,
+    open_at: Open,
+    read_frames: ReadFrames | None = None,
+    label: Label | None = None,
 ) -> None:
     """Write the recording of an analysis to wherever `open_at` lets it go."""
     analysis = _with_devices_as_names(analysis)
     axis = Axis(Clock.of(analysis.capture))
     plotted = rerun_plots.panels_of(analysis, axis)
     content = _content(analysis, axis, plotted, frames=read_frames is not None)
-    recording = _open(analysis, content, open_at)
+    recording = _open(analysis, content, open_at, label or _own_label(analysis))
     try:
         sink = Sink(recording, axis)
         text = findings_markdown(analysis)
@@ -71,21 +102,28 @@ def write_recording(
         recording.disconnect()
 
 
-def _open(analysis: Analysis, content: Content, open_at: Open) -> rr.RecordingStream:
-    capture = analysis.capture
-    identity = f"{capture.files}{capture.first_ns}{capture.frames}"
+def _open(analysis: Analysis, content: Content, open_at: Open, label: Label) -> rr.RecordingStream:
     recording = rr.RecordingStream(
         f"syncline-{_digest(content.signature())[:8]}",
-        recording_id=_digest(identity)[:16],
+        recording_id=label.recording_id,
         send_properties=False,
     )
     recording.set_log_time_enabled(False)
     open_at(recording, blueprint(content))
-    names = ", ".join(Path(file).name for file in capture.files)
-    recording.send_recording_name(printable(names))
-    if capture.start_utc_ns is not None:
-        recording.send_recording_start_time_nanos(capture.start_utc_ns)
+    recording.send_recording_name(printable(label.name))
+    if analysis.capture.start_utc_ns is not None:
+        recording.send_recording_start_time_nanos(analysis.capture.start_utc_ns)
+    told = {name: value for name, value in label.properties.items() if value is not None}
+    if told:
+        recording.send_property(PROPERTIES, rr.AnyValues(**told))
     return recording
+
+
+def _own_label(analysis: Analysis) -> Label:
+    """By what a capture is called and known that stands alone."""
+    capture = analysis.capture
+    identity = _digest(f"{capture.files}{capture.first_ns}{capture.frames}")[:16]
+    return Label(identity, ", ".join(Path(file).name for file in capture.files), {})
 
 
 def _with_devices_as_names(analysis: Analysis) -> Analysis:

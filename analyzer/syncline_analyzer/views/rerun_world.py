@@ -37,7 +37,7 @@ class _Shape:
 def worlds_of(analysis: Analysis) -> list[World]:
     """Views of all devices that turn or tilt, up to twelve in each."""
     groups = list(_groups(analysis))
-    return [_world(place, len(groups), len(group)) for place, group in enumerate(groups)]
+    return [world_of(place, len(groups), len(group)) for place, group in enumerate(groups)]
 
 
 def write_worlds(sink: Sink, analysis: Analysis) -> None:
@@ -112,7 +112,7 @@ def _root(place: int) -> str:
     return f"/world/{place}"
 
 
-def _world(place: int, groups: int, count: int) -> World:
+def world_of(place: int, groups: int, count: int) -> World:
     """From where everything in a view is seen: from above the front row."""
     columns, rows, step = _columns(count), _rows(count), _step(count)
     middle = step * (columns - 1) / 2, -_ROW * (rows - 1) / 2 - 0.4

@@ -70,9 +70,10 @@ def _lines(analysis: Analysis, width: int, height: int, *, whole_texts: bool) ->
     """All lines, none wider than the screen."""
     clock = Clock.of(analysis.capture)
     budget = min(max(height, FEWEST), MOST)
-    top = [*_top(analysis, clock, width), Text()]
-    bottom = [Text(), *_bottom(analysis, clock, width)]
     lanes = lanes_of(analysis) if clock.timed else {}
+    middle = [Text()] * bool(lanes or analysis.findings)
+    top = [*_top(analysis, clock, width), Text()]
+    bottom = [*middle, *_bottom(analysis, clock, width)]
     legend = list(_legend(lanes, width)) if lanes else []
     least = min(len(lanes), _LEAST_LANES) + 2 + len(legend) if lanes else 0
     told = _findings(
@@ -100,9 +101,13 @@ def _findings(
 ) -> list[Line]:
     """The worst findings that there is room for; texts are shortened where that shows more."""
     findings = analysis.findings
+    digits = len(str(len(findings)))
     blocks: list[list[Line]] = []
     for shape in WHOLE if whole_texts else (*WHOLE, *SHORT):
-        blocks = [_finding(each, clock, width, shape) for each in findings]
+        blocks = [
+            _finding(place, each, clock, width, shape, digits)
+            for place, each in enumerate(findings, 1)
+        ]
         if sum(map(len, blocks)) <= max(room, 0):
             return [line for block in blocks for line in block]
     lines: list[Line] = []
@@ -123,9 +128,11 @@ def _left_out(findings: Sequence[Finding], width: int) -> list[Line]:
     return [*_wrapped(Text(f"and {told} more: -v", style="dim"), width)]
 
 
-def _finding(finding: Finding, clock: Clock, width: int, shape: Shape) -> list[Line]:
-    """One finding: how grave, when, what."""
-    head = f"{SEVERITY_WORDS[finding.severity]:<8}"
+def _finding(
+    place: int, finding: Finding, clock: Clock, width: int, shape: Shape, digits: int
+) -> list[Line]:
+    """One finding: its number, how grave, when, what."""
+    head = f"{place:>{digits}} {SEVERITY_WORDS[finding.severity]:<8}"
     loud = f"bold {css(SEVERITY_COLOURS[finding.severity])}"
     when = f"{clock.short(finding.start_ns)} " if clock.timed else ""
     rows = wrap(f"{when}{printable(finding.text)}", width - len(head))
@@ -187,7 +194,8 @@ def _bottom(analysis: Analysis, clock: Clock, width: int) -> Iterator[Line]:
     for row in analysis.sync:
         syncs.setdefault(row.bus, []).append(row)
     for load in analysis.bus_load:
-        parts = [bit_rate(load)]
+        rate = bit_rate(load)
+        parts = [rate if load.bitrate else f"bit rate {rate}"]
         if load.mean_percent is not None:
             peak = number(load.peak_percent, "%", 3)
             parts.append(f"load {number(load.mean_percent, '%', 3)}, at most {peak}")

@@ -2,8 +2,8 @@
 
 One column per field of the row's dataclass in `results.py`, except:
 
-- a stamp `x_ns` (int64) has a twin `x` (datetime64[ns, UTC]; `t` for `t_ns`), NaT where the capture
-  has no date; the durations `step_ns` and `offset_ns` have none;
+- a stamp `x_ns` (int64) has a twin `x` (datetime64[ns, UTC]; `t` for `t_ns`, `x_at` where the row
+  has a field `x` of its own), NaT where the capture has no date; the durations `step_ns` and `offset_ns` have none;
 - quantiles become `period_us_min`, `_median`, `_p99`, `_max` and `_std` (Float64), jitter
   `jitter_us_std`, `_p99_p1` and `_max_min`;
 - `state_share` and `flags` become one column per state or flag, `details`, `chain`, `ahead` and
@@ -181,8 +181,14 @@ def to_frame(rows: Sequence[Any], name: str | None = None, *, dated: bool = True
         for column, data in _columns(f.name, hints[f.name], values):
             columns[column] = data
             if column.endswith("_ns") and column not in _DURATIONS:
-                columns[column.removesuffix("_ns")] = datetimes(data, dated=dated)
+                columns[_twin(column, names)] = datetimes(data, dated=dated)
     return pd.DataFrame(columns, index=pd.RangeIndex(len(rows)))
+
+
+def _twin(column: str, names: Sequence[str]) -> str:
+    """Name of the datetime beside a stamp; another field may have the usual one."""
+    usual = column.removesuffix("_ns")
+    return f"{usual}_at" if usual in names else usual
 
 
 def datetimes(t_ns: Any, *, dated: bool = True) -> "pd.Series[Any]":

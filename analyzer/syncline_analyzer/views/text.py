@@ -84,8 +84,8 @@ def _parts(analysis: Analysis, width: int) -> Iterator[RenderableType]:
     yield Text(extent(analysis), style="dim")
     yield from start_lines(analysis, clock)
     yield Text(verdict(analysis), style="bold")
-    for finding in analysis.findings:
-        yield from _story(finding, analysis, clock)
+    for place, finding in enumerate(analysis.findings, 1):
+        yield from _story(place, finding, analysis, clock)
     for title, table in _tables(analysis, clock, width):
         yield Text()
         yield Text(title, style="bold underline")
@@ -105,7 +105,7 @@ def start_lines(analysis: Analysis, clock: Clock) -> Iterator[Text]:
         yield Text("The log has no date: times count from its first frame.", style="dim")
     else:
         begin, end = clock.full(capture.begin_ns), clock.full(capture.end_ns)
-        yield Text(f"{begin} to {end}", style="dim")
+        yield Text(begin if begin == end else f"{begin} to {end}", style="dim")
     for damage in capture.damage:
         yield Text(f"Damaged, read in part: {printable(damage)}", style="bold red")
     if capture.frames and not analysis.nodes:
@@ -114,8 +114,10 @@ def start_lines(analysis: Analysis, clock: Clock) -> Iterator[Text]:
         )
 
 
-def _story(finding: Finding, analysis: Analysis, clock: Clock) -> Iterator[RenderableType]:
-    head = Text("\n")
+def _story(
+    place: int, finding: Finding, analysis: Analysis, clock: Clock
+) -> Iterator[RenderableType]:
+    head = Text(f"\n{place} ")
     colour = css(SEVERITY_COLOURS[finding.severity])
     head.append(f"{SEVERITY_WORDS[finding.severity]} ", style=f"bold {colour}")
     head.append(printable(where(finding, names_of(analysis.nodes))), style="bold")

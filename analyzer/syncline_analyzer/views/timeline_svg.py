@@ -11,7 +11,7 @@ from syncline_analyzer.views.html import Html, element, joined
 from syncline_analyzer.views.lanes import cells, lanes_of
 from syncline_analyzer.views.palette import STATE_LETTERS, URGENCY
 from syncline_analyzer.views.report_axes import time_ticks
-from syncline_analyzer.views.report_moment import Moments, seconds
+from syncline_analyzer.views.report_moment import LEAST_NS, Moments, seconds
 from syncline_analyzer.views.words import duration, names_of, node_label
 from syncline_schemas.canopen.nmt import NmtState
 from syncline_schemas.wording import counted
@@ -201,7 +201,7 @@ def bar(kind: str, start_ns: int, long_ns: int, title: str) -> Html:
             "rect",
             x=seconds(start_ns),
             y=top,
-            width=seconds(max(long_ns, 0)),
+            width=seconds(max(long_ns, LEAST_NS)),
             height=height,
         ),
         class_=f"s-{kind.lower()}",

@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from syncline_logger.bus_condition import BusCondition
-from syncline_logger.decoding import RESETS, LiveDecoder
+from syncline_logger.decoding import LiveDecoder
 from syncline_logger.live_status import LiveStatus
 from syncline_logger.live_view.taken import Begun, Taken
 from syncline_logger.triggers.event import Event
 from syncline_schemas.batch import FrameBatch, FrameFlag
 from syncline_schemas.canopen import nmt
 from syncline_schemas.canopen.emcy import EMCY_BYTES
-from syncline_schemas.canopen.nmt import STATE_OF_BYTE, NmtState
+from syncline_schemas.canopen.nmt import RESETS, STATE_OF_BYTE, NmtState
 from syncline_schemas.canopen.services import Service, service_of
 from syncline_schemas.decoder.pdo import PdoColumn
 from syncline_schemas.devices.model import Quirks, emcy_meaning, quirks, register_bits

@@ -10,6 +10,8 @@ COMMANDS: dict[int, str] = {
     0x82: "reset communication",
 }
 """Name by command specifier; any other value is written as "unknown XXh"."""
+RESETS = (0x81, 0x82)
+"""Command specifiers after which a node starts anew."""
 
 
 class NmtState(StrEnum):

@@ -16,7 +16,8 @@ from moto.server import ThreadedMotoServer
 
 from syncline_analyzer.fleet.dataset import Dataset
 from syncline_analyzer.fleet.storage import open_storage
-from syncline_analyzer.fleet_command import fleet, storage_options
+from syncline_analyzer.fleet_command import fleet
+from syncline_analyzer.fleet_options import storage_options
 from syncline_samples.fleet import Planted
 from syncline_schemas.errors import UsageError
 from tests.analyzer.fleet.fleet_builder import analyze, capture, content, small_mcap, statuses

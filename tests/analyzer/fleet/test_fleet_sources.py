@@ -18,7 +18,7 @@ from syncline_analyzer.fleet.machine import MachineRule
 from syncline_analyzer.fleet.recording import File, Recording
 from syncline_analyzer.fleet.source import find_captures
 from syncline_analyzer.fleet.storage import open_storage
-from syncline_analyzer.fleet_command import fleet_extra
+from syncline_analyzer.fleet_options import fleet_extra
 from syncline_schemas.errors import MissingExtraError, UsageError
 from tests.analyzer.fleet.fleet_builder import T0_NS, small_log, small_mcap
 

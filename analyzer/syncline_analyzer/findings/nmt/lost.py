@@ -18,11 +18,12 @@ from syncline_analyzer.findings.nmt.waited import only_waited
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import seconds, several
 from syncline_analyzer.folds.control import ControlTables
-from syncline_analyzer.folds.nmt.events import IN_FLIGHT_NS, RESETS, Command, Lost
+from syncline_analyzer.folds.nmt.events import IN_FLIGHT_NS, Command, Lost
 from syncline_analyzer.folds.nmt.table import NodeKey
 from syncline_analyzer.folds.nmt.timeline import Timeline
 from syncline_analyzer.folds.nmt.timeout import LOST_FACTOR
 from syncline_analyzer.results import Finding, Severity
+from syncline_schemas.canopen.nmt import RESETS
 
 BOOT_UP_NS = 1_000_000_000
 """A boot-up this soon after a silence belongs to it [ns]."""

@@ -13,11 +13,11 @@ from syncline_analyzer.findings.nmt.power import power_breaks
 from syncline_analyzer.findings.nmt.twins import twins
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import Stretch, seconds, several
-from syncline_analyzer.folds.nmt.events import RESETS, Lost
+from syncline_analyzer.folds.nmt.events import Lost
 from syncline_analyzer.folds.nmt.table import BootUp, NodeKey
 from syncline_analyzer.folds.nmt.timeline import Timeline
 from syncline_analyzer.results import EmcyRow, Finding, NmtCommandRow
-from syncline_schemas.canopen.nmt import NmtState, command_name
+from syncline_schemas.canopen.nmt import RESETS, NmtState, command_name
 from syncline_schemas.devices import quirks
 
 COMMAND_WINDOW_NS = 10_000_000_000

@@ -8,6 +8,7 @@ from syncline_analyzer.findings.stretch import seconds
 from syncline_analyzer.folds.nmt.table import NodeKey, NodeNmt
 from syncline_analyzer.folds.nmt.timeout import PRODUCER_TIME
 from syncline_analyzer.results import Finding, GapRow
+from syncline_schemas.canopen.nmt import RESETS
 
 ENOUGH = 20
 """Heartbeats that make a rhythm."""
@@ -19,7 +20,6 @@ AFTER_GAP_PERIODS = 5
 """A node is missed when others are heard so long, and so many of its periods, after a gap."""
 LONG_GAP_NS = 600_000_000_000
 """In a longer gap a machine may well be rebuilt: then a missing node is only worth a word [ns]."""
-_RESETS = (0x81, 0x82)
 _EVIDENCE = 40
 
 
@@ -69,7 +69,7 @@ def _explained(facts: Facts, key: NodeKey, last_ns: int, period: int) -> bool:
     known = (shadow.get(*key, PRODUCER_TIME, 0, seq) for seq in shadow.changes(*key, PRODUCER_TIME))
     return (
         any(boot.t_ns >= since_ns for boot in timeline.boot_ups)
-        or any(c.specifier in _RESETS and c.t_ns >= since_ns for c in timeline.history.commands)
+        or any(c.specifier in RESETS and c.t_ns >= since_ns for c in timeline.history.commands)
         or any(gap.end_ns > last_ns for _, gap in timeline.history.gaps)
         or any(k is not None and k.t_ns is not None and k.t_ns >= since_ns for k in known)
     )

@@ -11,12 +11,12 @@ from syncline_analyzer.folds.angle.scales import Scales, scale_objects
 from syncline_analyzer.folds.angle.state import MOVES, Cut
 from syncline_analyzer.folds.timing.block import Block
 from syncline_analyzer.results import TraceEventRow
+from syncline_schemas.canopen.nmt import RESETS
 from syncline_schemas.decoder import decode_nmt
 from syncline_schemas.devices import Device, quirks, standard_jumps
 
 WRITE_NS = 500_000_000
 """A jump this near to a write that explains it is the write's doing."""
-_RESETS = (0x81, 0x82)
 _RECENT_WRITES = 1000
 
 
@@ -75,7 +75,7 @@ def _resets(block: Block, bus: int, node: int) -> Iterator[Cut]:
     rows = block.batch.rows(bus, 0)
     if len(rows):
         nmt = decode_nmt(frames.data[rows], frames.dlc[rows])
-        to_node = nmt.valid & np.isin(nmt.command, _RESETS) & np.isin(nmt.node, (0, node))
+        to_node = nmt.valid & np.isin(nmt.command, RESETS) & np.isin(nmt.node, (0, node))
         for row in rows[to_node].tolist():
             yield Cut(batch.seq(row), int(frames.t_ns[row]), "reset command", False)
     rows = block.batch.rows(bus, 0x700 + node)

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.fold import IndexedBatch
-from syncline_analyzer.folds.nmt.events import RESETS, Command, OddCommand
+from syncline_analyzer.folds.nmt.events import Command, OddCommand
 from syncline_analyzer.folds.sdo.fold import Reset
-from syncline_schemas.canopen.nmt import COMMANDS
+from syncline_schemas.canopen.nmt import COMMANDS, RESETS
 
 SYNC_ID = 0x080
 MAX_NODE = 127

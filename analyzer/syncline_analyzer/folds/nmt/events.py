@@ -15,9 +15,6 @@ from syncline_schemas.canopen.nmt import NmtState
 IN_FLIGHT_NS = 10_000_000
 """What a node sends this soon after a command or change may have been on its way [ns]."""
 
-RESETS = (0x81, 0x82)
-"""Command specifiers that start a node anew."""
-
 BeatKind = Literal["heartbeat", "guard answer", "boot-up", "empty"]
 Certainty = Literal["observed", "commanded", "implied", "assumed"]
 

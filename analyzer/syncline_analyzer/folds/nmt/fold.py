@@ -18,7 +18,6 @@ from syncline_analyzer.folds.nmt.commands import Commands
 from syncline_analyzer.folds.nmt.emptied import never_booted, powered_on, restarted
 from syncline_analyzer.folds.nmt.error_control import ErrorControl, reset_mark
 from syncline_analyzer.folds.nmt.events import (
-    RESETS,
     Command,
     NodeHistory,
     PdoSpan,
@@ -41,6 +40,7 @@ from syncline_analyzer.folds.sdo.fold import Reset
 from syncline_analyzer.folds.timing.pdo_spans import Quietness
 from syncline_analyzer.results import NmtStateRow
 from syncline_schemas.batch import FrameFlag, Gap
+from syncline_schemas.canopen.nmt import RESETS
 from syncline_schemas.canopen.services import SERVICE_OF_ID, Service
 from syncline_schemas.devices import quirks
 

@@ -158,7 +158,8 @@ class HeartbeatWaits:
 
     def _judge(self, key: NodeKey, traffic: "_Traffic", rows: Ints, before_ns: Ints) -> None:
         """Look at the late heartbeats of a node before which the bus was full for long."""
-        for at in np.flatnonzero(traffic.worth(rows, before_ns)).tolist():
+        room = _MAX_KEPT - len(self._context.kept_waiting.get(key, ()))
+        for at in np.flatnonzero(traffic.worth(rows, before_ns)).tolist() if room > 0 else ():
             found = traffic.waited(key[1], int(rows[at]), int(before_ns[at]))
             if found is not None:
                 self._keep(key, found)

@@ -1,5 +1,6 @@
 """Which frames of a batch each node sends."""
 
+from bisect import bisect_right
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -16,6 +17,8 @@ from syncline_schemas.canopen.services import SERVICE_OF_ID, Service
 _SERVICES: list[Service] = [Service(number) for number in SERVICE_OF_ID.tolist()]
 _OWN = (Service.EMCY, Service.SDO_ANSWER, Service.ERROR_CONTROL)
 """Services whose identifiers say which node sends."""
+_END = 1 << 63
+"""A `seq` behind all others."""
 _NO_ROWS = np.zeros(0, np.intp)
 
 
@@ -57,13 +60,15 @@ class Senders:
         self._tpdos: dict[tuple[int, int], Pdo | None] = {}
         """The TPDO on each identifier as long as the shadow learns nothing."""
         self._version = -1
+        self._cuts: dict[tuple[int, int], list[int]] = {}
+        """By identifier: where in the capture its PDO may change."""
+        self._told: dict[tuple[int, int, int], Pdo | None] = {}
+        """Its TPDO between them, by bus number, identifier and how many of them came before."""
 
     def of(self, batch: IndexedBatch) -> dict[NodeKey, Sent]:
         """What each node sends."""
         found: dict[NodeKey, Sent] = {}
-        if self._version != self._shadow.version:
-            self._version = self._shadow.version
-            self._tpdos.clear()
+        self._forget_outdated()
         for bus, can_id in batch.ids():
             service = _SERVICES[can_id]
             for place, pdo in self._bound(batch, bus, can_id):
@@ -83,11 +88,27 @@ class Senders:
 
     def tpdo(self, bus: int, can_id: int, seq: int) -> Pdo | None:
         """The TPDO on an identifier: as bound at `seq`, as bound later, or by a guess."""
-        self._bindings.refresh(bus)
+        self._forget_outdated()
+        if (bus, can_id) not in self._cuts:
+            self._bindings.refresh(bus)
+            self._cuts[bus, can_id] = self._bindings.cuts(bus, can_id, -1, _END)
+        key = bus, can_id, bisect_right(self._cuts[bus, can_id], seq)
+        if key not in self._told:
+            self._told[key] = self._tpdo(bus, can_id, seq)
+        return self._told[key]
+
+    def _tpdo(self, bus: int, can_id: int, seq: int) -> Pdo | None:
         pdo = self._bindings.owner(bus, can_id, seq)
         if pdo is None or pdo.guess:
             pdo = self._bindings.owner(bus, can_id) or pdo
         return _sent(pdo)
+
+    def _forget_outdated(self) -> None:
+        """Look again at what the shadow may tell differently by now."""
+        if self._version != self._shadow.version:
+            self._version = self._shadow.version
+            for kept in (self._tpdos, self._cuts, self._told):
+                kept.clear()
 
     def _bound(self, batch: IndexedBatch, bus: int, can_id: int) -> list[tuple[slice, Pdo | None]]:
         """Where in the columns by identifier the frames of one are, by the TPDO that they carry."""

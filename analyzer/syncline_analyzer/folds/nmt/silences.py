@@ -5,10 +5,10 @@ from collections.abc import Container, Iterator
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.folds.bus.clock import ClockTable
-from syncline_analyzer.folds.nmt.events import RESETS, Lost, NodeHistory, Silence
+from syncline_analyzer.folds.nmt.events import Lost, NodeHistory, Silence
 from syncline_analyzer.folds.nmt.quiet import Quiet
 from syncline_analyzer.folds.nmt.timeout import silence_limit
-from syncline_schemas.canopen.nmt import STATE_AFTER_COMMAND, NmtState
+from syncline_schemas.canopen.nmt import RESETS, STATE_AFTER_COMMAND, NmtState
 
 RESTART_NS = 10_000_000_000
 """A silence that a boot-up ends is a restart up to this length, longer ones are losses [ns]."""

@@ -9,7 +9,6 @@ from syncline_analyzer.folds.bus.clock import ClockTable
 from syncline_analyzer.folds.nmt.emptied import boots_with_00h
 from syncline_analyzer.folds.nmt.events import (
     IN_FLIGHT_NS,
-    RESETS,
     Beat,
     BootUpEvent,
     Certainty,
@@ -27,6 +26,7 @@ from syncline_analyzer.folds.nmt.silences import RESET_WINDOW_NS, Silences, loss
 from syncline_analyzer.folds.nmt.timeout import off_pace
 from syncline_schemas.batch import Gap
 from syncline_schemas.canopen.nmt import (
+    RESETS,
     STATE_AFTER_COMMAND,
     STATE_OF_BYTE,
     NmtState,

@@ -1,10 +1,12 @@
 """Two SYNC producers on one identifier: a second rhythm between the beats of the first."""
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from syncline_analyzer.distribution import quantile_of
 from syncline_analyzer.results import SyncDoubleRow
 
 MIN_PAIRS = 20
@@ -23,6 +25,14 @@ _RESTLESS = 0.2
 """Share of the periods in a stretch of two rhythms that are not; a new period alone has none."""
 
 Ints = NDArray[np.int64]
+
+
+class _Run(NamedTuple):
+    """Equal periods in a row, half-open, and their median."""
+
+    first: int
+    stop: int
+    period_ns: float
 
 
 @dataclass(slots=True)
@@ -45,10 +55,10 @@ class DoubleSync:
         if int(periods.max()) - least <= _SAME * least:
             # Equal periods from end to end: nothing comes between the beats.
             if len(periods) > MIN_PAIRS:
-                self._learn(periods, [(0, len(periods))])
+                self._learn([_run_of(periods, 0, len(periods))])
             return
         runs = self._runs(periods)
-        self._learn(periods, runs)
+        self._learn(runs)
         pairs = periods[1:] + periods[:-1]
         even = np.abs(np.diff(pairs, append=pairs[-1])) <= _SAME * pairs
         doubled = even & (np.abs(periods[1:] - pairs / 2) > _APART * pairs)
@@ -59,16 +69,13 @@ class DoubleSync:
                 self._add(_row(t_ns, seq, periods, whole, start, stop))
         self._find_combs(t_ns, seq, periods, runs)
 
-    def _find_combs(
-        self, t_ns: Ints, seq: Ints, periods: Ints, runs: list[tuple[int, int]]
-    ) -> None:
+    def _find_combs(self, t_ns: Ints, seq: Ints, periods: Ints, runs: list[_Run]) -> None:
         """Rhythms of single SYNCs that go on while others come between them, whatever their period."""
+        # Each SYNC between two beats cuts one period, so without short ones there are none.
+        shortest = float(np.partition(periods, MIN_PAIRS - 1)[MIN_PAIRS - 1])
         followed = 0
-        for first, stop in runs:
-            period_ns = float(np.median(periods[first:stop]))
-            # Each SYNC between two beats cuts one period, so without short ones there are none.
-            short = int(np.count_nonzero(periods < (1 - _APART) * period_ns))
-            if stop <= followed or short < MIN_PAIRS:
+        for first, stop, period_ns in runs:
+            if stop <= followed or shortest >= (1 - _APART) * period_ns:
                 continue
             last = _comb_end(t_ns, stop - 1, period_ns)
             self._add_comb(t_ns[stop - 1 : last + 1], seq[stop - 1 : last + 1], period_ns)
@@ -100,14 +107,14 @@ class DoubleSync:
             )
         )
 
-    def _runs(self, periods: Ints) -> list[tuple[int, int]]:
-        """Runs of at least `MIN_PAIRS` equal periods, half-open; only a few matter."""
+    def _runs(self, periods: Ints) -> list[_Run]:
+        """Runs of at least `MIN_PAIRS` equal periods; only a few matter."""
         even = np.abs(periods[1:] - periods[:-1]) <= _SAME * periods[1:]
         if even.all():
-            return [(0, len(periods))] if len(even) >= MIN_PAIRS else []
+            return [_run_of(periods, 0, len(periods))] if len(even) >= MIN_PAIRS else []
         edges = np.flatnonzero(np.diff(np.concatenate(([0], even.astype(np.int8), [0]))))
         runs = [(a, b + 1) for a, b in edges.reshape(-1, 2).tolist() if b - a >= MIN_PAIRS]
-        return runs[:MAX_ROWS]
+        return [_run_of(periods, first, stop) for first, stop in runs[:MAX_ROWS]]
 
     def _add(self, row: SyncDoubleRow) -> None:
         """Keep a stretch, or make one with the one it overlaps."""
@@ -144,15 +151,18 @@ class DoubleSync:
             if self._seen_alone(row.period_us * 1000)
         ]
 
-    def _learn(self, periods: Ints, runs: list[tuple[int, int]]) -> None:
+    def _learn(self, runs: list[_Run]) -> None:
         """Note runs of equal periods."""
-        for first, stop in runs:
-            period_ns = float(np.median(periods[first:stop]))
+        for _, _, period_ns in runs:
             if not self._seen_alone(period_ns) and len(self._single) < MAX_ROWS:
                 self._single.append(period_ns)
 
     def _seen_alone(self, period_ns: float) -> bool:
         return any(abs(known - period_ns) <= _SAME * period_ns for known in self._single)
+
+
+def _run_of(periods: Ints, first: int, stop: int) -> _Run:
+    return _Run(first, stop, quantile_of(periods[first:stop], 0.5))
 
 
 def _comb_end(t_ns: Ints, at: int, period_ns: float) -> int:

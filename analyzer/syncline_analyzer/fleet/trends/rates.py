@@ -1,0 +1,114 @@
+"""Whether events come more often from a day on; many tracks at a time.
+
+Matrices are (tracks, bins), vectors (tracks,).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from syncline_analyzer.fleet.trends.limits import MIN_SIDE, RATE_DAYS
+from syncline_analyzer.fleet.trends.statistics import (
+    Bools,
+    Floats,
+    Ints,
+    normal_of_student,
+    normal_p,
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rises:
+    """Of each track the day from which on events come more often, as far as chance does not explain it.
+
+    Attributes:
+        onset: first bin of the higher rate.
+        before, after: rates.
+        more: events after the onset beyond what the rate before would bring.
+        days: bins after the onset that have events.
+        p: probability that chance makes it, also with the day of the most events left out.
+        judged: whether there are bins enough on either side.
+    """
+
+    onset: Ints
+    before: Floats
+    after: Floats
+    more: Floats
+    days: Ints
+    p: Floats
+    judged: Bools
+
+
+def rises_of(count: Floats, time: Floats) -> Rises:
+    """The clearest rise of each track.
+
+    Likelihood ratio of two Poisson rates against one, divided by how much more the days of either
+    side differ than chance alone would make them (quasi-Poisson).
+
+    Args:
+        count: events.
+        time: in which they were counted.
+    """
+    tracks, bins = count.shape
+    seen = time > 0
+    best = np.full(tracks, -np.inf)
+    onset, places = np.zeros(tracks, np.int64), np.zeros(tracks, np.int64)
+    for place in range(MIN_SIDE, bins - MIN_SIDE + 1):
+        at = np.full(tracks, place)
+        enough = (seen[:, :place].sum(axis=1) >= MIN_SIDE) & seen[:, place]
+        enough &= seen[:, place:].sum(axis=1) >= MIN_SIDE
+        places += enough
+        z = np.where(enough, _z(count, time, at), -np.inf)
+        better = z > best
+        best, onset = np.where(better, z, best), np.where(better, place, onset)
+    late = np.arange(bins) >= onset[:, None]
+    most = np.argmax(np.where(late, count, -1.0), axis=1)
+    rest, rest_time = count.copy(), time.copy()
+    rest[np.arange(tracks), most] = 0.0
+    rest_time[np.arange(tracks), most] = 0.0
+    z = np.minimum(best, _z(rest, rest_time, onset))
+    z = np.where(np.isfinite(z), np.maximum(z, 0.0), 0.0)
+    before, after = _rates(count, time, onset)
+    more = (count * late).sum(axis=1) - np.nan_to_num(before) * (time * late).sum(axis=1)
+    days = ((count > 0) & late).sum(axis=1)
+    p = np.minimum(normal_p(z) * np.maximum(places, 1), 1.0)
+    return Rises(onset, before, after, more, days, p, (places > 0) & (days >= RATE_DAYS))
+
+
+def _sums(count: Floats, time: Floats, at: Ints) -> tuple[Floats, Floats, Floats, Floats]:
+    late = np.arange(count.shape[1]) >= at[:, None]
+    sides = ((each * side).sum(axis=1) for side in (~late, late) for each in (count, time))
+    count_before, time_before, count_after, time_after = sides
+    return count_before, time_before, count_after, time_after
+
+
+def _rates(count: Floats, time: Floats, at: Ints) -> tuple[Floats, Floats]:
+    count_before, time_before, count_after, time_after = _sums(count, time, at)
+    nothing = np.full(len(count), np.nan)
+    before = np.divide(count_before, time_before, out=nothing.copy(), where=time_before > 0)
+    after = np.divide(count_after, time_after, out=nothing.copy(), where=time_after > 0)
+    return before, after
+
+
+def _z(count: Floats, time: Floats, at: Ints) -> Floats:
+    """Normal value of a rise at a bin, below zero for a fall."""
+    count_before, time_before, count_after, time_after = _sums(count, time, at)
+    whole, whole_time = count_before + count_after, time_before + time_after
+    share = np.divide(time_after, whole_time, out=np.full_like(whole, 0.5), where=whole_time > 0)
+    expected = whole * share
+    deviance = 2 * (_term(count_after, expected) + _term(count_before, whole - expected))
+    before, after = (np.nan_to_num(each) for each in _rates(count, time, at))
+    late = np.arange(count.shape[1]) >= at[:, None]
+    mean = np.where(late, after[:, None], before[:, None]) * time
+    days = np.maximum((time > 0).sum(axis=1), 3)
+    square = np.divide((count - mean) ** 2, mean, out=np.zeros_like(mean), where=mean > 0)
+    beyond = np.maximum(square.sum(axis=1) / (days - 2), 1.0)
+    t = np.sqrt(np.maximum(deviance, 0.0) / beyond) * np.sign(count_after - expected)
+    # Where the days differ no more than chance makes them, nothing was estimated.
+    return np.where(beyond > 1, normal_of_student(t, (days - 2).astype(np.float64)), t)
+
+
+def _term(count: Floats, expected: Floats) -> Floats:
+    ratio = np.divide(count, expected, out=np.ones_like(count), where=(count > 0) & (expected > 0))
+    term: Floats = count * np.log(ratio)
+    return term

@@ -1,0 +1,146 @@
+"""`syncline fleet view` and `syncline fleet report`: looking at the captures of all machines."""
+
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+
+import click
+
+from syncline_analyzer.fleet_options import STORAGE, fleet_extra, storage_options
+from syncline_schemas.errors import UsageError
+from syncline_schemas.progress_line import progress_line
+from syncline_schemas.wording import counted
+
+NO_DATA = "{}: no data set is here; 'syncline fleet analyze' writes one"
+_LONG_S = 3600.0
+_SHOWN = 3
+
+
+@click.command(
+    epilog="\b\nExamples:\n"
+    "  syncline fleet view /data/fleet\n"
+    '  syncline fleet view /data/fleet --machine "press-*" --since 2026-11-01 --web'
+)
+@click.argument("dest", metavar="DEST")
+@click.option("--machine", metavar="NAME", help="Of this machine; * and ? stand for others.")
+@click.option("--since", metavar="DATE", help="That began at this date or time or later (UTC).")
+@click.option("--until", metavar="DATE", help="That began before this date or time.")
+@click.option(
+    "--port",
+    type=click.IntRange(1, 65_535),
+    metavar="N",
+    help="Port of the catalog on this machine; by default a free one.",
+)
+@click.option("--web", is_flag=True, help="Show it in a browser on this machine.")
+@click.option("--no-open", is_flag=True, help="Serve the catalog, without a viewer, until Ctrl-C.")
+@STORAGE
+@click.pass_context
+def view(
+    ctx: click.Context,
+    dest: str,
+    machine: str | None,
+    since: str | None,
+    until: str | None,
+    port: int | None,
+    web: bool,
+    no_open: bool,
+    storage_pairs: tuple[str, ...],
+) -> None:
+    """Open the Rerun viewer on the recordings of all captures in DEST.
+
+    The table of the captures can be filtered and sorted by machine, date, verdict and number of
+    findings; a click opens a capture. 'syncline fleet analyze --rrd' makes the recordings. The
+    catalog is reachable from this machine only; the command ends when the viewer is closed.
+    """
+    if web and no_open:
+        raise UsageError("--web opens a viewer, --no-open none: name one")
+    with fleet_extra():
+        from syncline_analyzer.fleet.catalog import recorded, recordings, served
+        from syncline_analyzer.fleet.dataset import Dataset
+        from syncline_analyzer.fleet.scope import Scope
+        from syncline_analyzer.viewer import show
+
+        with progress_line() as line:
+            if line:
+                line.say("looking for recordings")
+            data = Dataset.open(dest, storage_options(storage_pairs))
+            wanted = recorded(data, Scope.of(machine, since, until))
+        if not data.captures:
+            raise UsageError(NO_DATA.format(dest))
+        if not wanted:
+            raise UsageError(_nothing(dest, any_recording=bool(recorded(data))))
+        with recordings(data.storage, wanted) as files, served(files, port) as catalog:
+            click.echo(f"{counted(catalog.captures, 'capture')} at {catalog.url}", err=True)
+            if catalog.unread:
+                click.echo(_unread(catalog.unread), err=True)
+            if no_open:
+                click.echo(catalog.table_url)
+                _wait()
+            else:
+                ctx.exit(show(catalog.table_url, web=web))
+
+
+@click.command(
+    epilog="\b\nExamples:\n"
+    "  syncline fleet report /data/fleet\n"
+    "  syncline fleet report s3://fleet/a --out november.html --since 2026-11-01"
+)
+@click.argument("dest", metavar="DEST")
+@click.option(
+    "-o",
+    "--out",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="Write there instead of DEST/report.html.",
+)
+@click.option("--machine", metavar="NAME", help="Of this machine; * and ? stand for others.")
+@click.option("--since", metavar="DATE", help="Captures that began at this date or later (UTC).")
+@click.option("--until", metavar="DATE", help="Captures that began before this date.")
+@STORAGE
+def report(
+    dest: str,
+    out: Path | None,
+    machine: str | None,
+    since: str | None,
+    until: str | None,
+    storage_pairs: tuple[str, ...],
+) -> None:
+    """Write one page about all machines in DEST: which are in trouble, since when, and what drifts.
+
+    It opens in any browser without a network, and leads to the reports of the captures, which
+    'syncline fleet analyze --reports' makes; then this page is written too.
+    """
+    with fleet_extra():
+        from syncline_analyzer.fleet.dataset import Dataset
+        from syncline_analyzer.fleet.report import write_fleet_report
+        from syncline_analyzer.fleet.scope import Scope
+
+        with progress_line() as line:
+            if line:
+                line.say("reading the data set")
+            data = Dataset.open(dest, storage_options(storage_pairs))
+            if not data.captures and not data.failures:
+                raise UsageError(NO_DATA.format(dest))
+            click.echo(write_fleet_report(data, Scope.of(machine, since, until), out))
+
+
+def _unread(names: Sequence[str]) -> str:
+    some = ", ".join(names[:_SHOWN]) + (", ..." if len(names) > _SHOWN else "")
+    return f"{counted(len(names), 'recording')} cannot be read: {some}"
+
+
+def _nothing(dest: str, *, any_recording: bool) -> str:
+    if any_recording:
+        return f"{dest}: no capture of this machine and time has a recording"
+    return (
+        f"{dest}: no capture has a recording yet; make them:"
+        f" syncline fleet analyze SOURCE... --out {dest} --rrd"
+    )
+
+
+def _wait() -> None:
+    """Until somebody types Ctrl-C, which is how it is meant to end."""
+    with suppress(KeyboardInterrupt):
+        while True:
+            time.sleep(_LONG_S)

@@ -96,8 +96,8 @@ def compare(
         from syncline_analyzer.views.comparison_html import comparison_page
 
         _write(out, comparison_page(found))
-    partial = any(each.damage or not each.frames for each in (found.golden, found.capture))
-    if partial or any(row.severity in as_bad_as(check) for row in found.rows):
+    unfit = any(each.damage or not each.frames for each in (found.golden, found.capture))
+    if unfit or any(row.severity in as_bad_as(check) for row in found.rows):
         ctx.exit(NOT_REACHED)
 
 

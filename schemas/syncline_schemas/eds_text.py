@@ -4,7 +4,7 @@ import re
 from dataclasses import dataclass, field
 
 _HEADER = re.compile(r"\[([^\]]*)\]?\s*(.*)")
-_COMMENT = re.compile(r"\s+;.*$")
+_COMMENT = re.compile(r"(?<=\s);")
 _CONTROL = re.compile(r"[\x00-\x1f\x7f\x85\u2028\u2029]+")
 
 
@@ -149,7 +149,7 @@ def _add_key(found: EdsText, section: Section | None, line: str, number: int) ->
 
 def _bare(found: EdsText, value: str, number: int) -> str:
     """The value without an inline comment and without quotes round it."""
-    bare = "" if value.startswith(";") else _COMMENT.sub("", value)
+    bare = "" if value.startswith(";") else _COMMENT.split(value, maxsplit=1)[0].rstrip()
     if bare != value:
         said = f"inline comment ignored: {value[len(bare) :].strip()[:60]!r}"
         found.warn(number, said, "inline_comment")

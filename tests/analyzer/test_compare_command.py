@@ -70,8 +70,8 @@ def test_an_empty_side_is_told_before_anything_else(name: str) -> None:
 
 
 def test_an_empty_golden_capture_is_no_success(tmp_path: Path) -> None:
-    empty, other = tmp_path / "empty.log", tmp_path / "other.log"
-    empty.touch()
+    empty, other = tmp_path / "empty.asc", tmp_path / "other.log"
+    empty.write_text("date Mon Mar 2 06:00:00 am 2026\nbase hex timestamps absolute\n", "utf-8")
     other.write_text("(1700000000.000000) can0 705#05\n", encoding="utf-8")
     assert CliRunner().invoke(command, [str(empty), str(other)]).exit_code == 1
     assert CliRunner().invoke(command, [str(other), str(other)]).exit_code == 0

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from syncline_schemas.canopen.datatypes import DATA_TYPES
 from syncline_schemas.devices import device_names, load_device
 from syncline_schemas.eds import LoadedEds, assumed_value, load_eds, variables
+from syncline_schemas.eds_text import parse
 from syncline_schemas.errors import DescriptionError
 
 WILD = Path(__file__).parents[3] / "shared" / "eds-in-the-wild"
@@ -384,3 +385,11 @@ def test_no_mutation_of_an_xdd_raises_anything_but_our_error(data: st.DataObject
         load_eds(text.encode())
     except DescriptionError:
         return
+
+
+def test_a_value_of_spaces_does_not_hold_up_the_reader() -> None:
+    """Where a comment was sought from each space, this line took minutes."""
+    blank = " " * 200_000
+    lines = f"[1000]\nParameterName=TPDO1{blank}x ; what it is\n"
+    found = parse(lines.encode())
+    assert found.sections["1000"].values["parametername"] == f"TPDO1{blank}x"

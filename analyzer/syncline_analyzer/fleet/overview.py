@@ -1,7 +1,7 @@
 """The state of a whole fleet: its machines, what was found on them and when, and what they are."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import date, timedelta
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -159,6 +159,7 @@ class Overview:
         kinds: the gravest and most frequent first.
         devices: by device, the most frequent of each first.
         failures: recordings that could not be analyzed.
+        reports: ids of the captures of which there is a report.
     """
 
     machines: Sequence[Machine]
@@ -167,21 +168,12 @@ class Overview:
     kinds: Sequence[Kind]
     devices: Sequence[Device]
     failures: Sequence[FailureEntry] = ()
-    _reports: frozenset[str] = field(default_factory=frozenset, repr=False)
+    reports: frozenset[str] = frozenset()
 
     @property
     def captures(self) -> Iterable[Capture]:
         """All captures."""
         return (capture for machine in self.machines for capture in machine.captures)
-
-    def has_report(self, capture_id: str) -> bool:
-        """Whether a report of this capture was made."""
-        return capture_id in self._reports
-
-    @property
-    def any_report(self) -> bool:
-        """Whether there is a report of any capture."""
-        return bool(self._reports)
 
     def cells(self, machine: Machine) -> dict[str, Cell]:
         """Row of a machine in the map, by column; times without a capture are not in it."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import Self
 
-from syncline_analyzer.fleet.captures import CaptureEntry
+from syncline_analyzer.fleet.captures import CaptureEntry, FailureEntry
 from syncline_analyzer.fleet.questions import utc_ns
 
 
@@ -35,6 +35,21 @@ class Scope:
     def of_these(self, captures: Sequence[CaptureEntry]) -> list[CaptureEntry]:
         """The wanted ones of some captures."""
         return [entry for entry in captures if self._has(entry)]
+
+    def of_failures(self, failures: Sequence[FailureEntry]) -> list[FailureEntry]:
+        """Those of some failures that are of the machines; nobody knows when they began."""
+        machine = self.machine
+        return [each for each in failures if machine is None or fnmatchcase(each.machine, machine)]
+
+    @property
+    def words(self) -> str:
+        """What is wanted, as it is said after a name.
+
+        >>> Scope(machine="press-*", since="2026-11-01").words
+        ', machine press-*, since 2026-11-01'
+        """
+        told = (("machine", self.machine), ("since", self.since), ("before", self.until))
+        return "".join(f", {name} {value}" for name, value in told if value is not None)
 
     def _has(self, entry: CaptureEntry) -> bool:
         begun_ns = entry.values["start_utc_ns"]

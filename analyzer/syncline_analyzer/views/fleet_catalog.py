@@ -182,7 +182,8 @@ def _histograms(parts: Iterable[Sequence[str]]) -> list[PlotContent]:
     charts.sort(key=lambda part: ("SYNC" not in part[2], part))
     return [
         PlotContent(
-            f"{part[1]} {_words(part[2].removeprefix(part[1]))} [count per us]", "/" + "/".join(part)
+            f"{part[1]} {_words(part[2].removeprefix(part[1]))} [count per us]",
+            "/" + "/".join(part),
         )
         for part in charts[:MAX_CHARTS]
     ]

@@ -2,9 +2,9 @@
 
 from collections.abc import Iterator, Sequence
 
+from syncline_analyzer.findings import RULES
 from syncline_analyzer.fleet.captures import HEALTHY
 from syncline_analyzer.fleet.overview import Machine, Overview, Story
-from syncline_analyzer.findings import RULES
 from syncline_analyzer.views.fleet_links import Links, day, since
 from syncline_analyzer.views.html import Html, element
 from syncline_analyzer.views.report_findings import BADGES
@@ -77,8 +77,10 @@ def _state(machine: Machine, links: Links) -> Html:
 
 
 def _story(story: Story, machine: Machine, links: Links) -> Html:
-    badge = element("span", BADGES[story.severity], class_=f"badge {story.severity}")  # type: ignore[index]
-    often = f"{counted(story.findings, 'time')} in {story.captures} of {len(machine.captures)} captures"
+    badge = element("span", BADGES[story.severity], class_=f"badge {story.severity}")
+    often = (
+        f"{counted(story.findings, 'time')} in {story.captures} of {len(machine.captures)} captures"
+    )
     where = [element("code", story.id), " ", links.link("latest", story.last_capture)]
     if story.first_capture != story.last_capture:
         where += [" ", links.link("first", story.first_capture)]
@@ -95,7 +97,7 @@ def kinds_part(found: Overview, links: Links) -> Iterator[Html]:
     meanings = {rule.id: rule.meaning for rule in RULES}
     rows: list[Sequence[object]] = [
         (
-            element("span", BADGES[kind.severity], class_=f"badge {kind.severity}"),  # type: ignore[index]
+            element("span", BADGES[kind.severity], class_=f"badge {kind.severity}"),
             element("code", kind.id),
             f"{kind.machines:,}",
             f"{kind.captures:,}",

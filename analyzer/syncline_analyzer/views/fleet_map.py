@@ -59,7 +59,7 @@ def _legend(found: Overview, links: Links) -> Html:
     if found.every != "day":
         told.append(f"A column is a {found.every}. ")
     told.append("Of several captures the worst one is shown. ")
-    if not found.any_report:
+    if not found.reports:
         told.append("Made with 'syncline fleet analyze --reports' it leads to their reports.")
     elif links.folder is None:
         told.append("Their reports are elsewhere: this page was written outside of the data set.")

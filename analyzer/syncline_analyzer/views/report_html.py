@@ -44,7 +44,7 @@ _MOVES = {
     "on": ("Later", "\u25b6"),
 }
 """Moves of the range of time: what they do, and a sign for narrow screens."""
-_POLICY = (
+POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; img-src data:; "
     "form-action 'none'; base-uri 'none'"
 )
@@ -74,7 +74,7 @@ def report(analysis: Analysis) -> str:
         "head",
         element("meta", charset="utf-8"),
         element("meta", name="viewport", content="width=device-width, initial-scale=1"),
-        element("meta", http_equiv="Content-Security-Policy", content=_POLICY),
+        element("meta", http_equiv="Content-Security-Policy", content=POLICY),
         element("title", f"{title}: {verdict(analysis)}"),
         element("style", Html(_asset("report.css") + _colours())),
     )

@@ -9,7 +9,6 @@ from syncline_analyzer.fleet.trends.limits import ENDURANCE, WEAR_DAYS
 from syncline_analyzer.fleet.trends.statistics import Floats
 from syncline_analyzer.fleet.trends.tracks import DAY_NS, Tracks
 from syncline_analyzer.fleet.trends.trend import Trend
-from syncline_schemas.errors import SynclineError
 
 _LEAST_READINGS, _LEAST_DAYS = 4, 7.0
 _RATED = re.compile(r"rated for at least ([\d ]+)")
@@ -74,15 +73,12 @@ def rated_writes(device: str | None) -> tuple[int, bool]:
     >>> rated_writes("lir-918"), rated_writes(None)
     ((100000, True), (100000, False))
     """
-    from syncline_schemas.devices import load_device
+    from syncline_schemas.devices import device_names, load_device
 
-    try:
-        of = load_device(device, ()) if device else None
-    except SynclineError:
-        of = None
-    if of is not None:
-        for facts in of.objects.values():
-            match = _RATED.search(facts.meaning)
+    if device is not None and device in device_names(()):
+        of = load_device(device, ())
+        for facts in (of.object(*key) for key in of.health.values()):
+            match = _RATED.search(facts.meaning) if facts is not None else None
             if match:
                 return int(match[1].replace(" ", "")), True
     return ENDURANCE, False

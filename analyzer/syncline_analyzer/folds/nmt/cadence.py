@@ -3,7 +3,7 @@
 from bisect import bisect_left
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from itertools import pairwise
+from operator import sub
 from statistics import median
 from typing import NamedTuple, Self
 
@@ -34,6 +34,8 @@ TWIN_SERIES = 5
 TWIN_TOLERANCE = 0.045
 """Part of its period by which an interval of such a series may be off: at 100 kbit/s a heartbeat of
 200 ms waits 8 ms behind the PDOs of a few nodes."""
+_EVEN = (1 + 2 * TWIN_TOLERANCE) / (1 - 2 * TWIN_TOLERANCE)
+"""Intervals of which the longest is so many times the shortest are no such series."""
 TWIN_RATIO = 16
 """The slower period is at most about so many of the faster one."""
 TWIN_TRIES = 2000
@@ -313,10 +315,13 @@ def _two_series(t_ns: Int64s) -> tuple[int, int] | None:
             continue
         taken = set(mine)
         rest = [moment for row, moment in enumerate(times) if row not in taken]
-        lengths = sorted(after - before for before, after in pairwise(rest))
+        lengths = list(map(sub, rest[1:], rest))
+        shortest, longest = min(lengths), max(lengths)
+        if longest > _EVEN * shortest:
+            continue
         second = int(median(lengths))
         tolerance_ns = TWIN_TOLERANCE * second
-        even = max(second - lengths[0], lengths[-1] - second) <= tolerance_ns
+        even = max(second - shortest, longest - second) <= tolerance_ns
         whole = max(rest[0] - times[0], times[-1] - rest[-1]) <= second + tolerance_ns
         differ = abs(second - period) > 2 * TWIN_TOLERANCE * max(second, period)
         if even and whole and differ:

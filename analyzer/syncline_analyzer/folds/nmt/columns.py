@@ -59,12 +59,16 @@ class Life:
         """Take in further frames of the node."""
         if not len(seq):
             return
-        seqs = np.concatenate(([self.last_seq], seq))
-        times = np.concatenate(([self.last_ns], t_ns))
-        passed = np.diff(times)
-        row = int(np.argmax(passed))
-        if passed[row] > self.longest_ns:
-            self.longest_ns = int(passed[row])
-            self.start = (int(seqs[row]), int(times[row]))
-            self.end = (int(seqs[row + 1]), int(times[row + 1]))
+        first = int(t_ns[0]) - self.last_ns
+        if first > self.longest_ns:
+            self.longest_ns = first
+            self.start = (self.last_seq, self.last_ns)
+            self.end = (int(seq[0]), int(t_ns[0]))
+        if len(seq) > 1:
+            passed = t_ns[1:] - t_ns[:-1]
+            row = int(passed.argmax())
+            if passed[row] > self.longest_ns:
+                self.longest_ns = int(passed[row])
+                self.start = (int(seq[row]), int(t_ns[row]))
+                self.end = (int(seq[row + 1]), int(t_ns[row + 1]))
         self.last_seq, self.last_ns = int(seq[-1]), int(t_ns[-1])

@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from statistics import median
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from syncline_analyzer.distribution import quantile_of
 from syncline_analyzer.folds.nmt.cadence import (
     CANDIDATE_RATIO,
     MIN_PERIODS,
@@ -413,14 +413,14 @@ class ErrorControl:
             self._last = (self._life.last_seq, self._life.last_ns, int(kinds[row - 1]))
         if self._life is None or self._last is None:
             return done
-        begin = int(np.searchsorted(life_seq, self._life.last_seq, "right"))
-        stop = int(np.searchsorted(life_seq, beats.seq[row], "right"))
+        begin, stop = life_seq.searchsorted((self._life.last_seq, beats.seq[row]), "right").tolist()
         self._life.hear(life_seq[begin:stop], life_ns[begin:stop])
         if self._life.last_seq < beats.seq[row]:
             self._life.hear(beats.seq[row : row + 1], beats.t_ns[row : row + 1])
-        between = (requests > self._last[0]) & (requests < beats.seq[row])
-        asked = int(np.count_nonzero(between)) - int(kinds[row] == ANSWER)
-        self._waiting += asked
+        self._waiting -= int(kinds[row] == ANSWER)
+        if len(requests):
+            between = (requests > self._last[0]) & (requests < beats.seq[row])
+            self._waiting += int(np.count_nonzero(between))
         self._add_silence(self._last[2], period, int(beats.seq[row]))
         return row
 
@@ -497,7 +497,7 @@ class ErrorControl:
 
     @staticmethod
     def _median(periods: Int64s) -> int | None:
-        return int(quantile_of(periods, 0.5)) if len(periods) >= MIN_PERIODS else None
+        return int(median(periods.tolist())) if len(periods) >= MIN_PERIODS else None
 
 
 def _within_usual(passed: Int64s, recent: Int64s, known: Int64s) -> Mask:

@@ -46,6 +46,8 @@ _MAX_KEPT = 10_000
 """Kept for each node."""
 _SHORT = 0x7FF
 """Identifiers up to here are counted without being sorted."""
+_FEW = 200
+"""So many frames are summed up one by one."""
 _AHEAD = 3
 """Identifiers that are named."""
 _CUT_NS = 10_000_000
@@ -196,6 +198,13 @@ class _Traffic:
         self._allowed_ns = slack_ns + _IDLE_BITS * bit_ns
         self._slack_ns = slack_ns
         self._bit_ns = bit_ns
+        self._proofs: dict[int, Ints] = {}
+        """By node: rows at whose start its heartbeat was not ready, see `_weaker`."""
+
+    @cached_property
+    def _beats(self) -> Ints:
+        """Rows of error control and of the requests for it, but the first row."""
+        return np.flatnonzero(self.frames.node[1:]) + 1
 
     @cached_property
     def _since_ns(self) -> Floats:
@@ -267,12 +276,14 @@ class _Traffic:
         the answer. Right behind a frame that may be the node's own this proves nothing: it may have
         to load the next one.
         """
-        since = int(self._last_idle[row])
-        sent = self.frames.node[since:row]
-        found = since + np.flatnonzero((sent > node) | (sent == -node))
-        found = found[found > 0]
-        found = found[self.frames.can_id[found - 1] & MAX_NODE != node]
-        return int(found[-1]) if len(found) else 0
+        if node not in self._proofs:
+            sender = self.frames.node[self._beats]
+            found = self._beats[(sender > node) | (sender == -node)]
+            self._proofs[node] = found[self.frames.can_id[found - 1] & MAX_NODE != node]
+        proofs = self._proofs[node]
+        before = int(proofs.searchsorted(row))
+        last = int(proofs[before - 1]) if before else 0
+        return last if last >= self._last_idle[row] else 0
 
 
 def losses_by_waiting(context: Context, timeline: Timeline) -> Iterator[tuple[Lost, KeptWaiting]]:
@@ -355,6 +366,12 @@ def _overdue(state: _Bus, node: int, t_ns: Ints) -> tuple[Ints, Bools]:
 
 def _longest(can_id: Ints, wire_ns: Floats) -> tuple[int, ...]:
     """The identifiers that took most of the time."""
+    if len(can_id) <= _FEW:
+        # A sum by identifier costs numpy as much as the walk over a hundred frames.
+        sums: dict[int, float] = {}
+        for each, ns in zip(can_id.tolist(), wire_ns.tolist(), strict=True):
+            sums[each] = sums.get(each, 0.0) + ns
+        return tuple(sorted(sums, key=lambda each: (-sums[each], each))[:_AHEAD])
     if int(can_id.max(initial=0)) <= _SHORT:
         keys = np.flatnonzero(np.bincount(can_id))
         took = np.bincount(can_id, wire_ns).take(keys)

@@ -84,7 +84,7 @@ def machine() -> tuple[Run, BusDescription]:
 def analysis() -> Analysis:
     """What is found on that day."""
     run, description = machine()
-    facts = CaptureFacts(Path("bad_day.mcap"), "simulated", run.bus_names)
+    facts = CaptureFacts(Path("line3.mcap"), "simulated", run.bus_names)
     return analyze(
         _numbered(run.stream()), [facts], run.bus_names, description=description, devices={}
     )
@@ -153,7 +153,7 @@ def terminal(found: Analysis, picture: Path) -> None:
         color_system="truecolor", highlight=False,
     )  # fmt: skip
     print_screen(found, console)
-    svg = console.export_svg(title="syncline analyze bad_day.mcap", unique_id="syncline")
+    svg = console.export_svg(title="syncline analyze line3.mcap", unique_id="syncline")
     picture.write_text(svg, encoding="utf-8")
 
 

@@ -2,10 +2,11 @@
 
 import errno
 import os
-import shutil
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from functools import partial
 from io import TextIOWrapper
+from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Protocol
@@ -23,14 +24,17 @@ from syncline_analyzer.command_options import (
     reading_progress,
 )
 from syncline_analyzer.decode.part import FAMILIES
+from syncline_schemas.errors import UsageError
 
 if TYPE_CHECKING:
     from syncline_analyzer.decode.choice import Choice
     from syncline_analyzer.decode.stream import DecodedBatch, Decoding
+    from syncline_analyzer.readers.live import LiveReader
     from syncline_schemas.batch import Gap
     from syncline_schemas.progress_line import Tell
 
 STDIN = "-"
+_PIECE = 1 << 20
 
 
 class Lines(Protocol):
@@ -44,7 +48,8 @@ class Lines(Protocol):
 @click.command(
     epilog="\b\nExamples:\n"
     "  syncline decode line3.mcap --node 10 --service emcy,sdo --from 4m\n"
-    "  syncline decode night.log.gz --device 5=lir-da158a | less"
+    "  syncline decode night.log.gz --device 5=lir-da158a | less\n"
+    "  candump -L can0 | syncline decode - --description line3.toml"
 )
 @CAPTURES
 @node_options()
@@ -74,6 +79,7 @@ class Lines(Protocol):
     metavar="HEX",
     help="Only these identifiers: 18A, 180-1FF. May be repeated.",
 )
+@click.option("-f", "--follow", is_flag=True, help="Go on with what is appended to a candump log.")
 @click.option("-n", "--limit", type=click.IntRange(min=1), help="Stop after so many frames.")
 @click.option("--utc", is_flag=True, help="Write times as UTC instead of capture time.")
 @click.option(
@@ -97,6 +103,7 @@ def decode(
     nodes: tuple[str, ...],
     services: tuple[str, ...],
     ids: tuple[str, ...],
+    follow: bool,
     limit: int | None,
     utc: bool,
     form: str,
@@ -110,14 +117,16 @@ def decode(
     before a value says that its scale is only assumed, a ? behind a PDO's name that only its
     identifier says whose it is.
 
-    CAPTURE may be - for standard input, which is read to its end first. Exits with 1 when a capture
-    is damaged and could be read only in part.
+    CAPTURE may be - for standard input: what candump prints is decoded while it comes, until it
+    ends or Ctrl-C; anything else is read to its end first. Mappings that were told before that are
+    unknown: --description or --device tell them. Exits with 1 when a capture is damaged and could
+    be read only in part.
     """
     from syncline_analyzer.decode.stream import Decoding
     from syncline_analyzer.session import open_session
 
     choice = _choice(seqs, nodes, services, ids)
-    paths = [_from_stdin(ctx) if str(path) == STDIN else path for path in captures]
+    paths, reader = _sources(ctx, captures, follow=follow, offset=bool(offsets))
     session = open_session(
         paths,
         description=description,
@@ -126,10 +135,10 @@ def decode(
         end=end,
         offsets=named_offsets(offsets),
     )
-    opened = session.opened()
+    opened = session.opened() if reader is None else session.opened_live(reader)
     decoding = Decoding(opened, choice)
     lines = _layout(decoding, form, utc and decoding.dated, opened.first_ns)
-    if sys.stdout.isatty():
+    if sys.stdout.isatty() or reader is not None:
         _print(lines, decoding, limit, None)
     else:
         with reading_progress(paths) as line:
@@ -141,12 +150,56 @@ def decode(
         ctx.exit(NOT_REACHED)
 
 
-def _from_stdin(ctx: click.Context) -> Path:
+def _sources(
+    ctx: click.Context, captures: tuple[Path, ...], *, follow: bool, offset: bool
+) -> "tuple[list[Path], LiveReader | None]":
+    """The files to read; with a reader where they are one log that is still being written."""
+    alone = len(captures) == 1 and not offset
+    if follow:
+        if not alone or str(captures[0]) == STDIN:
+            raise UsageError("--follow: give one candump log, and no --offset")
+        return list(captures), _followed(ctx, captures[0])
+    if alone and str(captures[0]) == STDIN and (descriptor := _stdin_descriptor()) is not None:
+        from syncline_analyzer.readers.live import LiveReader, as_it_comes, first_line, is_live
+
+        read = as_it_comes(descriptor)
+        head = first_line(read)
+        if is_live(head):
+            return list(captures), LiveReader(captures[0], head, read)
+        return [_stored(ctx, chain((head,), iter(read, b"")))], None
+    stdin = iter(partial(sys.stdin.buffer.read, _PIECE), b"")
+    return [_stored(ctx, stdin) if str(path) == STDIN else path for path in captures], None
+
+
+def _followed(ctx: click.Context, path: Path) -> "LiveReader":
+    from syncline_analyzer.readers.live import LiveReader, appended, first_line, is_live
+
+    try:
+        read = appended(ctx.with_resource(path.open("rb")))
+    except OSError as error:
+        raise UsageError(f"{path}: cannot be opened: {error.strerror or error}") from error
+    head = first_line(read)
+    if not is_live(head):
+        raise UsageError(
+            f"{path}: only candump logs can be followed; a recording is watched with"
+            " 'syncline record --view'"
+        )
+    return LiveReader(path, head, read)
+
+
+def _stdin_descriptor() -> int | None:
+    try:
+        return sys.stdin.fileno()
+    except (OSError, ValueError):
+        return None
+
+
+def _stored(ctx: click.Context, pieces: Iterable[bytes]) -> Path:
     """What stands on standard input as a file: its format is found by a look at its start."""
     folder = ctx.with_resource(TemporaryDirectory(prefix="syncline-"))
     path = Path(folder, "stdin")
     with path.open("wb") as file:
-        shutil.copyfileobj(sys.stdin.buffer, file)
+        file.writelines(pieces)
     return path
 
 
@@ -187,6 +240,8 @@ def _print(lines: Lines, decoding: "Decoding", limit: int | None, progress: "Tel
     try:
         for text in _limited(lines, decoding, limit, progress):
             write(text)
+            if decoding.live:
+                sys.stdout.flush()
         sys.stdout.flush()
     except OSError as error:
         # Windows tells in this way that nobody reads any more.

@@ -44,7 +44,7 @@ class Distribution:
         self._mean = 0.0
         self._squares = 0.0
         """Sum of the squares of the distances from the mean."""
-        self._waiting: list[Floats] = []
+        self._waiting: list[Floats | NDArray[np.int64]] = []
         """All values while there are few of them, then those that are not in the bins yet."""
         self._held = 0
         self._bins: _Bins | None = None
@@ -68,10 +68,13 @@ class Distribution:
         self.count += len(values)
         if self._known:
             self._known.clear()
-        self._waiting.append(values.astype(np.float64))
         self._held += len(values)
         if self._held > EXACT_LIMIT:
+            self._waiting.append(values)
             self._settle()
+        else:
+            # A copy: what waits must not hold on to the columns of the whole block.
+            self._waiting.append(values.astype(np.float64))
 
     def quantile(self, share: float) -> float:
         """Value below which a share (0..1) of all values lies; NaN without values."""
@@ -188,7 +191,7 @@ class Distribution:
         inside = np.clip(value, self.minimum, self.maximum)
         return np.histogram(inside, edges, weights=weight)[0].astype(np.int64), edges
 
-    def _exact(self) -> Floats:
+    def _exact(self) -> Floats | NDArray[np.int64]:
         """All values that wait, in one array."""
         if len(self._waiting) > 1:
             self._waiting = [np.concatenate(self._waiting)]
@@ -206,17 +209,17 @@ class Distribution:
         self._waiting, self._held, self._fresh = [], 0, _NO_LIMITS
         if self._bins is None:
             self._bins = _Bins(new)
-        above = new - self._bins.low
+        above: Floats = new - self._bins.low
         if self._moments:
-            self._add_moments(new, self._bins.low, above)
+            self._add_moments(self._bins.low, above)
         self._bins.add(new, above, low, high)
 
-    def _add_moments(self, new: Floats, low: float, above: Floats) -> None:
+    def _add_moments(self, low: float, above: Floats) -> None:
         """Mean and squares of values that lie so far `above` a low one.
 
         Those of two parts are joined as Chan et al. do (1979).
         """
-        more, total = len(new), float(np.add.reduce(above))
+        more, total = len(above), float(np.add.reduce(above))
         whole = float(np.square(above).sum())
         squares = whole - total * total / more
         if squares < _CANCELLED * whole:
@@ -265,7 +268,7 @@ def _tail(edge: float, end: float, width: float) -> list[float]:
 class _Bins:
     """Counts in fine bins where most of the first values lie, in coarse ones elsewhere."""
 
-    def __init__(self, first: Floats) -> None:
+    def __init__(self, first: Floats | NDArray[np.int64]) -> None:
         low, high = quantile_of(first, 0.01), quantile_of(first, 0.99)
         margin = max(high - low, 1.0)
         top = high + margin
@@ -278,18 +281,23 @@ class _Bins:
         self._cumulated: tuple[Floats, NDArray[np.int64]] | None = None
         """Middles of the bins, and how many values lie up to each, while nothing is added."""
 
-    def add(self, values: Floats, above: Floats, low: float, high: float) -> None:
+    def add(
+        self, values: Floats | NDArray[np.int64], above: Floats, low: float, high: float
+    ) -> None:
         """Take in values between `low` and `high`; (n,) `above` the first bin, which is used up."""
         self._cumulated = None
         place = np.divide(above, self._width, out=above)
         if low < self.low or (high - self.low) / self._width >= FINE_BINS:
-            outside = np.flatnonzero((place < 0) | (place >= FINE_BINS))
+            off = place >= FINE_BINS
+            if low < self.low:
+                off |= place < 0
+            outside = np.flatnonzero(off)
             place[outside] = 0
             self._fine[0] -= len(outside)
             if self._coarse is None:
                 self._coarse = np.zeros(_COARSE_BINS, np.int64)
             self._coarse += np.bincount(_coarse_keys(values[outside]), minlength=_COARSE_BINS)
-        self._fine += np.bincount(place.astype(np.int64), minlength=FINE_BINS)
+        self._fine += np.bincount(place.astype(np.int32), minlength=FINE_BINS)
 
     def value(self, number: float) -> float:
         """Middle of the bin in which the value of this number, counted from 0, lies."""
@@ -319,7 +327,7 @@ class _Bins:
         return middles
 
 
-def _coarse_keys(values: Floats) -> NDArray[np.int64]:
+def _coarse_keys(values: Floats | NDArray[np.int64]) -> NDArray[np.int64]:
     """Bin of each value: exponent and leading mantissa bits of value + 1."""
     keys: NDArray[np.int64] = ((values + 1.0).view(np.int64) >> _SHIFT) - _FIRST_KEY
     return np.clip(keys, 0, _COARSE_BINS - 1)

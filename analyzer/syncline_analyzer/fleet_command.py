@@ -11,6 +11,7 @@ from syncline_schemas.errors import UsageError
 from syncline_schemas.wording import counted
 
 if TYPE_CHECKING:
+    from syncline_analyzer.fleet.storage import Storage
     from syncline_analyzer.fleet.task import Settings
 
 NOT_REACHED = 1
@@ -31,6 +32,7 @@ fleet.add_command(report)
 
 
 @fleet.command(
+    short_help="Analyze the captures of many machines into one data set.",
     epilog="\b\nExamples:\n"
     "  syncline fleet analyze /data/captures --out /data/fleet --workers 8\n"
     '  syncline fleet analyze "s3://line/**" --out s3://fleet/a --machine-from "{machine}/{date}"'
@@ -72,7 +74,7 @@ fleet.add_command(report)
     help="Bit rate of buses of which neither description nor capture tells it.",
 )
 @click.option("--with-traces", is_flag=True, help="Write every sample and every PDO answer too.")
-@click.option("--reports", is_flag=True, help="Write a report.html of each capture.")
+@click.option("--reports", is_flag=True, help="Write a report.html of each capture, and of all.")
 @click.option("--rrd", is_flag=True, help="Write a Rerun recording of each capture.")
 @click.option(
     "--storage-option",
@@ -138,6 +140,8 @@ def analyze(
         )
         with watching(as_json=form == "json") as watcher:
             summary = run(order, watcher, scheduler=scheduler, workers=workers)
+        if reports:
+            _report_of_all(storage)
     if form == "json":
         click.echo(summary_json(summary, storage.url))
     else:
@@ -148,6 +152,7 @@ def analyze(
 
 
 @fleet.command(
+    short_help="Ask the data set, by SQL or a ready-made question.",
     epilog="\b\nExamples:\n"
     "  syncline fleet query /data/fleet --question emcy --code 7320h --since 2026-11-01\n"
     '  syncline fleet query /data/fleet "SELECT machine, count(*) FROM findings GROUP BY 1"'
@@ -237,6 +242,17 @@ def query(
     if question is not None and opened.undated:
         undated = counted(opened.undated, "capture")
         click.echo(f"{undated} without a date: not in what questions say of a time", err=True)
+
+
+def _report_of_all(storage: "Storage") -> None:
+    """Write the report of the fleet; a data set that somebody changes meanwhile gets it later."""
+    from syncline_analyzer.fleet.dataset import Dataset
+    from syncline_analyzer.fleet.report import write_fleet_report
+
+    try:
+        click.echo(f"Wrote {write_fleet_report(Dataset.of(storage))}.", err=True)
+    except UsageError as error:
+        click.echo(f"No report of the fleet: {error}", err=True)
 
 
 def _settings(

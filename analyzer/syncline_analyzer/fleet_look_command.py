@@ -18,9 +18,10 @@ _SHOWN = 3
 
 
 @click.command(
+    short_help="Open the Rerun viewer on all captures.",
     epilog="\b\nExamples:\n"
     "  syncline fleet view /data/fleet\n"
-    '  syncline fleet view /data/fleet --machine "press-*" --since 2026-11-01 --web'
+    '  syncline fleet view /data/fleet --machine "press-*" --since 2026-11-01 --web',
 )
 @click.argument("dest", metavar="DEST")
 @click.option("--machine", metavar="NAME", help="Of this machine; * and ? stand for others.")
@@ -82,9 +83,10 @@ def view(
 
 
 @click.command(
+    short_help="Write one page about all machines.",
     epilog="\b\nExamples:\n"
     "  syncline fleet report /data/fleet\n"
-    "  syncline fleet report s3://fleet/a --out november.html --since 2026-11-01"
+    "  syncline fleet report s3://fleet/a --out november.html --since 2026-11-01",
 )
 @click.argument("dest", metavar="DEST")
 @click.option(

@@ -22,6 +22,7 @@ class Opened:
         first_ns: first stamp of all, None when there are no frames.
         low_ns, high_ns: half-open range of time that the session is about.
         stream: (`seq`, batch or gap).
+        live: whether frames come while they happen, so that none may wait for the next.
     """
 
     facts: list[CaptureFacts]
@@ -33,3 +34,4 @@ class Opened:
     low_ns: int
     high_ns: int
     stream: Iterator[Numbered]
+    live: bool = False

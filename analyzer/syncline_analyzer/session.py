@@ -18,7 +18,7 @@ from syncline_schemas.errors import UsageError
 if TYPE_CHECKING:
     import pandas as pd
 
-    from syncline_analyzer.capture import CaptureFacts
+    from syncline_analyzer.capture import CaptureFacts, CaptureReader
     from syncline_analyzer.engine import Progress
     from syncline_analyzer.opened import Opened
     from syncline_analyzer.results import Analysis
@@ -177,6 +177,33 @@ class Session:
             low_ns=stretch.low_ns,
             high_ns=stretch.high_ns,
             stream=captures.numbered(EVERYTHING),
+        )
+
+    def opened_live(self, reader: CaptureReader) -> Opened:
+        """A log that is still being written, for one pass over its frames as they come."""
+        from syncline_analyzer.opened import Opened
+        from syncline_analyzer.readers.live import numbered
+        from syncline_analyzer.reading import EVERYTHING, Stretch, check_range
+        from syncline_analyzer.redaction import Redaction
+
+        first_ns, stream = numbered(reader.batches())
+        facts, origin_ns = [reader.facts], first_ns or 0
+        check_range(self._request, facts)
+        stretch = Stretch(
+            self._start.resolved(origin_ns) if self._start else EVERYTHING.low_ns,
+            self._end.resolved(origin_ns) if self._end else EVERYTHING.high_ns,
+        )
+        return Opened(
+            facts=facts,
+            buses=reader.facts.buses,
+            description=self._description_of(facts),
+            devices=self._devices,
+            redaction=Redaction(),
+            first_ns=first_ns,
+            low_ns=stretch.low_ns,
+            high_ns=stretch.high_ns,
+            stream=stream,
+            live=True,
         )
 
     def findings(self) -> pd.DataFrame:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from syncline_logger import service_messages
 from syncline_logger.node_objects import Key, NodeObjects, PdoBinding
 from syncline_logger.pdo_channel import PdoChannel
+from syncline_logger.pdo_values import PdoValues
 from syncline_logger.sdo_listener import LearnedValue, SdoListener
 from syncline_logger.triggers.conditions import Condition
 from syncline_logger.triggers.event import Event
@@ -71,16 +72,8 @@ class Decoded:
 class Watch(Protocol):
     """Is shown the values of every PDO."""
 
-    def update(
-        self,
-        bus: int,
-        bus_name: str,
-        node: int,
-        columns: Sequence[PdoColumn],
-        t_ns: Int64s,
-        log_ns: Int64s,
-    ) -> tuple[list[Event], list[str]]:
-        """Events of the columns of one PDO, and words on what is wrong."""
+    def update(self, values: PdoValues) -> tuple[list[Event], list[str]]:
+        """Events of the values of one PDO, and words on what is wrong."""
         ...
 
 
@@ -262,8 +255,9 @@ class _BusDecoder:
         self, binding: PdoBinding, frames: FrameBatch, log_ns: NDArray[np.int64], decoded: Decoded
     ) -> None:
         def look(columns: Sequence[PdoColumn], t_ns: Int64s, taken_ns: Int64s) -> None:
+            node = binding.node
             events, words = self._watch.update(
-                self._number, self._name, binding.node, columns, t_ns, taken_ns
+                PdoValues(self._number, self._name, node, columns, t_ns, taken_ns)
             )
             decoded.events += events
             decoded.problems += [(self._number, text) for text in words]

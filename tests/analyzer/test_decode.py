@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
 from dataclasses import replace
@@ -18,11 +19,14 @@ from syncline_analyzer.decode import stream
 from syncline_analyzer.decode.choice import Choice
 from syncline_analyzer.decode.stream import Decoding
 from syncline_analyzer.decode_command import decode
+from syncline_analyzer.opened import Opened
+from syncline_analyzer.readers.live import LiveReader, first_line
 from syncline_analyzer.session import open_session
 from syncline_analyzer.views.decode_lines import COLOURS, Columns, DecodedLines
 from syncline_samples.forty_nodes import forty_nodes
 from syncline_samples.generate import candump_log, mcap_capture
 from syncline_samples.scenarios import healthy_line
+from syncline_schemas.description import BusDescription
 
 SAMPLES = Path(__file__).parents[2] / "samples"
 BAD_DAY = SAMPLES / "bad_day.mcap"
@@ -348,6 +352,7 @@ def test_names_cannot_command_the_terminal(tmp_path: Path) -> None:
 def _process(*words: str, encoding: str = "utf-8") -> subprocess.Popen[bytes]:
     return subprocess.Popen(
         [sys.executable, "-m", "syncline_logger", "decode", *words],
+        stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         env={**os.environ, "PYTHONIOENCODING": encoding, "PYTHONUTF8": "0"},
@@ -376,3 +381,91 @@ def test_a_code_page_without_a_character_shows_something_else(
         out, err = process.communicate()
     assert (process.returncode, err) == (0, b"")
     assert b"mega" in out
+
+
+def _line(process: "subprocess.Popen[bytes]", *frames: str) -> bytes:
+    """The line that a command prints for the last of the frames that it is given."""
+    assert process.stdin is not None
+    assert process.stdout is not None
+    process.stdin.write("".join(f"{frame}\n" for frame in frames).encode())
+    process.stdin.flush()
+    return [process.stdout.readline() for _ in frames][-1].rstrip()
+
+
+def test_what_candump_prints_is_decoded_line_by_line_while_it_comes() -> None:
+    with _process("-", "--device", "10=jn2100") as process:
+        told = _line(process, "(1700000000.000000) vcan0 18A#BE0D3C00")
+        assert told.endswith(
+            b"TPDO1     10 jn2100        be 0d 3c 00             "
+            b"Slope longitudinal 16 ~351.8 deg, Slope lateral 16 ~6.0 deg"
+        )
+        told = _line(process, "(1700000000.500000) vcan0 08A#3081110000000000")
+        assert told.startswith(b"       1     0:00.500000 08Ah     EMCY")
+        told = _line(process, "(1700000001.000000) vcan1 70A#7F", "  vcan0  70A   [1]  05")
+        assert b"vcan0" in told
+        assert told.endswith(b"OPERATIONAL")
+        rest, _ = process.communicate(b"(1700000002.000000) vcan1 000#8200")
+        assert rest.rstrip().endswith(b"reset communication: all nodes")
+        assert process.returncode == 0
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT to send")
+def test_interrupted_live_decoding_ends_without_a_word() -> None:
+    # Where the tests run in the background, SIGINT is ignored and would stay so.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        process = _process("-")
+    finally:
+        signal.signal(signal.SIGINT, before)
+    with process:
+        assert _line(process, "  vcan0  000   [2]  01 00").endswith(b"start: all nodes")
+        process.send_signal(signal.SIGINT)
+        rest, complaint = process.communicate()
+        assert (rest, complaint.strip()) == (b"", b"")
+        assert process.returncode == 130
+
+
+def test_a_log_is_followed_while_it_grows(tmp_path: Path) -> None:
+    path = tmp_path / "grows.log"
+    path.write_text("(1.000000) can0 701#05\n(2.000000) can0 70", encoding="utf-8")
+    with _process(str(path), "--follow", "-n", "3", "--format", "jsonl") as process:
+        assert process.stdout is not None
+        assert json.loads(process.stdout.readline())["text"] == "OPERATIONAL"
+        with path.open("a", encoding="utf-8") as log:
+            log.write("2#04\n(3.000000) can0 703#7F\n(4.0")
+        told = [json.loads(process.stdout.readline())["text"] for _ in range(2)]
+        assert told == ["STOPPED", "PRE-OPERATIONAL"]
+        process.communicate()
+        assert process.returncode == 0
+
+
+def test_only_a_growing_candump_log_can_be_followed(tmp_path: Path) -> None:
+    for words, said_ in (
+        ((BAD_DAY,), "only candump logs can be followed"),
+        (("-",), "give one candump log"),
+        ((tmp_path / "no.log",), "cannot be opened"),
+    ):
+        result = CliRunner().invoke(decode, [*map(str, words), "-f"], standalone_mode=False)
+        assert said_ in str(result.exception)
+
+
+def told(opened: Opened) -> list[str]:
+    decoding = Decoding(opened, Choice())
+    shown = DecodedLines(decoding, Columns(), opened.first_ns or 0)
+    return [line for item in decoding.items() for line in shown.lines(item)]
+
+
+@pytest.mark.parametrize("cut", [7, 100, 4000])
+def test_text_that_comes_in_pieces_is_what_a_file_holds(cut: int, tmp_path: Path) -> None:
+    text = candump_log(healthy_line(3.0).run())
+    description = BusDescription.loads(healthy_line(3.0).start().description_toml)
+    path = tmp_path / "a.log"
+    path.write_bytes(text)
+    pieces = iter([text[at : at + cut] for at in range(0, len(text), cut)])
+
+    def read() -> bytes:
+        return next(pieces, b"")
+
+    session = open_session(path, description=description)
+    live = session.opened_live(LiveReader(path, first_line(read), read))
+    assert told(live) == told(session.opened())

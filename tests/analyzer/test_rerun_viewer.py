@@ -1,16 +1,12 @@
 """The real Rerun viewer on whole captures: what it shows is counted in pixels."""
 
-import importlib.util
-import io
-import sys
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from syncline_analyzer.results import Analysis, NmtStateRow
 from syncline_analyzer.session import Session, open_session
@@ -19,40 +15,22 @@ from syncline_analyzer.views.palette import (
     LINE_COLOURS,
     SEVERITY_COLOURS,
     STATE_COLOURS,
-    Rgb,
 )
 from syncline_analyzer.views.rerun_view import write_rrd
 from syncline_samples.forty_nodes import forty_nodes
 from syncline_samples.generate import mcap_capture
 from tests.analyzer.analysis_builder import SECOND, T0, analysis, capture_row, node_row
+from tests.analyzer.viewer import Shown, shot, tool
 
-ROOT = Path(__file__).parents[2]
-SCREENSHOT_TOOL = ROOT / "../shared/tools/rerun_screenshot.py"
-SAMPLES = ROOT / "samples"
+SAMPLES = Path(__file__).parents[2] / "samples"
+
+__all__ = ["tool"]
 
 OPERATIONAL, LOST = (53, 125, 56), (180, 45, 42)
 """Colours of `STATE_COLOURS` as the viewer shades them in a lane."""
 BAR = (81, 163, 103)
 ERROR, WARNING = SEVERITY_COLOURS["error"], SEVERITY_COLOURS["warning"]
 BLUE = LINE_COLOURS[0]
-
-Picture = NDArray[np.int64]
-
-
-@pytest.fixture(scope="module")
-def tool() -> ModuleType:
-    if not SCREENSHOT_TOOL.exists():
-        pytest.skip("the screenshot tool is not here")
-    spec = importlib.util.spec_from_file_location("rerun_screenshot", SCREENSHOT_TOOL)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["rerun_screenshot"] = module
-    spec.loader.exec_module(module)
-    if not any(Path(icd).exists() for icd in module.LAVAPIPE):
-        pytest.skip("needs the packages libvulkan1 and mesa-vulkan-drivers")
-    return module
-
 
 def sample(name: str) -> Callable[[Path], Path]:
     return lambda folder: SAMPLES / name
@@ -72,26 +50,6 @@ CAPTURES = {
 }
 
 
-@dataclass(frozen=True)
-class Shown:
-    """What the viewer made of a capture at 40 % of its time: pixels, titles, complaints."""
-
-    pixels: Picture
-    views: set[str]
-    problems: list[str]
-
-    def part(self, edges: tuple[float, float, float, float]) -> Picture:
-        """Pixels between left, top, right and bottom, as shares of the window."""
-        height, width, _ = self.pixels.shape
-        left, top, right, bottom = edges
-        rows = slice(int(top * height), int(bottom * height))
-        return self.pixels[rows, int(left * width) : int(right * width)]
-
-    def count(self, colour: Rgb, edges: tuple[float, float, float, float]) -> int:
-        """Pixels of a colour in a part of the window."""
-        return int((np.abs(self.part(edges) - np.array(colour)).max(-1) <= 4).sum())
-
-
 @pytest.fixture(scope="module", params=CAPTURES)
 def opened(
     request: pytest.FixtureRequest, tool: ModuleType, tmp_path_factory: pytest.TempPathFactory
@@ -100,18 +58,6 @@ def opened(
     session: Session = open_session(CAPTURES[request.param](folder))
     path = write_rrd(session.analysis, folder / "session.rrd", session.frames)
     return request.param, shot(tool, path)
-
-
-def shot(tool: ModuleType, path: Path) -> Shown:
-    from PIL import Image
-
-    with tool.Shot(str(path)) as viewer:
-        viewer.seek(None, "40%")
-        png = viewer.settle(quiet=1.0)
-        views = {view["name"] for view in viewer.state()["views"]}
-        problems = viewer.problems()
-    pixels = np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(np.int64)
-    return Shown(pixels, views, problems)
 
 
 LEFT, RIGHT = (0.0, 0.04, 0.62, 1.0), (0.63, 0.04, 1.0, 1.0)

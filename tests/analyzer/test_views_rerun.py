@@ -1,8 +1,5 @@
 """`session.rrd`: what is in it by its chunks, and what the real viewer shows by pixels."""
 
-import importlib.util
-import io
-import sys
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -35,8 +32,9 @@ from tests.analyzer.analysis_builder import (
     usual_states,
 )
 from tests.analyzer.busy_bus import busy_bus
+from tests.analyzer.viewer import Picture, pixels_of, tool
 
-SCREENSHOT_TOOL = Path(__file__).parents[2] / "../shared/tools/rerun_screenshot.py"
+__all__ = ["tool"]
 
 
 def columns(path: Path, entity: str, component: str) -> dict[str, list[Any]]:
@@ -287,24 +285,6 @@ LOST, OPERATIONAL, STOPPED, UNKNOWN = (180, 45, 42), (53, 125, 56), (24, 107, 18
 """Colours of `palette.STATE_COLOURS` as the viewer shades them in a lane."""
 
 
-@pytest.fixture(scope="module")
-def tool() -> ModuleType:
-    if not SCREENSHOT_TOOL.exists():
-        pytest.skip("the screenshot tool is not here")
-    spec = importlib.util.spec_from_file_location("rerun_screenshot", SCREENSHOT_TOOL)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["rerun_screenshot"] = module
-    spec.loader.exec_module(module)
-    if not any(Path(icd).exists() for icd in module.LAVAPIPE):
-        pytest.skip("needs the packages libvulkan1 and mesa-vulkan-drivers")
-    return module
-
-
-Picture = np.ndarray[Any, np.dtype[np.int64]]
-
-
 WHOLE = ""
 
 
@@ -318,12 +298,6 @@ def pictures(tool: ModuleType, shown: Analysis, path: Path, *views: str) -> dict
         found |= {view: pixels_of(shot.maximized(numbers[view])) for view in views}
         assert shot.problems() == []
     return found
-
-
-def pixels_of(png: bytes) -> Picture:
-    from PIL import Image
-
-    return np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(np.int64)
 
 
 def where(pixels: Picture, colour: tuple[int, int, int]) -> tuple[Picture, Picture]:

@@ -52,6 +52,11 @@ class Decoding:
         return self._context.timed
 
     @property
+    def live(self) -> bool:
+        """Whether frames come while they happen."""
+        return self._opened.live
+
+    @property
     def dated(self) -> bool:
         """Whether the stamps are UTC."""
         return time_base(self._opened.facts) == "utc"
@@ -75,7 +80,8 @@ class Decoding:
         """Batches and gaps in the order of the capture."""
         choice, frames = self._choice, 0
         stream = with_deafness(_told_errors(self._opened))
-        for item in joined(stream, timed=self.timed, frames=FRAMES):
+        batches = _single(stream, self.timed) if self._opened.live else None
+        for item in batches or joined(stream, timed=self.timed, frames=FRAMES):
             if isinstance(item, Gap):
                 self._decoder.gap(item)
                 if choice.gap(item.start_ns, item.end_ns):
@@ -87,6 +93,15 @@ class Decoding:
             frames += len(item)
             if progress:
                 progress(frames)
+
+
+def _single(stream: Iterator[Numbered], timed: bool) -> Iterator[IndexedBatch | Gap]:
+    """The stream in batches as they come, none of which waits for the next."""
+    for seq, item in stream:
+        if isinstance(item, Gap):
+            yield item
+        elif len(item):
+            yield IndexedBatch(item, seq, timed=timed)
 
 
 def _told_errors(opened: Opened) -> Iterator[Numbered]:

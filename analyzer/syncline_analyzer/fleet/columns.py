@@ -8,7 +8,7 @@ import json
 import types
 import typing
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
 from operator import attrgetter
 from typing import Any
@@ -88,7 +88,7 @@ def _columns(name: str, hint: Any) -> Iterator[Column]:
         for part in (f.name for f in fields(plain)):
             yield Column(name, f"{name}_{part}", pa.float64(), _part(part))
     elif name in _STORIES:
-        yield Column(name, name, pa.string(), _stories)
+        yield Column(name, name, pa.string(), _jsons)
     elif name == "state_share":
         for state in NmtState:
             column = "share_" + state.lower().replace("-", "_")
@@ -140,11 +140,7 @@ def _hexes(values: Values) -> Values:
 
 
 def _jsons(values: Values) -> Values:
-    return [json.dumps(value, default=_hex, sort_keys=True) for value in values]
-
-
-def _stories(values: Values) -> Values:
-    return _jsons([[asdict(each) for each in value] for value in values])
+    return [_encoded(value) for value in values]
 
 
 def _part(name: str) -> Callable[[Values], Values]:
@@ -157,3 +153,18 @@ def _entry(key: str, missing: float) -> Callable[[Values], Values]:
 
 def _hex(value: Any) -> str:
     return value.hex(" ").upper() if isinstance(value, bytes) else str(value)
+
+
+def _object(value: Any) -> Any:
+    """What JSON writes of what it does not know: rows, bytes, words."""
+    if is_dataclass(value):
+        return {name: getattr(value, name) for name in _names(type(value))}
+    return _hex(value)
+
+
+@cache
+def _names(kind: type) -> tuple[str, ...]:
+    return tuple(f.name for f in fields(kind))
+
+
+_encoded = json.JSONEncoder(default=_object, sort_keys=True).encode

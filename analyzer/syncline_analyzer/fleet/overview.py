@@ -1,5 +1,6 @@
 """The state of a whole fleet: its machines, what was found on them and when, and what they are."""
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date, timedelta
@@ -112,6 +113,10 @@ class Cell(NamedTuple):
     captures: int
 
 
+_UNKNOWN = 1.5
+"""Rank of a machine of which everything failed: before the healthy ones."""
+
+
 @dataclass(frozen=True)
 class Machine:
     """A machine with its captures in order of time, its stories, the gravest first, and failures.
@@ -143,9 +148,10 @@ class Machine:
     @cached_property
     def rank(self) -> tuple[Any, ...]:
         """Order of the machines, the worst first: those that are still in trouble before others."""
-        place = SEVERITIES.index(self.verdict) if self.verdict else len(SEVERITIES)
-        now = self.latest.rank[0] if self.latest else len(SEVERITIES)
-        return place, now, -self.count("error"), -self.count("warning"), -self.failures, self.name
+        place = SEVERITIES.index(self.verdict) if self.verdict else _UNKNOWN
+        now = self.latest.rank[0] if self.latest else _UNKNOWN
+        often = -self.count("error"), -self.count("warning"), -self.failures
+        return place, now, *often, _by_number(self.name)
 
 
 @dataclass(frozen=True)
@@ -254,6 +260,14 @@ def _machines(
         for name in {**by_machine, **failed}
     ]
     return sorted(machines, key=lambda each: each.rank)
+
+
+def _by_number(name: str) -> list[tuple[int, str]]:
+    """Key by which machine 9 comes before machine 10."""
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in _NUMBER.split(name)]
+
+
+_NUMBER = re.compile(r"(\d+)")
 
 
 def _grouped(rows: Iterable[Any]) -> dict[str, list[Any]]:

@@ -20,7 +20,7 @@ from syncline_schemas.errors import SourceError, UsageError
 PATIENCE_S = 300.0
 """So long a scheduler that is lost is waited for."""
 _PAUSE_S = 0.5
-_LOOK_S, _TICK_S = 1.0, 0.02
+_LOOK_S, _TICK_S = 1.0, 0.05
 _PER_WORKER = 2
 """Tasks that a worker has at a time: one that it does, and the next one."""
 _LOST = (CancelledError, FutureCancelled, OSError, TimeoutError)

@@ -307,11 +307,14 @@ def _histograms(analysis: Analysis) -> list[pa.Table]:
 
 def _write(path: Path, table: pa.Table) -> None:
     small = table.num_rows <= _SMALL_ROWS
+    # Through memory: to open a file costs Arrow more than to write these tables.
+    sink = pa.BufferOutputStream()
     pq.write_table(
         table,
-        path,
+        sink,
         compression="snappy" if small else "zstd",
         use_dictionary=not small,
         write_statistics=not small,
         store_schema=False,
     )
+    path.write_bytes(sink.getvalue())

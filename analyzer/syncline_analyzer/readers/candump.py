@@ -8,7 +8,7 @@ from itertools import islice, pairwise
 from pathlib import Path
 
 from syncline_analyzer.capture import CaptureFacts
-from syncline_analyzer.readers.layout import FrameLayout, Span
+from syncline_analyzer.readers.layout import FrameLayout, Span, regular_bytes
 from syncline_analyzer.readers.lines import (
     LineFormat,
     LostFrames,
@@ -23,9 +23,9 @@ from syncline_schemas.batch import FrameFlag
 _HEX = rb"[0-9A-Fa-f]"
 LOG_LINE = re.compile(
     rb"\s*\((?P<s>\d+)\.(?P<f>\d+)\)\s+(?P<bus>\S+)\s+(?P<id>" + _HEX + rb"{1,8})#"
-    rb"(?:\#(?P<fd>" + _HEX + rb")(?P<fd_data>(?:" + _HEX + rb"{2}){0,64})"
+    rb"(?:\#(?P<fd>" + _HEX + rb")(?P<fd_data>(?:" + _HEX + rb"{2}\.?){0,64})"
     rb"|R(?P<remote>[0-9A-Fa-f]?)(?:_" + _HEX + rb")?"
-    rb"|(?P<data>(?:" + _HEX + rb"{2}){0,8})(?:_" + _HEX + rb")?)"
+    rb"|(?P<data>(?:" + _HEX + rb"{2}\.?){0,8})(?:_" + _HEX + rb")?)"
     rb"(?:\s+(?P<way>[RT]))?\s*(?:\s(?:[;#]|//).*)?$"
 )
 SCREEN_LINE = re.compile(
@@ -46,11 +46,11 @@ SCREEN_LINE = re.compile(
 )
 _DROPPED = re.compile(rb"DROPCOUNT: dropped (?P<n>\d+) CAN frames? on '(?P<bus>[^']*)' socket")
 _SCREEN_TIME = re.compile(
-    rb"^[ \t]*\((\d+)\.(\d+)\)[ \t]+\S+[ \t]+(?:[RT]X\s\S+\s\S+\s+)?[0-9A-Fa-f]+\s+[\[{]",
+    rb"^[ \t]*\((\d{1,19})\.(\d+)\)[ \t]+\S+[ \t]+(?:[RT]X\s\S+\s\S+\s+)?[0-9A-Fa-f]+\s+[\[{]",
     re.MULTILINE,
 )
 _ANY_TIME = re.compile(
-    rb"^[ \t]*\(?(?P<t>\d+\.\d+|\d{4}-\d\d-\d\d[ T]\d\d:\d\d:\d\d\.\d+)\)?[ \t]+\S+[ \t]",
+    rb"^[ \t]*\(?(?P<t>\d{1,19}\.\d+|\d{4}-\d\d-\d\d[ T]\d\d:\d\d:\d\d\.\d+)\)?[ \t]+\S+[ \t]",
     re.MULTILINE,
 )
 _BARE_TIME = re.compile(rb"^[ \t]*\d+\.\d+[ \t]+\S+\s+[0-9A-Fa-f]+\s+\[", re.MULTILINE)
@@ -110,23 +110,36 @@ class CandumpFormat(LineFormat):
         return None if plain == line else _odd(self.parse(plain), plain)
 
     def _log_frame(self, found: re.Match[bytes]) -> Parsed:
-        data, fd = found.span("data"), found["fd"]
-        if fd is not None:
-            data = found.span("fd_data")
-        remote = found["remote"]
+        fd, remote = found["fd"], found["remote"]
+        field = "data" if fd is None else "fd_data"
         flags = bit_flags(
             tx=found["way"] == b"T",
             fd=fd is not None,
             brs=fd is not None and bool(int(fd, 16) & 1),
             esi=fd is not None and bool(int(fd, 16) & 2),
         )
-        count = 0 if remote is not None else (data[1] - data[0]) // 2
-        dlc = count
+        # `cansend` takes dots between the bytes; people log as they send.
+        compact = (found[field] or b"").replace(b".", b"")
+        count = dlc = len(compact) // 2
         if remote is not None:
             flags |= FrameFlag.REMOTE
             dlc = min(int(remote or b"0", 16), 8)
         times, digits = decimal_times(found.span("s"), found.span("f"), SECOND_NS)
-        return self._layout(found, flags, dlc, times, digits, data_start=data[0], data_count=count)
+        start, step = regular_bytes(found[field] or b"", count)
+        if count and not step:
+            layout = self._layout(found, flags, dlc, times, digits, data_start=0, data_count=0)
+            return _with_data(layout, found.string, bytes.fromhex(compact.decode()))
+        start += found.start(field)
+        return self._layout(
+            found,
+            flags,
+            dlc,
+            times,
+            digits,
+            data_start=start if count else 0,
+            data_step=step or 2,
+            data_count=count,
+        )
 
     def _screen_frame(self, found: re.Match[bytes]) -> Parsed:
         stated = int(found["n"] or b"8")
@@ -180,8 +193,7 @@ class CandumpFormat(LineFormat):
         layout = self._layout(
             found, flags, len(data), times, digits, data_start=0, data_count=0, t_base_ns=base_ns
         )
-        row = None if layout is None else layout.row(found.string)
-        return None if row is None else OddFrame((*row[:5], data), timed=bool(times))
+        return _with_data(layout, found.string, data)
 
     def _screen_times(self, found: re.Match[bytes]) -> tuple[Times, tuple[Span, ...], int | None]:
         if found["date"] is not None:
@@ -243,6 +255,14 @@ class CandumpFormat(LineFormat):
             digits=digits,
             anything=anything,
         )
+
+
+def _with_data(layout: FrameLayout | None, line: bytes, data: bytes) -> Parsed:
+    """The frame of a line whose data no layout can read."""
+    row = None if layout is None else layout.row(line)
+    if layout is None or row is None:
+        return None
+    return OddFrame((*row[:5], data), timed=bool(layout.times))
 
 
 def _odd_data(found: re.Match[bytes]) -> bytes | None:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,6 +67,22 @@ class NoFrame:
 
 
 Parsed = FrameLayout | OddFrame | LostFrames | NoFrame | None
+
+
+class Lines(Protocol):
+    """Where blocks of whole lines come from."""
+
+    head: bytes
+    """The first part of the text."""
+
+    @property
+    def damage(self) -> str | None:
+        """What is wrong with the source, once it was met."""
+        ...
+
+    def blocks(self) -> Iterator[bytes]:
+        """Blocks of whole lines; only the last may lack its line end."""
+        ...
 
 
 class LineFormat(ABC):
@@ -131,16 +148,20 @@ class TextReader:
         keep_freed_memory()
         source = CaptureSource(self._path)
         try:
-            for item in self._read(LineSource(source, self._block_bytes)):
-                if self.facts.time_base != "none":
-                    self.facts.resolution_ns = self._resolution.step_ns
-                yield item
+            yield from self.batches_of(LineSource(source, self._block_bytes))
         finally:
             source.close()
-        self.facts.damage = self.facts.damage or source.damage
+
+    def batches_of(self, lines: Lines) -> Iterator[FrameBatch | Gap]:
+        """The same of lines from elsewhere, a batch of each block."""
+        for item in self._read(lines):
+            if self.facts.time_base != "none":
+                self.facts.resolution_ns = self._resolution.step_ns
+            yield item
+        self.facts.damage = self.facts.damage or lines.damage
         self._form.finish(self._last_ns)
 
-    def _read(self, lines: LineSource) -> Iterator[FrameBatch | Gap]:
+    def _read(self, lines: Lines) -> Iterator[FrameBatch | Gap]:
         self._form.prepare(lines.head)
         for block in lines.blocks():
             for part in _split(block, self._form.markers):

@@ -32,6 +32,15 @@ class Links:
         return str(text) if to is None else element("a", text, href=to)
 
 
+def many(number: int, noun: str) -> str:
+    """A number of things, of which there may be thousands.
+
+    >>> many(30_000, "capture"), many(1, "machine")
+    ('30,000 captures', '1 machine')
+    """
+    return f"{number:,} {noun}{'' if number == 1 else 's'}"
+
+
 def day(t_ns: int | None) -> str:
     """UTC date of a moment.
 

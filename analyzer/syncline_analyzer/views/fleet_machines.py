@@ -5,11 +5,10 @@ from collections.abc import Iterator, Sequence
 from syncline_analyzer.findings import RULES
 from syncline_analyzer.fleet.captures import HEALTHY
 from syncline_analyzer.fleet.overview import Machine, Overview, Story
-from syncline_analyzer.views.fleet_links import Links, day, since
+from syncline_analyzer.views.fleet_links import Links, day, many, since
 from syncline_analyzer.views.html import Html, element
 from syncline_analyzer.views.report_findings import BADGES
 from syncline_analyzer.views.report_tables import limited
-from syncline_schemas.wording import counted
 
 FIRST_CARDS = 8
 MAX_CARDS = 200
@@ -34,11 +33,11 @@ def machines_part(found: Overview, links: Links, cards: dict[str, str]) -> Itera
     yield element("ol", *listed[:FIRST_CARDS], class_="stories")
     if rest := listed[FIRST_CARDS:]:
         more = element("ol", *rest, class_="stories", start=FIRST_CARDS + 1)
-        summary = element("summary", f"{counted(len(rest), 'more machine')} in trouble")
+        summary = element("summary", f"{many(len(rest), 'more machine')} in trouble")
         yield element("details", summary, more, class_="rest")
     troubled = sum(any(map(_is_grave, each.stories)) for each in found.machines)
     if left := troubled - len(told):
-        yield element("p", f"{counted(left, 'more machine')} only in the map.", class_="dim")
+        yield element("p", f"{many(left, 'more machine')} only in the map.", class_="dim")
 
 
 def _is_grave(story: Story) -> bool:
@@ -71,7 +70,7 @@ def _state(machine: Machine, links: Links) -> Html:
         for severity in ("error", "warning")
         if machine.count(severity)
     ]
-    captures = counted(len(machine.captures), "capture")
+    captures = many(len(machine.captures), "capture")
     told = f" ({day(latest.begun_ns)}). Of {captures} {' and '.join(counts)}."
     return element("span", "Latest: ", links.link(now, latest.capture_id), told)
 
@@ -79,7 +78,7 @@ def _state(machine: Machine, links: Links) -> Html:
 def _story(story: Story, machine: Machine, links: Links) -> Html:
     badge = element("span", BADGES[story.severity], class_=f"badge {story.severity}")
     often = (
-        f"{counted(story.findings, 'time')} in {story.captures} of {len(machine.captures)} captures"
+        f"{many(story.findings, 'time')} in {story.captures} of {len(machine.captures)} captures"
     )
     where = [element("code", story.id), " ", links.link("latest", story.last_capture)]
     if story.first_capture != story.last_capture:

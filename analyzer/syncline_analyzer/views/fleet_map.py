@@ -2,13 +2,13 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby
+from typing import NamedTuple
 
 from syncline_analyzer.fleet.captures import HEALTHY
 from syncline_analyzer.fleet.layout import UNDATED
 from syncline_analyzer.fleet.overview import SEVERITIES, Cell, Machine, Overview, column_of
-from syncline_analyzer.views.fleet_links import Links
+from syncline_analyzer.views.fleet_links import Links, many
 from syncline_analyzer.views.html import Html, element, joined
-from syncline_schemas.wording import counted
 
 FIRST_ROWS = 40
 """Machines that are seen at once; the others open on a click."""
@@ -21,14 +21,15 @@ _BAR = 100
 _SPACE = 0.15
 
 
-def map_part(found: Overview, links: Links, cards: Mapping[str, str]) -> Iterator[Html]:
-    """Captures by day, then the map.
+class Anchors(NamedTuple):
+    """Where else the page tells of a machine, by its name: its card, and its first trend."""
 
-    Args:
-        found: the fleet.
-        links: to the captures' reports.
-        cards: by machine, what on the page tells of it.
-    """
+    cards: Mapping[str, str]
+    trends: Mapping[str, str]
+
+
+def map_part(found: Overview, links: Links, anchors: Anchors) -> Iterator[Html]:
+    """Captures by day, then the map."""
     shown = found.machines[:MAX_ROWS]
     yield _days(found)
     yield _legend(found, links)
@@ -36,15 +37,15 @@ def map_part(found: Overview, links: Links, cards: Mapping[str, str]) -> Iterato
         yield _filter(found)
     # What the script says of the cell at the pointer or the focus.
     yield element("output", id="cell", class_="dim")
-    yield _table(found, shown[:FIRST_ROWS], links, cards, "The worst of each machine by time")
+    yield _table(found, shown[:FIRST_ROWS], links, anchors, "The worst of each machine by time")
     if rest := shown[FIRST_ROWS:]:
-        told = element("summary", counted(len(rest), "more machine"))
-        table = _table(found, rest, links, cards, "Further machines by time")
+        told = element("summary", many(len(rest), "more machine"))
+        table = _table(found, rest, links, anchors, "Further machines by time")
         yield element("details", told, table, class_="rest map-rest")
     if left := len(found.machines) - len(shown):
         yield element(
             "p",
-            f"{counted(left, 'more machine')}, none of them worse than these, left out here;"
+            f"{many(left, 'more machine')}, none of them worse than these, left out here;"
             " 'syncline fleet report --machine NAME' shows some alone.",
             class_="dim",
         )
@@ -52,9 +53,9 @@ def map_part(found: Overview, links: Links, cards: Mapping[str, str]) -> Iterato
 
 def _legend(found: Overview, links: Links) -> Html:
     told = [
-        element("i", "E2", class_="e"), " errors, 2 of them ",
-        element("i", "W1", class_="w"), " warnings ",
-        element("i", _TICK, class_="h"), " healthy; blank: nothing recorded. ",
+        element("i", "E2", class_="e"), " two errors, ",
+        element("i", "W1", class_="w"), " one warning, ",
+        element("i", _TICK, class_="h"), " healthy, blank: nothing recorded. ",
     ]  # fmt: skip
     if found.every != "day":
         told.append(f"A column is a {found.every}. ")
@@ -93,10 +94,10 @@ def _table(
     found: Overview,
     machines: Sequence[Machine],
     links: Links,
-    cards: Mapping[str, str],
+    anchors: Anchors,
     caption: str,
 ) -> Html:
-    rows = (_row(found, machine, links, cards) for machine in machines)
+    rows = (_row(found, machine, links, anchors) for machine in machines)
     whole = element(
         "table",
         element("caption", caption),
@@ -125,14 +126,15 @@ def _head(column: str) -> Html:
     return element("th", short, scope="col", data_day=column)
 
 
-def _row(found: Overview, machine: Machine, links: Links, cards: Mapping[str, str]) -> Html:
+def _row(found: Overview, machine: Machine, links: Links, anchors: Anchors) -> Html:
     cells = found.cells(machine)
-    card = cards.get(machine.name)
+    card, trend = anchors.cards.get(machine.name), anchors.trends.get(machine.name)
     name = element("a", machine.name, href=f"#{card}") if card else machine.name
+    drifts = element("small", " ", element("a", "trend", href=f"#{trend}")) if trend else None
     failed = element("small", f" {machine.failures} failed") if machine.failures else None
     return element(
         "tr",
-        element("th", name, failed, scope="row"),
+        element("th", name, drifts, failed, scope="row"),
         *(_cell(cells.get(column), links) for column in found.columns),
         data_verdict=machine.verdict,
         data_name=machine.name,
@@ -168,7 +170,7 @@ def _days(found: Overview) -> Html:
             high = _BAR * of.get(verdict, 0) / most
             if not high:
                 continue
-            told = f"{column}: {counted(of[verdict], 'capture')} {_WORDS[verdict]}"
+            told = f"{column}: {many(of[verdict], 'capture')} {_WORDS[verdict]}"
             bar = element(
                 "rect",
                 x=f"{place + _SPACE:.3g}",

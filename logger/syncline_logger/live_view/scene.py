@@ -1,6 +1,6 @@
 """From frames to what the live view shows: states, EMCYs, decoded values, bus load."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -11,13 +11,13 @@ from syncline_logger.bus_condition import BusCondition
 from syncline_logger.decoding import LiveDecoder
 from syncline_logger.live_status import LiveStatus
 from syncline_logger.live_view.taken import Begun, Taken
+from syncline_logger.pdo_values import PdoValues
 from syncline_logger.triggers.event import Event
 from syncline_schemas.batch import FrameBatch, FrameFlag
 from syncline_schemas.canopen import nmt
 from syncline_schemas.canopen.emcy import EMCY_BYTES
 from syncline_schemas.canopen.nmt import RESETS, STATE_OF_BYTE, NmtState
 from syncline_schemas.canopen.services import Service, service_of
-from syncline_schemas.decoder.pdo import PdoColumn
 from syncline_schemas.devices.model import Quirks, emcy_meaning, quirks, register_bits
 
 LOOK_NS = 500_000_000
@@ -231,21 +231,15 @@ class _Columns:
         self._known: set[tuple[int, int, str]] = set()
         self.shown = Shown()
 
-    def update(
-        self,
-        bus: int,
-        bus_name: str,
-        node: int,
-        columns: Sequence[PdoColumn],
-        t_ns: Int64s,
-        log_ns: Int64s,
-    ) -> tuple[list[Event], list[str]]:
-        """Show the columns of one PDO; there are no events and no problems."""
-        for column in columns:
-            key = (bus, node, column.entry.name)
+    def update(self, values: PdoValues) -> tuple[list[Event], list[str]]:
+        """Show the values of one PDO; there are no events and no problems."""
+        who = self._scene.node(values.bus, values.node)
+        for column in values.columns:
+            entry = column.entry
+            key = (values.bus, values.node, entry.name)
             if key not in self._known and len(self._known) >= MAX_SIGNALS:
                 continue
             self._known.add(key)
-            entry, who = column.entry, self._scene.node(bus, node)
-            self.shown.signals.append(SignalRows(who, entry.name, entry.unit, t_ns, column.value))
+            rows = SignalRows(who, entry.name, entry.unit, values.t_ns, column.value)
+            self.shown.signals.append(rows)
         return [], []

@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from syncline_logger.pdo_values import PdoValues
 from syncline_logger.triggers.conditions import Condition, ValueTest
 from syncline_logger.triggers.event import Event
 from syncline_schemas.decoder import MappedObject
-from syncline_schemas.decoder.pdo import PdoColumn
 
 _COMPARE = {">": np.greater, "<": np.less, ">=": np.greater_equal, "<=": np.less_equal}
 Numbers = NDArray[np.int64] | NDArray[np.uint64] | NDArray[np.float64]
@@ -26,39 +26,27 @@ class ValueWatch:
     _beyond: dict[tuple[str, int, int], bool] = field(default_factory=dict)
     _told: set[str] = field(default_factory=set)
 
-    def watches(self, node: int, bus_name: str) -> bool:
-        """Whether any condition is about this node."""
-        return any(self._concerns(each, node, bus_name) for each in self.conditions)
-
-    def update(
-        self,
-        bus: int,
-        bus_name: str,
-        node: int,
-        columns: Sequence[PdoColumn],
-        t_ns: NDArray[np.int64],
-        log_ns: NDArray[np.int64],
-    ) -> tuple[list[Event], list[str]]:
-        """Events of the columns of one PDO, and words on conditions that can never be met."""
+    def update(self, pdo: PdoValues) -> tuple[list[Event], list[str]]:
+        """Events of the values of one PDO, and words on conditions that can never be met."""
         events: list[Event] = []
         problems: list[str] = []
         for condition in self.conditions:
             test = condition.value
-            if test is None or not self._concerns(condition, node, bus_name):
+            if test is None or not self._concerns(condition, pdo.node, pdo.bus_name):
                 continue
-            for column in columns:
+            for column in pdo.columns:
                 if not _names(test, column.entry):
                     continue
                 if not _fits(test, column.entry):
                     problems += self._once(condition.word, column.entry)
                     continue
                 values = column.raw if test.raw else column.value
-                found = self._crossed(condition, test, bus, node, values)
+                found = self._crossed(condition, test, pdo.bus, pdo.node, values)
                 if found is not None:
                     value = f"{float(values[found]):g} {column.entry.unit if not test.raw else ''}"
-                    text = f"node {node}: {column.entry.name} is {value.strip()} ({condition.word})"
-                    at, taken = int(t_ns[found]), int(log_ns[found])
-                    events.append(Event("value", at, taken, text, bus, node, condition.word))
+                    text = f"node {pdo.node}: {column.entry.name} is {value.strip()} ({condition.word})"
+                    at, taken = int(pdo.t_ns[found]), int(pdo.log_ns[found])
+                    events.append(Event("value", at, taken, text, pdo.bus, pdo.node, condition.word))
         return events, problems
 
     def _crossed(

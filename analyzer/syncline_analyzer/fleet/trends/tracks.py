@@ -226,7 +226,7 @@ def _members(track: "pd.Series[int]") -> list[Ints]:
 
 def _switches(told: "pd.Series[str]", track: "pd.Series[int]") -> Bools:
     """Rows that tell another thing than the last row of their track that told any; (rows,)."""
-    before = told.groupby(track).transform(lambda each: each.ffill().shift())
+    before = told.groupby(track).ffill().groupby(track).shift()
     return (told.notna() & before.notna() & (told != before)).to_numpy()
 
 
@@ -235,25 +235,22 @@ def _other_lengths(rows: "pd.DataFrame", track: "pd.Series[int]") -> Bools:
     found = np.zeros(len(rows), np.bool_)
     length = np.log(np.maximum(rows["duration_ns"].to_numpy(np.float64), 1.0))
     for members in _members(track):
-        of = length[members]
-        if len(of) >= 2 * MIN_SIDE and np.ptp(of) >= np.log(_OTHER_LENGTH):
-            at = _cut(of)
-            if at:
-                found[members[at]] = True
+        at = _cut(length[members])
+        if at:
+            found[members[at]] = True
     return found
 
 
 def _cut(lengths: Floats) -> int:
     """Where lengths (logarithms) become others for good; 0 where they do not."""
-    sides = range(3, len(lengths) - 2)
-    costs = [_off(lengths[:at]) + _off(lengths[at:]) for at in sides]
-    at = sides[int(np.argmin(costs))]
+    if len(lengths) < 2 * MIN_SIDE or np.ptp(lengths) < np.log(_OTHER_LENGTH):
+        return 0
+    place = np.arange(3, len(lengths) - 2)
+    early = lengths.cumsum()[place - 1]
+    mean_early, mean_late = early / place, (lengths.sum() - early) / (len(lengths) - place)
+    at = int(place[np.argmax((mean_late - mean_early) ** 2 * place * (len(lengths) - place))])
     before, after = lengths[:at], lengths[at:]
-    difference = np.median(after) - np.median(before)
+    difference = float(np.median(after) - np.median(before))
     apart = np.sign(after[:, None] - before) == np.sign(difference)
     other = abs(difference) >= np.log(_OTHER_LENGTH) and apart.mean() >= SEPARATION
     return at if other else 0
-
-
-def _off(values: Floats) -> float:
-    return float(np.abs(values - np.median(values)).sum())

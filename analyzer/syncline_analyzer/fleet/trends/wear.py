@@ -11,6 +11,7 @@ from syncline_analyzer.fleet.trends.tracks import DAY_NS, Tracks
 from syncline_analyzer.fleet.trends.trend import Trend
 
 _LEAST_READINGS, _LEAST_DAYS = 4, 7.0
+_LAST = 7
 _RATED = re.compile(r"rated for at least ([\d ]+)")
 
 
@@ -32,8 +33,10 @@ def _wear(tracks: Tracks, number: int) -> Trend | None:
     if days[-1] < _LEAST_DAYS:
         return None
     half = int(np.searchsorted(days, days[-1] / 2))
-    # A burst, when a machine was set up, is no pace: the slower of the whole and of the later half.
-    pace = min(_pace(reading, days, 0), _pace(reading, days, half))
+    # A burst, when a machine was set up, is no pace: of the whole and of the later half the slower,
+    # or what is usual between the last readings, where the pace has just become another one.
+    usual = float(np.median((np.diff(reading) / np.diff(days))[-_LAST:]))
+    pace = max(usual, min(_pace(reading, days, 0), _pace(reading, days, half)))
     device = tracks.labels[number].device
     rated, told = rated_writes(device)
     left = rated - float(reading[-1])

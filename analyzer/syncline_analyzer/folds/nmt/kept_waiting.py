@@ -46,8 +46,6 @@ _MAX_KEPT = 10_000
 """Kept for each node."""
 _SHORT = 0x7FF
 """Identifiers up to here are counted without being sorted."""
-_FEW = 200
-"""So many frames are summed up one by one."""
 _AHEAD = 3
 """Identifiers that are named."""
 _CUT_NS = 10_000_000
@@ -366,12 +364,6 @@ def _overdue(state: _Bus, node: int, t_ns: Ints) -> tuple[Ints, Bools]:
 
 def _longest(can_id: Ints, wire_ns: Floats) -> tuple[int, ...]:
     """The identifiers that took most of the time."""
-    if len(can_id) <= _FEW:
-        # A sum by identifier costs numpy as much as the walk over a hundred frames.
-        sums: dict[int, float] = {}
-        for each, ns in zip(can_id.tolist(), wire_ns.tolist(), strict=True):
-            sums[each] = sums.get(each, 0.0) + ns
-        return tuple(sorted(sums, key=lambda each: (-sums[each], each))[:_AHEAD])
     if int(can_id.max(initial=0)) <= _SHORT:
         keys = np.flatnonzero(np.bincount(can_id))
         took = np.bincount(can_id, wire_ns).take(keys)

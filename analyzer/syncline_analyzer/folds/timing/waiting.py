@@ -179,10 +179,10 @@ class Arbitration:
         return np.maximum.accumulate(np.where(self.idle, np.arange(len(self.idle)), -1))
 
     @cached_property
-    def _steps_back(self) -> Ints:
-        """(n,) how often the stamps stepped back up to each row."""
+    def _steps_back(self) -> Ints | None:
+        """(n,) how often the stamps stepped back up to each row, None where they never do."""
         back = self._apart_ns < -(self.slack_ns + _IDLE_BITS * self.bit_ns)
-        return np.cumsum(back)
+        return np.cumsum(back) if back.any() else None
 
     @cached_property
     def _proves(self) -> Bools:
@@ -226,9 +226,9 @@ class Arbitration:
         first[untold] = sync_rows.take(untold) + 1
         waiting[free] = 0.0
         known = np.ones(len(rows), np.bool_)
-        if self._steps_back[-1:].any():
-            steps = np.where(sync_rows >= 0, self._steps_back[sync_rows], 0)
-            known = self._steps_back[rows] == steps
+        back = self._steps_back
+        if back is not None:
+            known = back[rows] == np.where(sync_rows >= 0, back[sync_rows], 0)
         earliest -= synced
         return Ready(
             np.maximum(earliest, 0.0, out=earliest),

@@ -331,7 +331,6 @@ class Waits:
         late.last_ns = int(t_ns[-1])
 
     def _add_worst(self, block: BusBlock, answers: Answers) -> None:
-        known = np.flatnonzero(answers.ready.known)
         responses = answers.response_ns
         for column, most, kept, key in (
             (responses, np.maximum.reduce(responses), self.slowest, "response_us"),
@@ -340,15 +339,13 @@ class Waits:
             least = getattr(kept[-1].row, key) * 1000 if len(kept) == WORST else 0.0
             if not float(most) > least:
                 continue
-            column = column[known].astype(np.float64)
             better = np.flatnonzero(column > least)
-            if not len(better):
-                continue
-            order = np.argsort(-column[better], kind="stable")[:WORST]
+            better = better[answers.ready.known[better]]
+            better = better[np.argsort(-column[better], kind="stable")[:WORST]]
             made = {each.row.seq: each for each in (*self.slowest, *self.longest)}
             before = [getattr(each.row, key) for each in kept]
-            for place, at in enumerate(known[better[order]].tolist()):
-                value = float(column[better[order[place]]]) / 1000
+            for place, at in enumerate(better.tolist()):
+                value = float(column[at]) / 1000
                 if place + sum(each >= value for each in before) >= WORST:
                     break
                 worst = made.get(int(block.seq[answers.rows[at]]))

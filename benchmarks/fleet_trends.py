@@ -59,7 +59,11 @@ class Score:
         return self.found.total() / self.planted.total() if self.planted.total() else 1.0
 
     def add(
-        self, truths: Sequence[Truth], lures: Sequence[Lure], told: Sequence[TrendFinding]
+        self,
+        truths: Sequence[Truth],
+        lures: Sequence[Lure],
+        told: Sequence[TrendFinding],
+        either: Sequence[Truth] = (),
     ) -> None:
         """Count one run."""
         for truth in truths:
@@ -69,6 +73,8 @@ class Score:
             else:
                 self.missed.append(truth)
         for row in told:
+            if any(_is(truth, row) for truth in either):
+                continue
             kind = KINDS[row.id] + (" of fleet" if row.machine is None else "")
             self.told[kind] += 1
             if any(_is(truth, row) for truth in truths):
@@ -174,7 +180,7 @@ def main(arguments: Iterable[str] | None = None) -> None:
         told = tell(weeks)
         judged_s += time.perf_counter() - start_s
         silent += not told
-        score.add(weeks.truths, weeks.lures, told)
+        score.add(weeks.truths, weeks.lures, told, weeks.either)
     for line in report(score):
         print(line)
     print(f"{silent} of {len(args.seed)} fleets with nothing told")

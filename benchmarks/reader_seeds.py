@@ -27,30 +27,9 @@ from syncline_schemas.capture.message import MessageBlock, schema_of
 from syncline_schemas.capture.writer import CaptureWriter
 from syncline_schemas.devices.catalog import load_device
 from syncline_schemas.proto import syncline_pb2
-from tests.analyzer.binary_files import (
-    pcap,
-    pcap_big,
-    pcapng,
-    pcapng_big,
-    python_can_blf,
-    ros2,
-    ros2_fd,
-    sll,
-    sll2,
-)
+from tests.analyzer import binary_files, text_files
 from tests.analyzer.log_frames import FRAMES
 from tests.analyzer.mf4_files import kind_of, mf4
-from tests.analyzer.text_files import (
-    asc,
-    busmaster,
-    candump,
-    german_csv,
-    gvret,
-    ixxat,
-    kvaser,
-    screen,
-    trc,
-)
 from tests.schemas.test_xdd import XDC
 
 _LOBJ_BYTES = 16
@@ -163,27 +142,46 @@ def eds() -> bytes:
 
 
 SEEDS: dict[str, tuple[Callable[[], bytes], ...]] = {
-    "candump": (lambda: candump(FRAMES), lambda: screen(FRAMES), lambda: _SCREEN_DELTA),
-    "asc": (lambda: asc(FRAMES), lambda: _ASC_RELATIVE),
-    "trc": (lambda: trc(FRAMES), lambda: _TRC_10),
-    "ixxat": (lambda: ixxat(FRAMES),),
-    "kvaser": (lambda: kvaser(FRAMES),),
-    "busmaster": (lambda: busmaster(FRAMES),),
-    "csv": (lambda: german_csv(FRAMES), lambda: gvret(FRAMES)),
-    "pcap": tuple(lambda f=f: f(FRAMES) for f in (pcap, pcap_big, sll, sll2)),  # type: ignore[misc]
-    "pcapng": (lambda: pcapng(FRAMES), lambda: pcapng_big(FRAMES)),
-    "blf": (lambda: python_can_blf(FRAMES), lambda: _bare_blf(python_can_blf(FRAMES))),
+    "candump": (
+        lambda: text_files.candump(FRAMES),
+        lambda: text_files.screen(FRAMES),
+        lambda: _SCREEN_DELTA,
+    ),
+    "asc": (lambda: text_files.asc(FRAMES), lambda: _ASC_RELATIVE),
+    "trc": (lambda: text_files.trc(FRAMES), lambda: _TRC_10),
+    "ixxat": (lambda: text_files.ixxat(FRAMES),),
+    "kvaser": (lambda: text_files.kvaser(FRAMES),),
+    "busmaster": (lambda: text_files.busmaster(FRAMES),),
+    "csv": (
+        lambda: text_files.german_csv(FRAMES),
+        lambda: text_files.gvret(FRAMES),
+        lambda: text_files.cantest(FRAMES),
+        lambda: text_files.bare(FRAMES),
+    ),
+    "canhacker": (lambda: text_files.canhacker(FRAMES),),
+    "clx": (lambda: text_files.clx(FRAMES),),
+    "pcap": (
+        lambda: binary_files.pcap(FRAMES),
+        lambda: binary_files.pcap_big(FRAMES),
+        lambda: binary_files.sll(FRAMES),
+        lambda: binary_files.sll2(FRAMES),
+    ),
+    "pcapng": (lambda: binary_files.pcapng(FRAMES), lambda: binary_files.pcapng_big(FRAMES)),
+    "blf": (
+        lambda: binary_files.python_can_blf(FRAMES),
+        lambda: _bare_blf(binary_files.python_can_blf(FRAMES)),
+    ),
     "mcap": (capture, lambda: capture("none"), lambda: capture("lz4"), lambda: _bare(capture())),
     "ros2": (
-        lambda: ros2(FRAMES),
-        lambda: _bare(ros2(FRAMES)),
-        lambda: ros2_fd(FRAMES),
-        lambda: _bare(ros2_fd(FRAMES)),
+        lambda: binary_files.ros2(FRAMES),
+        lambda: _bare(binary_files.ros2(FRAMES)),
+        lambda: binary_files.ros2_fd(FRAMES),
+        lambda: _bare(binary_files.ros2_fd(FRAMES)),
     ),
     "mf4": (lambda: mf4(FRAMES), _mf4_by_bus),
     "packed": (
-        lambda: gzip.compress(candump(FRAMES), mtime=0),
-        lambda: zstandard.compress(asc(FRAMES)),
+        lambda: gzip.compress(text_files.candump(FRAMES), mtime=0),
+        lambda: zstandard.compress(text_files.asc(FRAMES)),
         lambda: gzip.compress(_bare(capture()), mtime=0),
     ),
     "bundle": (bundle,),

@@ -102,7 +102,7 @@ def view(ctx: click.Context, web: bool, **selection: Unpack[Selection]) -> None:
             if line:
                 line.say("drawing the session")
             recording = Path(folder, "session.rrd")
-            write_rrd(session.analysis, recording, session.frames)
+            write_rrd(session.analysis, recording, session.frames, decode=session.decoding)
         ctx.exit(show(recording, web=web))
 
 
@@ -203,7 +203,7 @@ def _write(session: "Session", folder: Path) -> None:
     with progress_line() as line:
         if line:
             line.say("writing the report, the session and the tables")
-        write_all(session.analysis, folder, session.frames)
+        write_all(session.analysis, folder, session.frames, session.decoding)
     click.echo(f"Wrote {folder / 'report.html'}, session.rrd, findings.json and tables.", err=True)
 
 

@@ -20,6 +20,7 @@ _FIRST_KEY = 1023 << _MANTISSA_BITS
 _COARSE_BINS = 50 << _MANTISSA_BITS
 
 Floats = NDArray[np.float64]
+Values = Floats | NDArray[np.int64]
 _NO_VALUES = np.zeros(0)
 _NO_LIMITS = float("inf"), float("-inf")
 _CANCELLED = 1e-6
@@ -44,16 +45,14 @@ class Distribution:
         self._mean = 0.0
         self._squares = 0.0
         """Sum of the squares of the distances from the mean."""
-        self._waiting: list[Floats | NDArray[np.int64]] = []
+        self._waiting: list[Values] = []
         """All values while there are few of them, then those that are not in the bins yet."""
         self._held = 0
         self._bins: _Bins | None = None
         self._known: dict[float, float] = {}
         """Quantiles that were asked for since the last values."""
 
-    def add(
-        self, values: NDArray[np.int64] | Floats, limits: tuple[float, float] | None = None
-    ) -> None:
+    def add(self, values: Values, limits: tuple[float, float] | None = None) -> None:
         """Take in values; negative ones must have been left out.
 
         `limits` are the least and the largest of them, where they are known.
@@ -191,10 +190,10 @@ class Distribution:
         inside = np.clip(value, self.minimum, self.maximum)
         return np.histogram(inside, edges, weights=weight)[0].astype(np.int64), edges
 
-    def _exact(self) -> Floats | NDArray[np.int64]:
+    def _exact(self) -> Values:
         """All values that wait, in one array."""
         if len(self._waiting) > 1:
-            self._waiting = [np.concatenate(self._waiting)]
+            self._waiting = [np.concatenate(self._waiting, dtype=np.float64)]
         return self._waiting[0]
 
     def _settled(self) -> "_Bins | None":
@@ -209,7 +208,7 @@ class Distribution:
         self._waiting, self._held, self._fresh = [], 0, _NO_LIMITS
         if self._bins is None:
             self._bins = _Bins(new)
-        above: Floats = new - self._bins.low
+        above = np.subtract(new, self._bins.low, dtype=np.float64)
         if self._moments:
             self._add_moments(self._bins.low, above)
         self._bins.add(new, above, low, high)
@@ -236,7 +235,7 @@ def _told(value: float, resolution_ns: int, unit_ns: float) -> float | None:
     return value / unit_ns if value >= resolution_ns else None
 
 
-def quantile_of(values: NDArray[np.int64] | Floats, share: float) -> float:
+def quantile_of(values: Values, share: float) -> float:
     """What `np.quantile` tells by linear interpolation, without the checks that take it long."""
     at = (len(values) - 1) * share
     low = int(at)
@@ -268,7 +267,7 @@ def _tail(edge: float, end: float, width: float) -> list[float]:
 class _Bins:
     """Counts in fine bins where most of the first values lie, in coarse ones elsewhere."""
 
-    def __init__(self, first: Floats | NDArray[np.int64]) -> None:
+    def __init__(self, first: Values) -> None:
         low, high = quantile_of(first, 0.01), quantile_of(first, 0.99)
         margin = max(high - low, 1.0)
         top = high + margin
@@ -281,9 +280,7 @@ class _Bins:
         self._cumulated: tuple[Floats, NDArray[np.int64]] | None = None
         """Middles of the bins, and how many values lie up to each, while nothing is added."""
 
-    def add(
-        self, values: Floats | NDArray[np.int64], above: Floats, low: float, high: float
-    ) -> None:
+    def add(self, values: Values, above: Floats, low: float, high: float) -> None:
         """Take in values between `low` and `high`; (n,) `above` the first bin, which is used up."""
         self._cumulated = None
         place = np.divide(above, self._width, out=above)
@@ -327,7 +324,7 @@ class _Bins:
         return middles
 
 
-def _coarse_keys(values: Floats | NDArray[np.int64]) -> NDArray[np.int64]:
+def _coarse_keys(values: Values) -> NDArray[np.int64]:
     """Bin of each value: exponent and leading mantissa bits of value + 1."""
     keys: NDArray[np.int64] = ((values + 1.0).view(np.int64) >> _SHIFT) - _FIRST_KEY
     return np.clip(keys, 0, _COARSE_BINS - 1)

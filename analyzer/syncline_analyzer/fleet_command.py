@@ -7,6 +7,7 @@ import click
 
 from syncline_analyzer.fleet_look_command import report, view
 from syncline_analyzer.fleet_options import STORAGE, fleet_extra, storage_options
+from syncline_analyzer.fleet_trends_command import trends
 from syncline_schemas.errors import UsageError
 from syncline_schemas.wording import counted
 
@@ -29,6 +30,7 @@ def fleet() -> None:
 
 fleet.add_command(view)
 fleet.add_command(report)
+fleet.add_command(trends)
 
 
 @fleet.command(

@@ -37,7 +37,12 @@ def main(arguments: list[str] | None = None) -> int:
     except SynclineError as error:
         sys.stderr.write(f"syncline: {error}\n")
         return _FAILED if path.suffix.lower() == ".mcap" else INCOMPATIBLE
-    write_recording(analysis, lambda recording, layout: recording.stdout(layout), session.frames)
+    write_recording(
+        analysis,
+        lambda recording, layout: recording.stdout(layout),
+        session.frames,
+        decode=session.decoding,
+    )
     return 0
 
 

@@ -75,17 +75,31 @@ class Thinner:
         """Thin the whole runs of what waits."""
         if not self._waiting:
             return
-        rows = _joined(self._waiting)
-        whole = self._waits
-        if self.stride > 1:
-            whole -= whole % (2 * self.stride)
-            self._blocks.append(_thin(_part(rows, slice(0, whole)), self._key, 2 * self.stride))
-        else:
-            self._blocks.append(rows)
-        self._waits -= whole
-        # A copy: what waits must not hold on to the rest.
-        left = {name: column[whole:].copy() for name, column in rows.items()}
-        self._waiting = [left] if self._waits else []
+        waiting, count = self._waiting, self._waits
+        if self.stride == 1:
+            self._waiting, self._waits = [], 0
+            self._blocks.append(_joined(waiting))
+            return
+        run = 2 * self.stride
+        whole = count - count % run
+        # Of the other columns only the rows that stay are looked at.
+        key = np.concatenate([_column(block, self._key) for block in waiting])[:whole]
+        kept = extreme_rows(key.astype(np.float64, copy=False), run)
+        self._blocks.append(_rows_of(waiting, kept))
+        self._waits = count - whole
+        self._waiting = [_rows_of(waiting, np.arange(whole, count))] if self._waits else []
+
+
+def _rows_of(blocks: list[Columns], rows: NDArray[np.intp]) -> Columns:
+    """A copy of some rows of several blocks, ascending and counted through all of them."""
+    parts, start = [], 0
+    for block in blocks:
+        stop = start + len(next(iter(block.values())))
+        first, last = rows.searchsorted((start, stop))
+        own = rows[first:last] - start
+        parts.append({name: column[own] for name, column in block.items()})
+        start = stop
+    return _joined(parts)
 
 
 def _part(columns: Columns, rows: slice) -> Columns:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from syncline_analyzer.capture import CaptureFacts, CaptureReader
+    from syncline_analyzer.decode.stream import Decoding
     from syncline_analyzer.engine import Progress
     from syncline_analyzer.opened import Opened
     from syncline_analyzer.results import Analysis
@@ -178,6 +179,13 @@ class Session:
             high_ns=stretch.high_ns,
             stream=captures.numbered(EVERYTHING),
         )
+
+    def decoding(self) -> Decoding:
+        """The frames of the session in words, for one pass."""
+        from syncline_analyzer.decode.choice import Choice
+        from syncline_analyzer.decode.stream import Decoding
+
+        return Decoding(self.opened(), Choice())
 
     def opened_live(self, reader: CaptureReader) -> Opened:
         """A log that is still being written, for one pass over its frames as they come."""

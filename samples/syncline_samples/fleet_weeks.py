@@ -65,6 +65,8 @@ class Weeks:
     rows: dict[str, list[Row]] = field(default_factory=dict)
     truths: list[Truth] = field(default_factory=list)
     lures: list[Lure] = field(default_factory=list)
+    either: list[Truth] = field(default_factory=list)
+    """What is so near the least size that it may be told or not."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -269,7 +271,8 @@ def _plant(
         sides = (len(set(machine.day[machine.day < at])), len(set(machine.day[machine.day >= at])))
         if min(sides) < 6:
             return np.zeros(len(day))
-        weeks.truths.append(Truth("step", of.quantity, machine.name, of.node, at, size))
+        first_seen = int(machine.day[machine.day >= at].min())
+        weeks.truths.append(Truth("step", of.quantity, machine.name, of.node, first_seen, size))
         return np.where(day >= at, size, 0.0)
     begin = int(rng.integers(5, days // 2)) if rng.random() < 0.33 else 0
     seen = set(machine.day.tolist())
@@ -412,12 +415,12 @@ def _wear_rows(
             per_day += np.where(np.arange(days) >= at, rng.poisson(more, days), 0.0)
             weeks.truths.append(Truth("rate", "eeprom-wear", machine.name, 3, at, more))
             left = 100_000 - start - per_day.sum()
-            if left / (more + pace) < 330:
-                weeks.truths.append(Truth("wear", "eeprom-wear", machine.name, 3, 0, more))
+            _worn(weeks, machine.name, left / (more + pace), more)
     elif chance < 6 * planted:
         steady = float(rng.uniform(350, 900))
         per_day += rng.poisson(steady, days)
-        weeks.truths.append(Truth("wear", "eeprom-wear", machine.name, 3, 0, steady))
+        left = 100_000 - start - per_day.sum()
+        _worn(weeks, machine.name, left / (steady + pace), steady)
     elif chance < 6 * planted + lured:
         weeks.lures.append(Lure("parameters set once", "eeprom-wear", machine.name, 3))
         per_day[int(rng.integers(0, days))] += 500
@@ -439,6 +442,15 @@ def _wear_rows(
             weeks, machine, number, "eeprom-wear", 3, "EEPROM writes",
             amount=amount, over=over, reading=float(reading[number]),
         )  # fmt: skip
+
+
+def _worn(weeks: Weeks, machine: str, left_days: float, pace: float) -> None:
+    """Note when an EEPROM reaches its writes: within a year, about then, or later."""
+    truth = Truth("wear", "eeprom-wear", machine, 3, 0, pace)
+    if left_days < 330:
+        weeks.truths.append(truth)
+    elif left_days < 420:
+        weeks.either.append(truth)
 
 
 def _add(

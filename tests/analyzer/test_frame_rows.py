@@ -11,6 +11,7 @@ from syncline_analyzer.session import open_session
 from syncline_analyzer.views import frame_rows as module
 from syncline_analyzer.views.frame_rows import LeftOut, Shown, frame_rows
 from syncline_analyzer.views.frame_words import FrameLines
+from syncline_analyzer.views.rerun_view import write_rrd
 from syncline_schemas.batch import FrameBatch
 from tests.analyzer.analysis_builder import (
     SECOND,
@@ -22,6 +23,7 @@ from tests.analyzer.analysis_builder import (
     finding,
     node_row,
 )
+from tests.analyzer.test_views_rerun import columns
 
 SAMPLES = Path(__file__).parents[2] / "samples"
 STEP = SECOND // 100
@@ -161,3 +163,40 @@ def test_gaps_do_not_disturb_the_listing() -> None:
     (shown,) = frame_rows(session.analysis, session.frames)
     assert isinstance(shown, Shown)
     assert len(shown.frames) == session.analysis.capture.frames
+
+
+@pytest.mark.parametrize("name", ["bad_day.mcap", "healthy_line.mcap", "jittery_sync.log"])
+def test_a_listed_frame_tells_the_values_that_it_carries(name: str) -> None:
+    session = open_session(SAMPLES / name)
+    lines = FrameLines(session.analysis)
+    said = lines.decoded(session.decoding())
+    assert len(said) == session.analysis.capture.frames
+    if name != "bad_day.mcap":
+        return
+    whole = FrameBatch.concat([*session.frames()])
+    assert [lines.line(whole, seq, seq, said[seq]) for seq in (1224, 3012)] == [
+        (
+            "0:12.800119 082h 8 1060010000040000 EMCY of node 2 guide roller: 6010h reset by the"
+            " watchdog, register 01h general, warnings watchdog reset",
+            "error",
+        ),
+        (
+            "0:29.201483 18Ah 4 BE0D3C00         TPDO1 of node 10 platform tilt: Slope"
+            " longitudinal 16 351.8 deg, Slope lateral 16 6.0 deg",
+            "info",
+        ),
+    ]
+
+
+def test_a_part_of_a_capture_is_decoded_by_what_was_told_before_it(tmp_path: Path) -> None:
+    session = open_session(SAMPLES / "bad_day.mcap", start="29s", end="30s")
+    told = FrameLines(session.analysis).decoded(session.decoding())
+    count = sum(map(len, session.frames()))
+    assert len(told) == count
+    values = [text for text, _ in told if text.startswith("TPDO1 of node 10")]
+    assert values
+    assert all("Slope longitudinal 16 " in text for text in values)
+    path = write_rrd(session.analysis, tmp_path / "s.rrd", session.frames, decode=session.decoding)
+    shown = columns(path, "/log/frames", "TextLog:text")["TextLog:text"]
+    assert len(shown) == count
+    assert any(f"{values[0]}" in str(text) for text in shown)

@@ -6,8 +6,10 @@ from pathlib import Path
 import pytest
 
 from syncline_analyzer import open_session
-from syncline_schemas.batch import FrameFlag
-from tests.analyzer.log_builder import PLAIN, T0_NS, Row, read_text, row
+from syncline_schemas.batch import FrameFlag, Gap
+from syncline_schemas.errors import CaptureError
+from tests.analyzer.log_builder import PLAIN, T0_NS, Row, read, read_text, row, rows
+from tests.analyzer.text_files import CLX_HEAD
 
 EXTENDED, REMOTE, ERROR, FD = (
     FrameFlag.EXTENDED,
@@ -405,3 +407,166 @@ def test_times_in_any_unit_may_have_a_fraction(tmp_path: Path, unit: str, worth:
         (2_000_000 * worth, 0, 0x181, REMOTE, 0, b""),
         (5_000_000 * worth, 0, 0x181, 0, 1, b"\x11"),
     ]
+
+
+@pytest.mark.parametrize(
+    "written",
+    ["123#11.22.A4", "123#1122A4", "123#11.22A4", "123#11.22.A4.", "123##0.11.22.A4"],
+)
+def test_dots_between_bytes_as_cansend_takes_them(tmp_path: Path, written: str) -> None:
+    flags = FD if "##" in written else 0
+    line = f"(1700000000.000005) can0 {written}\n"
+    assert _frames(tmp_path, line * 3) == [row(5, data=b"\x11\x22\xa4", flags=flags)] * 3
+
+
+def test_a_stamp_of_endless_digits_is_an_unread_line(tmp_path: Path) -> None:
+    good = "(1700000000.000005) can0 123#11\n"
+    found, facts = read_text(tmp_path, f"({'17' * 4000}.0) can0 123#11\n{good}")
+    assert found == [row(5, data=b"\x11")]
+    assert facts.unparsed_count == 1
+
+
+def test_canhacker_begins_again_each_minute_and_knows_decimal_commas(tmp_path: Path) -> None:
+    head = "Time   ID     DLC Data                    Comment\n"
+    lines = (
+        "18,876 070      8 00 B0 C8 64 9D B0 01 D6 \n"
+        "59,999 18EA0003 3 BE FE 00 \n"
+        "00,001 705      1\n"
+        "00,002 301      2 01 02 ignition on\n"
+        "00,003 301      0\n"
+    )
+    found, facts = read_text(tmp_path, head + lines)
+    ms = 1000
+    assert found == [
+        _since(18_876 * ms, 0x70, bytes.fromhex("00B0C8649DB001D6")),
+        _since(59_999 * ms, 0x18EA0003, bytes.fromhex("BEFE00"), flags=EXTENDED),
+        _since(60_001 * ms, 0x705, flags=REMOTE, dlc=1),
+        _since(60_002 * ms, 0x301, b"\1\2"),
+        _since(60_003 * ms, 0x301),
+    ]
+    assert (facts.format, facts.unparsed_lines) == ("canhacker", [])
+    assert any("each minute" in note for note in facts.notes)
+
+
+CLX_STAMPS = {
+    "days": ("T", "", "", "T", "14T221320005", "14T221320006"),
+    "hours": ("", ":", ",", "T", "22:13:20,005", "22:13:20,006"),
+    "minutes": ("", "", "", "", "1320005", "1320006"),
+    "seconds": ("", "", "", "", "20005", "20006"),
+    "milliseconds": ("", "", "", "", "005", "006"),
+    "months": ("/", ".", ",", " ", "11/14 22.13.20,005", "11/14 22.13.20,006"),
+    "years": ("", "", "", "", "20231114221320005", "20231114221320006"),
+}
+
+
+@pytest.mark.parametrize("stamps", CLX_STAMPS)
+def test_stamps_of_a_clx000_are_completed_by_its_head(tmp_path: Path, stamps: str) -> None:
+    date, clock, ms, between, *written = CLX_STAMPS[stamps]
+    text = CLX_HEAD.format("20231114T221320", 4, clock, ms, date, between)
+    text += "Timestamp;Type;ID;Data\n"
+    text += f"{written[0]};0;123;1122\n{written[1]};9;18fef100;05\n"
+    found, facts = read_text(tmp_path, text)
+    assert found == [
+        row(5_000, 0x123, b"\x11\x22"),
+        row(6_000, 0x18FEF100, b"\5", flags=EXTENDED | TX),
+    ]
+    assert (facts.format, facts.time_base, facts.bitrates) == ("clx", "utc", {"1": 250_000})
+    assert facts.remote_lost
+
+
+@pytest.mark.parametrize(
+    ("start", "stamps", "seconds"),
+    [
+        ("20231114T235959", ("235959000", "000001000"), (1_700_006_399, 1_700_006_401)),
+        ("20231130T235959", ("30T235959000", "01T000001000"), (1_701_388_799, 1_701_388_801)),
+        # The head was written just before the hour.
+        ("20231114T225959", ("0001000", "0002000"), (1_700_002_801, 1_700_002_802)),
+    ],
+)
+def test_stamps_of_a_clx000_begin_again(
+    tmp_path: Path, start: str, stamps: tuple[str, str], seconds: tuple[int, int]
+) -> None:
+    head = CLX_HEAD.format(start, 4, "", "", "", "T") + "Timestamp;Type;ID;Data\n"
+    found = _frames(tmp_path, head + "".join(f"{stamp};0;123;11\n" for stamp in stamps))
+    assert [frame[0] // 10**9 for frame in found] == list(seconds)
+
+
+def test_a_clx000_without_a_clock_has_no_date_and_its_losses_are_gaps(tmp_path: Path) -> None:
+    head = CLX_HEAD.format("20000101T000000", 4, "", "", "", "T")
+    path = tmp_path / "x"
+    path.write_text(
+        f"{head}Timestamp;Lost;Type;ID;Length;Data\n"
+        "01T000000683;0;8;7df;8;02010d5555555555\n"
+        "01T000000688;3;0;7e8;8;03410d00aaaaaaaa\n",
+        encoding="ascii",
+    )
+    batch, facts, gaps = read(path)
+    (first, second) = rows(batch)
+    assert second[0] - first[0] == 5_000_000
+    assert facts.time_base == "relative"
+    assert gaps == [Gap(first[0], second[0], "frames lost by the logger", 3)]
+
+
+def test_cantest_of_newer_versions_with_half_open_quotes(tmp_path: Path) -> None:
+    text = (
+        "序号,系统时间,时间标识,CAN通道,ID号,帧类型,帧格式,CAN类型,长度,数据\n"
+        '1000000,="17:54:13.761949,385.624895,ch1,0x27,数据帧,标准帧,CAN,8,x| 01 02 03 04 05 06 07 08\n'
+        '1000001,="17:54:13.761950,385.624995,ch2,0x28,数据帧,标准帧,CANFD加速,2,x| 01 02\n'
+    )
+    assert _frames(tmp_path, text.encode("gb18030")) == [
+        (385_624_895_000, 0, 0x27, 0, 8, bytes(range(1, 9))),
+        (385_624_995_000, 1, 0x28, int(FD | BRS), 2, b"\1\2"),
+    ]
+
+
+def test_cantest_without_stamps_has_the_times_of_the_computer(tmp_path: Path) -> None:
+    text = (
+        "序号,系统时间,时间标识,CAN通道,传输方向,ID号,帧类型,帧格式,长度,数据\r\n"
+        '0,="12:04:59.533",无,ch1,发送,0x123,数据帧,扩展帧,0x02,x| 01 02\r\n'
+        '1,="12:05:00.033",无,ch1,发送,0x123,数据帧,扩展帧,0x02,x| 01 02\r\n'
+    )
+    found = _frames(tmp_path, text)
+    assert found[1][0] - found[0][0] == 500_000_000
+    assert found[0][1:] == (0, 0x123, int(EXTENDED | TX), 2, b"\1\2")
+
+
+BARE = {
+    "three columns": "0.100000,181,11A4\n0.110000,181,01EA\n",
+    "with 0x": "0.1;0x181;0x11 0xA4\n0.11;0x181;0x01 0xEA\n",
+    "milliseconds": "100\t181\t11 A4\n110\t181\t01 EA\n",
+    "decimal": "100,385,17 164\n110,385,1 234\n",
+    "a list": "0.1,385,[17; 164]\n0.11,385,[1; 234]\n",
+    "bytes in cells": "0.1,181,11,A4\n0.11,181,01,EA\n",
+    "numbered": "1,0.1,can0,Rx,181,11,A4\n2,0.11,can0,Rx,181,01,EA\n",
+    "a remark first": "# my log\n0.1,181,11A4\n0.11,181,01EA\n",
+    "flags": "0.1,0,181,11A4\n0.11,0,181,01EA\n",
+    "clock": "12:00:00.1,181,11A4\n12:00:00.11,181,01EA\n",
+    "dates": "2023-11-14 22:13:20.1,181,11A4\n2023-11-14 22:13:20.11,181,01EA\n",
+}
+
+
+@pytest.mark.parametrize("name", BARE)
+def test_tables_of_nothing_but_frames(tmp_path: Path, name: str) -> None:
+    found, facts = read_text(tmp_path, BARE[name])
+    assert [frame[1:] for frame in found] == [
+        (0, 0x181, 0, 2, b"\x11\xa4"),
+        (0, 0x181, 0, 2, b"\x01\xea"),
+    ]
+    assert found[1][0] - found[0][0] == 10_000_000
+    assert any("have no names" in note for note in facts.notes)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "1,2,3\n4,5,6\n",
+        "Anna,17,22\nBert,18,23\n",
+        "1,22,33\n2,23,34\n",
+        "5.1,3.5,1.4\n4.9,3.0,1.4\n",
+        "2023-01-01,100,12\n2023-01-02,101,13\n",
+        "3,181,11A4\n1,181,01EA\n2,181,01EB\n",
+    ],
+)
+def test_tables_that_are_no_logs_are_refused(tmp_path: Path, text: str) -> None:
+    with pytest.raises(CaptureError, match="no known format"):
+        read_text(tmp_path, text)

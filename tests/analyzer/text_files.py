@@ -298,3 +298,100 @@ def ixxat_keeps(frame: Row) -> Row | None:
     if frame[3] & (FD | ERROR) or frame[1]:
         return None
     return (frame[0] - frame[0] % 10**7, 0, frame[2], frame[3] & ~TX, *frame[4:])
+
+
+def canhacker(frames: Sequence[Row]) -> bytes:
+    """CANHacker: milliseconds from the start, no buses."""
+    lines = ["Time   ID     DLC Data                    Comment"]
+    for frame in frames:
+        flags, ms = flags_of(frame), (frame[0] - T0_NS) // 10**6
+        if flags & (FD | ERROR):
+            continue
+        name = f"{frame[2]:08X}" if EXTENDED in flags else f"{frame[2]:03X}     "
+        data = "RTR" if REMOTE in flags else frame[5].hex(" ").upper()
+        lines.append(f"{ms // 1000:02d}.{ms % 1000:03d} {name} {frame[4]} {data} ")
+    return "\r\n".join([*lines, ""]).encode()
+
+
+def canhacker_keeps(frame: Row) -> Row | None:
+    """One bus; stamps of 1 ms, no direction."""
+    if frame[3] & (FD | ERROR):
+        return None
+    t_ns = T0_NS + (frame[0] - T0_NS) // 10**6 * 10**6
+    return (t_ns, 0, frame[2], frame[3] & ~TX, *frame[4:])
+
+
+CLX_HEAD = (
+    '# Logger type: CL2000\n# HW rev: 6.xx\n# Time: {}\n# Value separator: ";"\n# Time format: {}\n'
+    '# Time separator: "{}"\n# Time separator ms: "{}"\n# Date separator: "{}"\n'
+    '# Time and date separator: "{}"\n# Bit-rate: 250000\n# Silent mode: false\n'
+)
+
+
+def clx(frames: Sequence[Row]) -> bytes:
+    """A CL2000's log with whole dates."""
+    lines = [
+        CLX_HEAD.format("20231114T221320", 6, ":", ".", "/", " ") + "Timestamp;Type;ID;Length;Data"
+    ]
+    for frame in frames:
+        flags = flags_of(frame)
+        if flags & (FD | ERROR | REMOTE):
+            continue
+        moment = datetime.fromtimestamp(frame[0] // 10**9, UTC)
+        ms = frame[0] % 10**9 // 10**6
+        kind = (EXTENDED in flags) + 8 * (TX in flags)
+        lines.append(
+            f"{moment:%Y/%m/%d %H:%M:%S}.{ms:03d};{kind};{frame[2]:x};{frame[4]};{frame[5].hex()}"
+        )
+    return "\n".join([*lines, ""]).encode()
+
+
+def clx_keeps(frame: Row) -> Row | None:
+    """Data frames of one bus; stamps of 1 ms."""
+    if frame[3] & (FD | ERROR | REMOTE):
+        return None
+    return (frame[0] - frame[0] % 10**6, 0, *frame[2:])
+
+
+def cantest(frames: Sequence[Row]) -> bytes:
+    """ZLG's CANTest: Chinese, hexadecimal stamps of 0.1 ms, times of the computer for Excel."""
+    lines = ["序号,系统时间,时间标识,CAN通道,传输方向,ID号,帧类型,帧格式,长度,数据"]
+    for number, frame in enumerate(frames):
+        flags = flags_of(frame)
+        if flags & (FD | ERROR):
+            continue
+        ticks = (frame[0] - T0_NS) // 100_000
+        way, form = "发送" if TX in flags else "接收", "扩展帧" if EXTENDED in flags else "标准帧"
+        kind = "远程帧" if REMOTE in flags else "数据帧"
+        data = "x| " + "".join(f"{byte:02X} " for byte in frame[5])
+        lines.append(
+            f'{number:05d},="12:04:59.533",0x{ticks:X},ch{frame[1] + 1},{way},0x{frame[2]:08X},'
+            f"{kind},{form},0x{frame[4]:02X},{data}"
+        )
+    return "\r\n".join([*lines, ""]).encode("gb18030")
+
+
+def cantest_keeps(frame: Row) -> Row | None:
+    """Neither CAN FD nor error frames; stamps of 0.1 ms."""
+    if frame[3] & (FD | ERROR):
+        return None
+    return (T0_NS + (frame[0] - T0_NS) // 100_000 * 100_000, *frame[1:])
+
+
+def bare(frames: Sequence[Row]) -> bytes:
+    """Nothing but time, identifier and data."""
+    lines = []
+    for frame in frames:
+        flags, us = flags_of(frame), (frame[0] - T0_NS) // 1000
+        if flags & (FD | ERROR | REMOTE) or not frame[5]:
+            continue
+        name = f"{frame[2]:08X}" if EXTENDED in flags else f"{frame[2]:03X}"
+        lines.append(f"{us // 10**6}.{us % 10**6:06d},0x{name},{frame[5].hex().upper()}")
+    return "\n".join([*lines, ""]).encode()
+
+
+def bare_keeps(frame: Row) -> Row | None:
+    """Data frames with data, of one bus; identifiers above 7FFh are extended."""
+    if frame[3] & (FD | ERROR | REMOTE) or not frame[5]:
+        return None
+    return (frame[0], 0, frame[2], int(EXTENDED) if frame[2] > 0x7FF else 0, *frame[4:])

@@ -59,6 +59,8 @@ def cluster(scheduler: str | None, workers: int | None) -> Iterator[Connect]:
                 processes=True,
                 host=LOOPBACK,
                 dashboard_address=None,
+                # Without it Dask takes port 8787, which another run may have.
+                scheduler_kwargs={"dashboard_address": f"{LOOPBACK}:0"},
                 silence_logs=logging.CRITICAL,
                 preload=[*_preloads(), OWN_WORKER],
             ) as started,

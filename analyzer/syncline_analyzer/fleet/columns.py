@@ -8,7 +8,7 @@ import json
 import types
 import typing
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cache
 from operator import attrgetter
 from typing import Any
@@ -55,9 +55,12 @@ class Column:
 def columns_of(kind: type) -> tuple[Column, ...]:
     """All columns of a row class, in order."""
     hints = typing.get_type_hints(kind)
-    columns = [column for f in fields(kind) for column in _columns(f.name, hints[f.name])]
-    # Of `parted` and `parted_ns` the twin of the stamp would take the name of the count.
-    return tuple(each for each in columns if not (each.stamped and each.name in hints))
+    columns = (column for f in fields(kind) for column in _columns(f.name, hints[f.name]))
+    # Beside `parted_ns` the moment cannot be `parted` where that is a count.
+    return tuple(
+        replace(each, name=f"{each.name}_at") if each.stamped and each.name in hints else each
+        for each in columns
+    )
 
 
 def schema_of(kind: type) -> pa.Schema:

@@ -23,9 +23,9 @@ from syncline_schemas.batch import FrameFlag
 _HEX = rb"[0-9A-Fa-f]"
 LOG_LINE = re.compile(
     rb"\s*\((?P<s>\d+)\.(?P<f>\d+)\)\s+(?P<bus>\S+)\s+(?P<id>" + _HEX + rb"{1,8})#"
-    rb"(?:\#(?P<fd>" + _HEX + rb")(?P<fd_data>(?:" + _HEX + rb"{2}\.?){0,64})"
+    rb"(?:\#(?P<fd>" + _HEX + rb")(?P<fd_data>\.?(?:" + _HEX + rb"{2}\.?){0,64})"
     rb"|R(?P<remote>[0-9A-Fa-f]?)(?:_" + _HEX + rb")?"
-    rb"|(?P<data>(?:" + _HEX + rb"{2}\.?){0,8})(?:_" + _HEX + rb")?)"
+    rb"|(?P<data>\.?(?:" + _HEX + rb"{2}\.?){0,8})(?:_" + _HEX + rb")?)"
     rb"(?:\s+(?P<way>[RT]))?\s*(?:\s(?:[;#]|//).*)?$"
 )
 SCREEN_LINE = re.compile(

@@ -101,6 +101,15 @@ class Clock:
         return utc_ns(int(date["y2"]), month, day)
 
 
+def is_clock(cell: bytes) -> bool:
+    """Whether a cell is a time of the clock.
+
+    >>> is_clock(b"2023-11-14 22:13:20.5"), is_clock(b"0.5")
+    (True, False)
+    """
+    return _CLOCK.fullmatch(cell) is not None
+
+
 def _zone_ns(zone: bytes | None) -> int:
     """How far a zone such as `+01:00` is ahead of UTC."""
     if zone is None or zone == b"Z":

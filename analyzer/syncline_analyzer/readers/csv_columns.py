@@ -9,14 +9,15 @@ from syncline_analyzer.readers.layout import Span
 
 SEPARATORS: Final = (b",", b";", b"\t", b"|")
 _NAMES: Final = {
-    "time": "time timestamp time_stamp timestamps epoch t ts time_offset abs_time system_time date_time datetime"
+    "time": "time timestamp time_stamp timestamps epoch t ts time_offset abs_time date_time datetime"
     " zeit zeitstempel uhrzeit temps horodatage tiempo marca_de_tiempo tempo orario tijd tijdstempel czas tid"
     " elapsed elapsed_time rel_time reltime abstime timestampepoch zaman čas время 时间 时间标识 时间戳 時間 時刻",
-    "delta": "delta delta_time time_delta delta_t dt diff time_diff zeitdifferenz differenz écart",
+    "system": "system_time pc_time host_time computer_time 系统时间 系統時間",
+    "delta": "delta 增量时间 delta_time time_delta delta_t dt diff time_diff zeitdifferenz differenz écart",
     "date": "date datum fecha data_date дата 日期",
     "id": "id arbitration_id arb_id can_id cob_id identifier arbitrationid canid cobid message_id msg_id frame_id messageid msgid frameid"
     " kennung identifikator nachrichten_id botschaft_id identifiant identificador identificatore identyfikator"
-    " идентификатор 帧id 帧id_靠右对齐 报文id ид",
+    " идентификатор 帧id id号 帧id_靠右对齐 报文id ид",
     "extended": "extended ext is_extended is_extended_id is_extended_frame ide xtd ext_id extended_id extid eff is_29bit erweitert étendu extendido esteso",
     "remote": "remote rtr is_remote_frame is_remote is_rtr remote_frame rtr_frame",
     "error": "error is_error_frame is_error error_frame errorframe er fehler erreur",
@@ -26,8 +27,9 @@ _NAMES: Final = {
     "esi": "esi error_state_indicator",
     "way": "dir direction rx_tx tx_rx rxtx richtung sens dirección direccion direzione direção richting kierunek"
     " направление 方向 传输方向 tx is_tx",
-    "bus": "bus bus_id bus_channel buschannel bus_name can_channel can_bus port channel chan chn interface iface ch can network kanal kanaal canal canale kanał канал 通道 源通道",
-    "kind": "type kind frame_type frame_format format typ frametype state art rahmentyp tipo 帧类型 帧格式",
+    "bus": "bus bus_id bus_channel buschannel bus_name can_channel can_bus port channel chan chn interface iface ch can network kanal kanaal canal canale kanał канал 通道 can通道 通道号 源通道 第几路can",
+    "kind": "type kind frame_type frame_format format typ frametype state art rahmentyp tipo 帧类型 帧格式 can类型",
+    "lost": "lost lost_frames dropped overrun overruns",
     "flags": "flags flg",
     "length": "len dlc length dl data_length datalength data_len datalen nbytes byte_count size länge laenge datenlänge longueur longitud lunghezza"
     " comprimento lengte długość длина 长度 数据长度",
@@ -74,7 +76,7 @@ _SECONDS = re.compile(rb"\d{1,8}[.,]\d+$")
 _CHANNEL = re.compile(rb"[vs]?(?:l)?can\d+$", re.IGNORECASE)
 _PREFIXED = re.compile(rb"0[xX][0-9A-Fa-f]{1,8}$")
 _PAYLOAD = re.compile(rb"(?:[0-9A-Fa-f]{2}){0,64}$")
-_DATA = re.compile(rb"[0-9A-Fa-fxXhH\s:;,_\[\]{}()-]*|(?:rtr|remote).*", re.IGNORECASE)
+_DATA = re.compile(rb"(?:x\|)?[0-9A-Fa-fxXhH\s:;,_\[\]{}()-]*|(?:rtr|remote).*", re.IGNORECASE)
 _HUMP = re.compile(r"(?<=[a-z])(?=[A-Z])")
 _MORE = re.compile(rb"(?:0[xX])?[0-9A-Fa-f]{0,3}[\s\])}]*$")
 _BYTE_CELL = re.compile(rb"[0-9A-Fa-f]{2}")
@@ -197,6 +199,8 @@ def _by_header(line: bytes) -> CsvColumns | None:
         if role in ("data", "byte") and base is not None:
             data_base = base
         columns.append(role)
+    if "system" in columns and "time" not in columns:
+        columns[columns.index("system")] = "time"
     if "time" in columns and "delta" in columns:
         columns[columns.index("delta")] = "other"
     if "byte" in columns and "data" in columns:

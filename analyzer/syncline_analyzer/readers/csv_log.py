@@ -13,10 +13,18 @@ from typing import Final, NamedTuple
 from syncline_analyzer.capture import CaptureFacts
 from syncline_analyzer.readers.csv_clock import Clock
 from syncline_analyzer.readers.csv_columns import CsvColumns, is_number
+from syncline_analyzer.readers.csv_guess import (
+    data_are_decimal,
+    ids_are_decimal,
+    is_false,
+    is_true,
+    may_be_decimal,
+)
 from syncline_analyzer.readers.layout import FrameLayout, Span, regular_bytes
 from syncline_analyzer.readers.lines import (
     MAX_PARSED_LINE,
     LineFormat,
+    LostFrames,
     NoFrame,
     OddFrame,
     Parsed,
@@ -34,11 +42,11 @@ _NAME_OF_FLAG: Final = {
     "extended": re.compile(rb"ext|xtd|29|\xe6\x89\xa9\xe5\xb1\x95|\xc0\xa9\xd5\xb9", re.IGNORECASE),
     "error": re.compile(rb"err|fehler", re.IGNORECASE),
     "fd": re.compile(rb"fd", re.IGNORECASE),
+    "brs": re.compile(rb"brs|\xe5\x8a\xa0\xe9\x80\x9f|\xbc\xd3\xcb\xd9", re.IGNORECASE),
 }
 _SENT = re.compile(
     rb"t|tx|tx.*|sent|send|out|1|true|\xe5\x8f\x91\xe9\x80\x81|\xb7\xa2\xcb\xcd", re.IGNORECASE
 )
-_LIST: Final = re.compile(rb"\[\d{1,3}(?:, *\d{1,3})+\]")
 _SELF: Final = re.compile(rb"\btx|\bself\b", re.IGNORECASE)
 _KVASER_REMOTE, _KVASER_EXTENDED, _KVASER_ERROR, _KVASER_TX = 0x01, 0x04, 0x20, 0x40
 _ASKED = re.compile(rb"(?:rtr|remote)\b\D*(?P<n>\d)?", re.IGNORECASE)
@@ -47,12 +55,15 @@ _SOCKETCAN_FLAGS: Final = (
     (0x40000000, FrameFlag.REMOTE),
     (0x20000000, FrameFlag.ERROR),
 )
+_HEX_TIME = re.compile(rb"0[xX][0-9A-Fa-f]{1,12}")
+_HEX_TICK_NS: Final = 100_000
+"""CANTest and its like: the adapter's stamp, a number of 32 bits, counts 0.1 ms."""
 _SAMPLE = 500
 _ASSUMED_FAST = 200
 """A median step above so many units of an unknown kind is no number of milliseconds."""
 
 
-class _Time(NamedTuple):
+class Moment(NamedTuple):
     """The time of a line: fields of it, or its value where they cannot be read in columns."""
 
     times: Times = ()
@@ -75,6 +86,7 @@ class CsvFormat(LineFormat):
         self._id_base = columns.id_base or 16
         self._data_base = columns.data_base or 16
         self._kvaser_flags = False
+        self._hex_times = False
         self._clock = Clock()
 
     def prepare(self, head: bytes) -> None:
@@ -87,13 +99,27 @@ class CsvFormat(LineFormat):
             self.facts.notes.append(
                 "remote frames are not marked in this format; they appear as empty data frames"
             )
+        if self._columns.header is None:
+            said = ", ".join(role for role in self._columns.roles if role not in ("byte", "other"))
+            more = " and one for each byte" if self._bytes else ""
+            self.facts.notes.append(f"the columns have no names; they are taken as {said}{more}")
         self._guess_numbers(rows)
+        self._choose_times(rows)
         times = [row[self._time_role] for row in rows] if self._time_role else []
         self._guess_times(times, [row.get("date", b"") for row in rows])
 
     @property
     def _time_role(self) -> str | None:
         return next((role for role in ("time", "delta") if role in self._at), None)
+
+    def _choose_times(self, rows: Sequence[dict[str, bytes]]) -> None:
+        """Where the adapter's stamps are missing, take the time at which the computer had the frame."""
+        if "system" not in self._at:
+            return
+        if not any(re.search(rb"\d", row.get("time", b"")) for row in rows):
+            self._at["time"] = self._at.pop("system")
+            for row in rows:
+                row["time"] = row["system"]
 
     def _row(self, line: bytes) -> dict[str, bytes] | None:
         """Cells by role, of a line that may be a frame."""
@@ -112,12 +138,12 @@ class CsvFormat(LineFormat):
         ids = [row["id"] for row in rows]
         texts = [row.get("data", b"") + b" " + row["bytes"] for row in rows]
         if self._columns.id_base is None and (
-            _ids_are_decimal(ids) or (_may_be_decimal(ids) and _data_are_decimal(texts, sure=False))
+            ids_are_decimal(ids) or (may_be_decimal(ids) and data_are_decimal(texts, sure=False))
         ):
             self._id_base = 10
             self.facts.notes.append("identifiers are taken as decimal numbers")
         sure = self._id_base == 10 and not any(cell[:2] in (b"0x", b"0X") for cell in ids)
-        if self._columns.data_base is None and _data_are_decimal(texts, sure=sure):
+        if self._columns.data_base is None and data_are_decimal(texts, sure=sure):
             self._data_base = 10
             self.facts.notes.append("data bytes are taken as decimal numbers")
         flags = [row.get("flags", b"") for row in rows]
@@ -131,6 +157,11 @@ class CsvFormat(LineFormat):
             return
         self.facts.time_base = "relative"
         self.differences = self._time_role == "delta"
+        if all(map(_HEX_TIME.fullmatch, filled)):
+            self._unit_ns, self._hex_times = _HEX_TICK_NS, True
+            self.wraps_ns = 0 if self.differences else _HEX_TICK_NS << 32
+            self.facts.notes.append("hexadecimal times are taken as counts of 0.1 ms")
+            return
         clock = Clock.of(filled, dates)
         if clock is not None:
             self._clock = clock
@@ -158,6 +189,10 @@ class CsvFormat(LineFormat):
             return
         values = [int(cell) for cell in cells if cell.isdigit()]
         if fractions or not values:
+            if max(_whole(cells), default=0) * SECOND_NS < FIRST_UTC_NS:
+                self.facts.notes.append(
+                    "the log does not tell the unit of its times; seconds are assumed"
+                )
             return
         largest = max(values)
         for least, unit_ns in (
@@ -187,6 +222,7 @@ class CsvFormat(LineFormat):
         bus = self.bus(row.get("bus") or b"1")
         time = self._time(line, cells)
         flags = self._flags(row)
+        lost = _lost(row.get("lost", b""))
         if asked := _ASKED.match(row.get("data", b"")):
             flags |= FrameFlag.REMOTE
             row["length"] = row.get("length") or asked["n"] or b"0"
@@ -203,12 +239,13 @@ class CsvFormat(LineFormat):
             return None
         flags, dlc, count = _lengths(flags, len(data), self._stated(row), padded=bool(self._bytes))
         data = data[:count]
-        if time.value_ns is not None or not regular_id or (count and not step):
+        odd = time.value_ns is not None or not regular_id or bool(count and not step)
+        if odd or lost is not None:
             t_ns = time.value_ns
             if t_ns is None:
                 t_ns = time.base_ns + sum(int(line[a:b]) * worth for (a, b), worth in time.times)
             timed = time.value_ns is not None or bool(time.times)
-            return OddFrame((t_ns, bus, can_id, flags, dlc, data), timed=timed)
+            return OddFrame((t_ns, bus, can_id, flags, dlc, data), timed=timed, lost=lost)
         at = cells[self._at["id"]]
         prefix = 2 if row["id"][:2] in (b"0x", b"0X") else 0
         suffix = row["id"][-1:] in (b"h", b"H", b"x", b"X")
@@ -260,7 +297,9 @@ class CsvFormat(LineFormat):
         return can_id, flags, regular
 
     def _flags(self, row: dict[str, bytes]) -> int:
-        given = {role: _is_true(row.get(role)) for role in ("extended", "remote", "error", "fd")}
+        given = {
+            role: is_true(row.get(role)) for role in ("extended", "remote", "error", "fd", "brs")
+        }
         kind = row.get("kind", b"")
         if not self._kvaser_flags:
             kind += b" " + row.get("flags", b"")
@@ -268,7 +307,7 @@ class CsvFormat(LineFormat):
             given[role] = given[role] or pattern.search(kind) is not None
         tx = (
             _SENT.fullmatch(row.get("way", b"")) is not None
-            or _is_false(row.get("rx"))
+            or is_false(row.get("rx"))
             or _SELF.search(kind) is not None
         )
         if self._kvaser_flags and row.get("flags"):
@@ -281,8 +320,8 @@ class CsvFormat(LineFormat):
             extended=given["extended"],
             tx=tx,
             fd=given["fd"],
-            brs=given["fd"] and _is_true(row.get("brs")),
-            esi=given["fd"] and _is_true(row.get("esi")),
+            brs=given["fd"] and given["brs"],
+            esi=given["fd"] and is_true(row.get("esi")),
         )
         flags |= FrameFlag.REMOTE if given["remote"] else 0
         return int(flags | (FrameFlag.ERROR if given["error"] else 0))
@@ -307,6 +346,8 @@ class CsvFormat(LineFormat):
             texts = [line[a:b] for a, b in filled]
         else:
             begin, end = cells[self._at["data"]] if self._at["data"] < len(cells) else (0, 0)
+            if line[begin : begin + 2] == b"x|":
+                begin += 2
             texts = _tokens(line[begin:end], self._data_base)
         data = _data_bytes(texts, self._data_base)
         if data is None or self._data_base != 16:
@@ -316,28 +357,32 @@ class CsvFormat(LineFormat):
         )
         return data, begin + start, step
 
-    def _time(self, line: bytes, cells: Sequence[Span]) -> _Time:
+    def _time(self, line: bytes, cells: Sequence[Span]) -> Moment:
         role = self._time_role
         if role is None or self.facts.time_base == "none":
-            return _Time()
+            return Moment()
         at = self._at[role]
         start, end = cells[at] if at < len(cells) else (0, 0)
         cell = line[start:end]
+        if self._hex_times:
+            if not _HEX_TIME.fullmatch(cell):
+                return Moment(known=False) if cell else Moment()
+            return Moment(value_ns=int(cell, 16) * self._unit_ns)
         if found := _NUMBER.fullmatch(line, start, end):
             times, digits = decimal_times(found.span("s"), found.span("f"), self._unit_ns)
-            return _Time(times, digits)
+            return Moment(times, digits)
         date = self._at.get("date", len(cells))
         clock = self._clock.read(line, (start, end), cells[date] if date < len(cells) else None)
         if clock is not None:
-            return _Time(clock.times, clock.digits, clock.base_ns)
+            return Moment(clock.times, clock.digits, clock.base_ns)
         if not cell:
-            return _Time()
+            return Moment()
         try:
             value = Decimal(cell.replace(b",", b".").decode("ascii", "replace"))
             t_ns = round(value * self._unit_ns) if value.is_finite() and 0 <= value < 10**19 else -1
         except (InvalidOperation, ValueError):
             t_ns = -1
-        return _Time(value_ns=t_ns) if t_ns >= 0 else _Time(known=False)
+        return Moment(value_ns=t_ns) if t_ns >= 0 else Moment(known=False)
 
     def _idle_digits(self, line: bytes, cells: Sequence[Span]) -> tuple[Span, ...]:
         """Digits in columns that mean nothing, such as counters."""
@@ -358,6 +403,12 @@ class CsvFormat(LineFormat):
             for run in re.finditer(rb"\d+", line[:end])
             if run.start() >= start
         )
+
+
+def _lost(cell: bytes) -> LostFrames | None:
+    """The frames that a column says were lost before this one."""
+    count = int(cell) if cell.isdigit() and len(cell) <= 9 else 0
+    return LostFrames("frames lost by the logger", count) if count else None
 
 
 def _lengths(flags: int, there: int, stated: int | None, *, padded: bool) -> tuple[int, int, int]:
@@ -404,65 +455,6 @@ def _data_bytes(texts: Sequence[bytes], base: int) -> bytes | None:
     return bytes(values)
 
 
-def _ids_are_decimal(cells: Sequence[bytes]) -> bool:
-    """Whether identifiers are decimal: no letter in any, and more than hexadecimal numbers can be.
-
-    Without such a proof they are hexadecimal, as nearly all tools write them.
-    """
-    if not _may_be_decimal(cells):
-        return False
-    as_hex, as_decimal = [int(cell, 16) for cell in cells], [int(cell) for cell in cells]
-    short = all(len(cell) <= 4 for cell in cells)
-    return max(as_hex) > 0x1FFFFFFF or (short and max(as_hex) > 0x7FF >= max(as_decimal))
-
-
-def _may_be_decimal(cells: Sequence[bytes]) -> bool:
-    """Whether nothing speaks against decimal identifiers: letters, leading zeros, too large ones."""
-    if not cells or not all(cell.isdigit() for cell in cells):
-        return False
-    padded = any(cell[:1] == b"0" and len(cell) > 1 for cell in cells)
-    return not padded and max(map(int, cells)) <= 0x1FFFFFFF
-
-
-def _data_are_decimal(texts: Sequence[bytes], *, sure: bool) -> bool:
-    """Whether data bytes are decimal: no letter in any, and not all of two digits.
-
-    sure: the identifiers are decimal, so fewer bytes prove it; so does it when they stand in a list
-    of numbers, `[17, 34]`.
-    """
-    tokens = [token for text in texts for token in re.split(rb"[\s,;\[\](){}]+", text) if token]
-    if not tokens or not all(token.isdigit() and len(token) <= 3 for token in tokens):
-        return False
-    lengths = {len(token) for token in tokens}
-    listed = any(_LIST.fullmatch(text.strip()) for text in texts)
-    padded = any(token[:1] == b"0" and len(token) == 2 for token in tokens)
-    if listed and not padded:
-        return max(map(int, tokens)) <= 255
-    enough = 3 in lengths or len(tokens) >= 16 or (sure and not padded)
-    return lengths != {2} and max(map(int, tokens)) <= 255 and enough
-
-
-def _is_false(value: bytes | None) -> bool:
-    return (value or b"").strip().lower() in (b"0", b"false", b"no", b"nein", b"non", b"n")
-
-
-def _is_true(value: bytes | None) -> bool:
-    return (value or b"").strip().lower() in (
-        b"1",
-        b"true",
-        b"t",
-        b"yes",
-        b"x",
-        b"ja",
-        b"oui",
-        b"si",
-        b"s\xc3\xad",
-        b"wahr",
-        b"vrai",
-        b"y",
-        b"ext",
-        b"extended",
-        b"xtd",
-        b"rtr",
-        b"remote",
-    )
+def _whole(cells: Sequence[bytes]) -> list[int]:
+    """The whole parts of times."""
+    return [int(found["s"]) for cell in cells if (found := _NUMBER.fullmatch(cell))]

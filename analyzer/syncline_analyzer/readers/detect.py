@@ -176,6 +176,9 @@ def _text_reader(path: Path, head: bytes, block_bytes: int) -> CaptureReader:
     from syncline_analyzer.readers.asc import AscFormat, is_asc
     from syncline_analyzer.readers.busmaster import BusmasterFormat, is_busmaster
     from syncline_analyzer.readers.candump import CandumpFormat, is_candump
+    from syncline_analyzer.readers.canhacker import CanhackerFormat, is_canhacker
+    from syncline_analyzer.readers.clx import ClxFormat, is_clx
+    from syncline_analyzer.readers.csv_bare import bare_columns
     from syncline_analyzer.readers.csv_columns import csv_columns
     from syncline_analyzer.readers.csv_log import CsvFormat
     from syncline_analyzer.readers.ixxat import IxxatFormat, is_ixxat, is_plain
@@ -195,6 +198,8 @@ def _text_reader(path: Path, head: bytes, block_bytes: int) -> CaptureReader:
         form = IxxatFormat(path) if table is None else IxxatTableFormat(path, table)
     elif is_busmaster(lines):
         form = BusmasterFormat(path)
+    elif is_canhacker(lines):
+        form = CanhackerFormat(path)
     elif is_memorator(lines):
         form = MemoratorFormat(path)
     elif is_kvaser(lines):
@@ -205,8 +210,8 @@ def _text_reader(path: Path, head: bytes, block_bytes: int) -> CaptureReader:
         form = AscFormat(path)
     elif is_candump(lines):
         form = CandumpFormat(path)
-    elif (columns := csv_columns(lines)) is not None:
-        form = CsvFormat(path, columns)
+    elif (columns := csv_columns(lines) or bare_columns(lines)) is not None:
+        form = ClxFormat(path, columns) if is_clx(lines) else CsvFormat(path, columns)
     else:
         shown = next((line for line in lines if line.strip()), b"")[:60]
         raise CaptureError(

@@ -39,7 +39,7 @@ READ_FORMATS: Final = (
     ReadFormat(
         "candump",
         (".log", ".txt"),
-        "candump logs (`-l`, `-L`) and screen dumps with any options (`-ta -td -tz -tA -x -e -a -c -d -i -S -8`)",
+        "candump logs (`-l`, `-L`) and screen dumps with any options (`-ta -td -tz -tA -x -e -a -c -d -i -S -8`); dots between bytes",
         ("bit rates", "in screen dumps without `-L`, CAN FD flags and the direction unless `-x`"),
         (
             "`DROPCOUNT` lines are gaps",
@@ -81,13 +81,32 @@ READ_FORMATS: Final = (
         (_ERROR_CONTENTS, _NAMES, "times finer than 100 us", _NO_ZONE),
     ),
     ReadFormat(
+        "canhacker",
+        (".trc", ".txt"),
+        "CANHacker traces",
+        ("dates, buses, direction", "error frames"),
+        ("times that begin again each minute are told as such",),
+    ),
+    ReadFormat(
+        "clx",
+        (".txt", ".csv"),
+        "CSS Electronics CL1000, CL2000 and CL3000, whatever fields and separators",
+        (
+            "remote frames, error frames",
+            "times finer than 1 ms",
+            "a date, where the clock was not set",
+            _NO_ZONE,
+        ),
+        ("`Lost` counts are gaps", "remote frames would be empty data frames: `remote_lost`"),
+    ),
+    ReadFormat(
         "csv",
         (".csv", ".txt"),
-        "CSV by SavvyCAN (GVRET), python-can, IXXAT, Kvaser, CANTest and home-made: comma, semicolon, tab or bar;"
+        "CSV by SavvyCAN (GVRET), python-can, IXXAT, Kvaser, CANTest (ZLG) and home-made: comma, semicolon, tab or bar;"
         " column names in many languages or none",
         ("whatever has no column: remote frames, direction, extended identifiers, buses",),
         (
-            "every guess is a note: decimal numbers, the unit of times, times that are differences",
+            "every guess is a note: columns without names, decimal numbers, the unit of times, times that are differences",
             "without a column for them remote frames are empty data frames, with a note and `remote_lost`",
         ),
     ),
@@ -116,6 +135,6 @@ READ_FORMATS: Final = (
 
 KNOWN_FORMATS: Final = (
     "Syncline captures and ROS 2 bags (.mcap), candump logs and screen dumps, Vector .asc and .blf,"
-    " PEAK .trc, IXXAT traces, Kvaser text, BUSMASTER .log, CSV logs, .pcap and .pcapng, .mf4; each"
+    " PEAK .trc, IXXAT and CANHacker traces, Kvaser text, BUSMASTER .log, CSV logs and those of CLX000 loggers, .pcap and .pcapng, .mf4; each"
     " also as .gz or .zst"
 )

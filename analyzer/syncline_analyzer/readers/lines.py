@@ -48,11 +48,13 @@ class OddFrame:
 
     row: Row
     timed: bool = True
+    lost: "LostFrames | None" = None
+    """Frames lost before this one, where its own line says so."""
 
 
 @dataclass(frozen=True, slots=True)
 class LostFrames:
-    """A line that says that frames were lost between its neighbours."""
+    """That frames were lost: between the neighbours of the line that says so, or before its frame."""
 
     reason: str
     lost_frames: int | None = None
@@ -251,6 +253,8 @@ class TextReader:
                 if parsed.t_ns is not None:
                     batch.t_ns[line], batch.timed[line] = parsed.t_ns, True
             elif isinstance(parsed, OddFrame):
+                if parsed.lost is not None:
+                    lost.append((line, parsed.lost))
                 batch.put_row(line, parsed.row, timed=parsed.timed)
             elif isinstance(parsed, FrameLayout):
                 if not self._put_layout(parsed, text, batch, line):

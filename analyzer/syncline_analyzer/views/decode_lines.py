@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from itertools import repeat
 from textwrap import wrap
 from types import MappingProxyType
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,8 @@ from syncline_analyzer.decode.stream import DecodedBatch, Decoding
 from syncline_analyzer.views.words import capture_time, duration, printable
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
 from syncline_schemas.wording import counted
+
+T = TypeVar("T")
 
 _DATA_WIDTH = 23
 _NAME_WIDTH = 16
@@ -219,9 +222,9 @@ class DecodedLines:
 
 
 def in_order(
-    parts: list[Part], count: int, texts: Iterator[list[str]]
-) -> tuple[list[str], NDArray[np.intp]]:
-    """Texts of all parts in the order of their frames, and those frames' rows."""
+    parts: list[Part], count: int, texts: Iterator[list[T]]
+) -> tuple[list[T], NDArray[np.intp]]:
+    """Texts, or whatever is said, of all parts in the order of their frames, and those frames' rows."""
     lines = np.empty(count, object)
     present = np.zeros(count, np.bool_)
     for part, told in zip(parts, texts, strict=True):

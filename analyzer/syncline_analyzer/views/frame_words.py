@@ -1,5 +1,6 @@
 """One frame in one line: time, bus, COB-ID, bytes, and what it is by the tables of the analysis."""
 
+from syncline_analyzer.decode.part import Part, Tone
 from syncline_analyzer.decode.sdo_words import plain_words
 from syncline_analyzer.decode.services import (
     emcy_words,
@@ -8,8 +9,10 @@ from syncline_analyzer.decode.services import (
     nmt_words,
     sync_words,
 )
+from syncline_analyzer.decode.stream import DecodedBatch, Decoding
 from syncline_analyzer.results import Analysis, Severity
 from syncline_analyzer.results.sdo_records import KINDS
+from syncline_analyzer.views.decode_lines import in_order
 from syncline_analyzer.views.words import Clock, hex_code, names_of, node_label, printable
 from syncline_schemas.batch import FrameBatch, FrameFlag
 
@@ -18,6 +21,18 @@ _BYTES = 8
 _MASTER_SDO, _NODE_SDO, _EMCY, _ERROR_CONTROL = 0x600, 0x580, 0x080, 0x700
 _TELLING = {True: (1, 2, 4), False: (2, 3, 4)}
 """Command specifiers of requests and of answers that name their object."""
+Said = tuple[str, Severity]
+"""What a frame says, and how loud that is."""
+_BEFORE = {
+    "NMT": "NMT ",
+    "SDO req": "SDO to {whose}: ",
+    "SDO ans": "SDO from {whose}: ",
+    "heartbeat": "{whose}: ",
+    "guarding": "{whose}: ",
+}
+_ALONE = ("sync", "time", "error", "other")
+"""What says by itself what it is."""
+_LOUDNESS: dict[Tone, Severity] = {Tone.BAD: "error", Tone.ORDER: "warning"}
 
 
 class FrameLines:
@@ -41,8 +56,28 @@ class FrameLines:
             row.evidence for row in analysis.nmt_states if "boot-up" in row.cause and row.evidence
         }
 
-    def line(self, frames: FrameBatch, row: int, seq: int | None) -> tuple[str, Severity]:
-        """A frame in words, and how loud they are."""
+    def decoded(self, decoding: Decoding) -> list[Said]:
+        """What each frame of a session says, in order, decoded from the first one on."""
+        told: list[Said] = []
+        for item in decoding.items():
+            if isinstance(item, DecodedBatch):
+                parts = (self._said(part) for part in item.parts)
+                told += in_order(item.parts, len(item.batch), parts)[0]
+        return told
+
+    def _said(self, part: Part) -> list[Said]:
+        """The distinct words of a part, with who says them."""
+        head = part.head
+        bus = self._buses[head.bus] if head.bus < len(self._buses) else f"bus {head.bus}"
+        whose = "" if head.node is None else self._label(bus, head.node)
+        before = _BEFORE.get(head.service, "{service} of {whose}: " if whose else "{service} ")
+        before = "" if head.family in _ALONE else before.format(service=head.service, whose=whose)
+        return [(f"{before}{words.text}", _LOUDNESS.get(words.tone, "info")) for words in part.words]
+
+    def line(
+        self, frames: FrameBatch, row: int, seq: int | None, said: Said | None = None
+    ) -> tuple[str, Severity]:
+        """A frame in words, and how loud they are; `said` is what it was decoded to."""
         number, can_id = int(frames.bus[row]), int(frames.can_id[row])
         bus = self._buses[number] if number < len(self._buses) else f"bus {number}"
         flags, length = int(frames.flags[row]), int(frames.dlc[row])
@@ -50,7 +85,10 @@ class FrameLines:
         data = frames.data[row, :length].tobytes()
         shown = data[:_BYTES].hex().upper() + (".." if length > _BYTES else "")
         severity: Severity = "info"
-        if flags & FrameFlag.ERROR:
+        if said is not None:
+            shown = "remote" if flags & FrameFlag.REMOTE else shown
+            words, severity = said
+        elif flags & FrameFlag.ERROR:
             words, severity = error_words(can_id, data).text, "error"
         elif flags & FrameFlag.EXTENDED:
             words = ""

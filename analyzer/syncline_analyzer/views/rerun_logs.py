@@ -1,14 +1,21 @@
 """Logs in a Rerun recording: EMCY, NMT, findings, SDO, changes, and frames."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 
 import rerun as rr
 
+from syncline_analyzer.decode.stream import Decoding
 from syncline_analyzer.results import Analysis
 from syncline_analyzer.views import events
 from syncline_analyzer.views.events import Event
-from syncline_analyzer.views.frame_rows import LeftOut, ReadFrames, Shown, frame_rows
-from syncline_analyzer.views.frame_words import FrameLines
+from syncline_analyzer.views.frame_rows import (
+    ONE_PASS_FRAMES,
+    LeftOut,
+    ReadFrames,
+    Shown,
+    frame_rows,
+)
+from syncline_analyzer.views.frame_words import FrameLines, Said
 from syncline_analyzer.views.rerun_layout import PlotContent
 from syncline_analyzer.views.rerun_sink import Sink
 from syncline_analyzer.views.words import Clock
@@ -27,6 +34,8 @@ _LOGS: list[tuple[str, str, Tell, str]] = [
 ]
 LOGS = {title: entity for title, entity, _, _ in _LOGS}
 """Entity of each log by its title; every recording has all of them."""
+Decode = Callable[[], Decoding]
+"""Opens the session once more, to be decoded (`Session.decoding`)."""
 FRAMES = PlotContent("Frames around the cursor", "/log/frames")
 
 
@@ -51,22 +60,30 @@ def write_logs(sink: Sink, analysis: Analysis) -> None:
         _write(sink, entity, told, line)
 
 
-def write_frames(sink: Sink, analysis: Analysis, read: ReadFrames) -> None:
-    """Write the frames of a short capture, or those around the events of a long one."""
+def write_frames(
+    sink: Sink, analysis: Analysis, read: ReadFrames, decode: Decode | None = None
+) -> None:
+    """Write the frames of a short capture, or those around the events of a long one.
+
+    With `decode` those of a short capture tell the values that they carry.
+    """
     lines = FrameLines(analysis)
+    short = decode is not None and analysis.capture.frames <= ONE_PASS_FRAMES
+    said = lines.decoded(decode()) if decode is not None and short else []
     told: list[Event] = []
     for item in frame_rows(analysis, read):
         if isinstance(item, Shown):
-            told += _frame_events(lines, item)
+            told += _frame_events(lines, item, said)
         else:
             told.append(Event(item.start_ns, None, "warning", _left_out(item, sink.axis.clock)))
     _write(sink, FRAMES.entity, told, lambda event: event.text)
 
 
-def _frame_events(lines: FrameLines, shown: Shown) -> Iterable[Event]:
+def _frame_events(lines: FrameLines, shown: Shown, said: Sequence[Said]) -> Iterable[Event]:
     for row, t_ns in enumerate(shown.frames.t_ns.tolist()):
         seq = None if shown.seq is None else int(shown.seq[row])
-        text, severity = lines.line(shown.frames, row, seq)
+        words = said[seq] if seq is not None and seq < len(said) else None
+        text, severity = lines.line(shown.frames, row, seq, words)
         yield Event(t_ns, seq, severity, text)
 
 

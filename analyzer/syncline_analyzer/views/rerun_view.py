@@ -23,6 +23,7 @@ from syncline_analyzer.views.rerun_lanes import lanes_of, write_lanes
 from syncline_analyzer.views.rerun_layout import Content, blueprint
 from syncline_analyzer.views.rerun_logs import (
     FRAMES,
+    Decode,
     logs_of,
     write_frames,
     write_logs,
@@ -54,17 +55,19 @@ def write_rrd(
     path: Path,
     read_frames: ReadFrames | None = None,
     label: Label | None = None,
+    decode: Decode | None = None,
 ) -> Path:
     """Write the recording of an analysis, and return the file.
 
     With `read_frames` (`Session.frames`) it also lists frames: all of a short capture, of a longer
-    one those around its events. Without `label` it is called by the files of the capture.
+    one those around its events; with `decode` (`Session.decoding`) those of a short one tell their
+    values. Without `label` it is called by the files of the capture.
     """
 
     def open_at(recording: rr.RecordingStream, layout: rr.blueprint.Blueprint) -> None:
         recording.save(path, layout)
 
-    write_recording(analysis, open_at, read_frames, label)
+    write_recording(analysis, open_at, read_frames, label, decode)
     return path
 
 
@@ -77,6 +80,7 @@ def write_recording(
     open_at: Open,
     read_frames: ReadFrames | None = None,
     label: Label | None = None,
+    decode: Decode | None = None,
 ) -> None:
     """Write the recording of an analysis to wherever `open_at` lets it go."""
     analysis = _with_devices_as_names(analysis)
@@ -96,7 +100,7 @@ def write_recording(
             rerun_plots.write_panel(sink, panel, analysis)
         rerun_world.write_worlds(sink, analysis)
         if read_frames is not None:
-            write_frames(sink, analysis, read_frames)
+            write_frames(sink, analysis, read_frames, decode)
         recording.flush()
     finally:
         recording.disconnect()

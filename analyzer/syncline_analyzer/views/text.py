@@ -132,8 +132,8 @@ def _story(
     body = Table.grid(padding=(0, 1))
     body.add_row("", Text(printable(finding.text)))
     for label, pieces in groupby(chain_lines(finding, clock), key=lambda piece: piece.label):
-        for place, piece in enumerate(pieces):
-            body.add_row(Text("" if place else label, style="dim"), Text(printable(piece.text)))
+        for nth, piece in enumerate(pieces):
+            body.add_row(Text("" if nth else label, style="dim"), Text(printable(piece.text)))
     body.add_row(Text("likely cause", style="dim"), Text(printable(finding.cause)))
     body.add_row(Text("check next", style="dim"), Text(printable(finding.check_next)))
     if finding.assumed:

@@ -7,6 +7,7 @@ import numpy as np
 import rerun as rr  # noqa: TID251  only the live view's own process imports this module
 import rerun.blueprint as rrb  # noqa: TID251
 from numpy.typing import NDArray
+from rerun.blueprint.encodings import TimelineColumn  # noqa: TID251
 
 from syncline_logger.live_view.scene import LogRow, Node, Shown, SignalRows
 from syncline_schemas.canopen.nmt import NmtState
@@ -79,9 +80,17 @@ class ViewerSink:
     def _log(self, rows: list[LogRow]) -> None:
         if rows:
             columns = rr.TextLog.columns(
-                text=[row.text for row in rows], level=[row.level for row in rows]
+                text=[f"{self._moment(row.t_ns)}  {row.text}" for row in rows],
+                level=[row.level for row in rows]
             )
             self._send("log", [row.t_ns for row in rows], columns)
+
+    def _moment(self, t_ns: int) -> str:
+        """Time since the start; the viewer's own column of it would be cut short."""
+        seconds, ms = divmod((t_ns - self._start_ns) // 1_000_000, 1000)
+        minutes, seconds = divmod(seconds, 60)
+        hours, minutes = divmod(minutes, 60)
+        return f"{hours}:{minutes:02}:{seconds:02}.{ms:03}"
 
     def _signal(self, signal: SignalRows) -> None:
         unit = signal.unit or _PLAIN
@@ -132,7 +141,14 @@ class ViewerSink:
                     rrb.TimeSeriesView(origin="/load", name="Bus load"),
                     row_shares=[3, *[2] * len(plots), 1],
                 ),
-                rrb.TextLogView(origin="/log", name="EMCY, commands, lost nodes"),
+                    rrb.TextLogView(
+                    origin="/log",
+                    name="EMCY, commands, lost nodes",
+                    columns=rrb.TextLogColumns(
+                        timeline_columns=[TimelineColumn("capture", visible=False)],
+                        text_log_columns=["LogLevel", "Body"],
+                    ),
+                ),
                 column_shares=[5, 3],
             ),
             rrb.TimePanel(timeline="capture", state="collapsed", play_state="following"),

@@ -1,6 +1,5 @@
 """What a chunk holds: where its messages are, and its frames as columns."""
 
-import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -11,6 +10,7 @@ from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
 from syncline_schemas.batch import FrameBatch, FrameFlag
+from syncline_schemas.capture.checksum import crc32
 from syncline_schemas.capture.chunk import decompress
 from syncline_schemas.capture.frame_record import (
     MAX_DATA,
@@ -106,7 +106,7 @@ def open_joined(raws: Sequence[RawChunk]) -> JoinedChunks | None:
 
 def _plain(raw: RawChunk) -> bytes | str:
     plain = decompress(raw.data, raw.compression, raw.uncompressed_size)
-    if isinstance(plain, bytes) and raw.crc not in (0, zlib.crc32(plain)):
+    if isinstance(plain, bytes) and raw.crc not in (0, crc32(plain)):
         return "its checksum is wrong"
     return plain
 

@@ -9,7 +9,9 @@ const map = one("table.map"), here = () => [one("#cell").textContent, document.a
 told.stops = every("table.map").map((table) => every('td a[tabindex="0"]', table).length);
 one('td a[tabindex="0"]', map).focus();
 told.first = here();
-for (const key of ["ArrowRight", "ArrowDown", "End", "ArrowRight", "Home"]) { press(key); told[key] = here(); }
+for (const key of ["ArrowRight", "ArrowDown", "End", "Home"]) { press(key); told[key] = here(); }
+press("ArrowLeft");
+told.at_the_edge = here();
 told.still_one = every('td a[tabindex="0"]', map).length;
 
 /* The pointer tells the same. */

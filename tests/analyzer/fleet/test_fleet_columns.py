@@ -1,12 +1,10 @@
 """The tables of the data set are those of a single analysis, in columns that never change type."""
 
-from functools import cache
-
 import pyarrow as pa
 import pytest
 
 from syncline_analyzer import open_session
-from syncline_analyzer.fleet.columns import arrow_table, columns_of
+from syncline_analyzer.fleet.columns import arrow_table
 from syncline_analyzer.fleet.samples import empty_frame
 from syncline_analyzer.fleet.schemas import SAMPLE_TABLES, table_schema, tables
 from syncline_analyzer.results import Analysis
@@ -23,21 +21,12 @@ def analysis(tmp_path_factory: pytest.TempPathFactory) -> Analysis:
     return open_session(path).analysis
 
 
-@cache
-def twins_that_clash(name: str) -> frozenset[str]:
-    """Columns that a pandas frame loses to the date of another one, as `parted` of `shafts`."""
-    names = {column.name for column in columns_of(ROW_TYPES[name])}
-    return frozenset(n.removesuffix("_ns") for n in names if n.endswith("_ns")) & frozenset(
-        column.name for column in columns_of(ROW_TYPES[name]) if not column.stamped
-    )
-
-
 @pytest.mark.parametrize("name", ROW_TYPES)
 def test_columns_and_values_are_those_of_the_pandas_tables(name: str, analysis: Analysis) -> None:
     expected = pa.Table.from_pandas(table(analysis, name), preserve_index=False)
     found = arrow_table(rows_of(analysis, name), ROW_TYPES[name], dated=True)
     assert set(found.column_names) == set(expected.column_names)
-    for column in set(found.column_names) - twins_that_clash(name):
+    for column in found.column_names:
         assert found[column].to_pylist() == expected[column].to_pylist(), column
 
 

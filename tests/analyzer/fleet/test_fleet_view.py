@@ -2,6 +2,7 @@
 
 import importlib.util
 import os
+import signal
 import socket
 import subprocess
 import sys
@@ -32,7 +33,7 @@ from syncline_analyzer.views.fleet_catalog import (
 )
 from syncline_samples.fleet import Planted
 from syncline_schemas.errors import UsageError
-from tests.analyzer.fleet.fleet_builder import capture, small_log, small_mcap
+from tests.analyzer.fleet.fleet_builder import analyze, capture, small_log, small_mcap
 
 TOOL = Path(__file__).parents[3] / "../shared/tools/rerun_screenshot.py"
 OPERATIONAL = (53, 125, 56)
@@ -49,10 +50,8 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
         for day in range(2):
             capture(folder / "in", machine, day, Planted(resets=2 * machine * day))
     small_log(folder / "in" / "odd one" / "night.log")
-    arguments = ["analyze", str(folder / "in"), "--out", str(folder / "out")]
-    done = CliRunner().invoke(command, [*arguments, "--rrd", "--reports", "--workers", "1"])
-    assert done.exit_code == 0, done.output
-    assert "Wrote" in done.stderr
+    done = syncline("analyze", folder / "in", "--out", folder / "out", "--rrd", "--reports")
+    assert f"Wrote {(folder / 'out').as_posix()}/report.html." in done
     return folder / "out"
 
 
@@ -83,6 +82,15 @@ def tool() -> ModuleType:
     return module
 
 
+def syncline(*arguments: object) -> str:
+    """What `syncline fleet` says, in a process of its own."""
+    program = "from syncline_logger.cli import main; main()"
+    command = [sys.executable, "-c", program, "fleet", *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, encoding="utf-8", check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stderr
+
+
 def run(*arguments: object) -> Result:
     return CliRunner().invoke(command, ["view", *map(str, arguments)])
 
@@ -105,7 +113,7 @@ def test_captures_are_found_by_their_properties(table: DatasetEntry, data: Path)
     entry = entries[row["rerun_segment_id"]]
     told = {
         name.removeprefix("property:syncline:"): list(value)
-        for name, value in row.items()
+        for name, value in zip(map(str, row), row.values(), strict=True)
         if name.startswith("property:syncline:")
     }
     assert told == {
@@ -218,8 +226,7 @@ def test_what_cannot_be_shown_is_said(data: Path, tmp_path: Path) -> None:
     assert "name one" in str(run(data, "--web", "--no-open").exception)
     small_mcap(tmp_path / "in" / "a.mcap")
     out = tmp_path / "out"
-    arguments = ["analyze", str(tmp_path / "in"), "--out", str(out), "--workers", "1"]
-    assert CliRunner().invoke(command, arguments).exit_code == 0
+    analyze(tmp_path / "in", out)
     told = str(run(out, "--no-open").exception)
     assert told.endswith(f"make them: syncline fleet analyze SOURCE... --out {out} --rrd")
 
@@ -236,14 +243,14 @@ def test_a_port_that_is_taken_is_said(data: Path) -> None:
 
 @pytest.mark.skipif(os.name == "nt", reason="Ctrl-C reaches the whole console there")
 def test_command_serves_until_it_is_interrupted(data: Path) -> None:
-    import signal
-
+    # Where the tests run in the background, SIGINT is ignored and would stay so.
+    heeds = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+    program = f"{heeds}; from syncline_logger.cli import main; main()"
     started = subprocess.Popen(
-        [sys.executable, "-m", "syncline_logger.cli", "fleet", "view", str(data), "--no-open"],
+        [sys.executable, "-c", program, "fleet", "view", str(data), "--no-open"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         encoding="utf-8",
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )
     assert started.stdout is not None
     url = started.stdout.readline().strip()

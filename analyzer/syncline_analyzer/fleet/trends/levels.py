@@ -29,6 +29,8 @@ from syncline_analyzer.fleet.trends.trend import Trend
 
 _SHARING = 0.5
 """Share of a fleet's machines that must move with it; a machine does from so much of its change on."""
+_ALIKE = 0.7
+"""How far the changes of a fleet's machines may lie apart, as a share of the change."""
 _BY_ITSELF = 0.4
 """Share of the floor by which a machine moves that moves against its fleet."""
 
@@ -74,7 +76,8 @@ def _of_fleets(tracks: Tracks, laid: Floats, of_all: Floats) -> Judged:
             continue
         shown = _change_at(laid[members], shapes, group) / shapes.change[group]
         moving = members[np.nan_to_num(shown) >= _SHARING]
-        if len(moving) >= _SHARING * np.isfinite(shown).sum():
+        alike = SIGMA * float(medians(np.abs(shown - medians(shown[None]))[None])[0]) <= _ALIKE
+        if alike and len(moving) >= _SHARING * np.isfinite(shown).sum():
             ordered = moving[np.argsort(-shown[np.isin(members, moving)], kind="stable")]
             size = abs(shapes.change[group]) / least
             trends.append(_trend(tracks, shapes, group, ordered, laid, float(size), of_fleet=True))

@@ -42,9 +42,6 @@ class Rises:
 def rises_of(count: Floats, time: Floats) -> Rises:
     """The clearest rise of each track.
 
-    Likelihood ratio of two Poisson rates against one, divided by how much more the days of either
-    side differ than chance alone would make them (quasi-Poisson).
-
     Args:
         count: events.
         time: in which they were counted.
@@ -91,24 +88,52 @@ def _rates(count: Floats, time: Floats, at: Ints) -> tuple[Floats, Floats]:
 
 
 def _z(count: Floats, time: Floats, at: Ints) -> Floats:
-    """Normal value of a rise at a bin, below zero for a fall."""
+    """Normal value of a rise at a bin, below zero for a fall: by chance alone, or as bins differ."""
+    return np.minimum(_z_of_chance(count, time, at), _z_of_bins(count, time, at))
+
+
+def _z_of_chance(count: Floats, time: Floats, at: Ints) -> Floats:
+    """Likelihood ratio of two Poisson rates against one."""
     count_before, time_before, count_after, time_after = _sums(count, time, at)
     whole, whole_time = count_before + count_after, time_before + time_after
     share = np.divide(time_after, whole_time, out=np.full_like(whole, 0.5), where=whole_time > 0)
     expected = whole * share
     deviance = 2 * (_term(count_after, expected) + _term(count_before, whole - expected))
-    before, after = (np.nan_to_num(each) for each in _rates(count, time, at))
-    late = np.arange(count.shape[1]) >= at[:, None]
-    mean = np.where(late, after[:, None], before[:, None]) * time
-    days = np.maximum((time > 0).sum(axis=1), 3)
-    square = np.divide((count - mean) ** 2, mean, out=np.zeros_like(mean), where=mean > 0)
-    beyond = np.maximum(square.sum(axis=1) / (days - 2), 1.0)
-    t = np.sqrt(np.maximum(deviance, 0.0) / beyond) * np.sign(count_after - expected)
-    # Where the days differ no more than chance makes them, nothing was estimated.
-    return np.where(beyond > 1, normal_of_student(t, (days - 2).astype(np.float64)), t)
+    ratio: Floats = np.sqrt(np.maximum(deviance, 0.0)) * np.sign(count_after - expected)
+    return ratio
 
 
 def _term(count: Floats, expected: Floats) -> Floats:
     ratio = np.divide(count, expected, out=np.ones_like(count), where=(count > 0) & (expected > 0))
     term: Floats = count * np.log(ratio)
     return term
+
+
+def _z_of_bins(count: Floats, time: Floats, at: Ints) -> Floats:
+    """Difference of the square roots of the rates, whose error hardly depends on the rate.
+
+    Events of
+    a bin vary by `mean + beyond * mean**2` (negative binomial), `beyond` as the bins of both sides
+    tell it: the more bins differ, the less a longer time in one of them tells.
+    """
+    late = np.arange(count.shape[1]) >= at[:, None]
+    before, after = (np.nan_to_num(each)[:, None] for each in _rates(count, time, at))
+    rate = np.where(late, after, before)
+    mean = rate * time
+    square = (mean**2).sum(axis=1)
+    more = ((count - mean) ** 2 - mean).sum(axis=1)
+    beyond = np.divide(np.maximum(more, 0.0), square, out=np.zeros_like(square), where=square > 0)
+    weight = time / (1 + beyond[:, None] * mean)
+    told = np.divide(count, time, out=np.zeros_like(count), where=time > 0) * weight
+    roots, errors = [], []
+    for side in (~late, late):
+        whole = (weight * side).sum(axis=1)
+        nothing = np.zeros_like(whole)
+        mean_rate = np.divide((told * side).sum(axis=1), whole, out=nothing.copy(), where=whole > 0)
+        roots.append(np.sqrt(mean_rate))
+        errors.append(np.divide(0.25, whole, out=nothing + np.inf, where=whole > 0))
+    error = np.sqrt(errors[0] + errors[1])
+    t = np.divide(roots[1] - roots[0], error, out=np.zeros_like(error), where=np.isfinite(error))
+    days = np.maximum((time > 0).sum(axis=1), 3).astype(np.float64)
+    # Where the bins differ no more than chance makes them, nothing was estimated.
+    return np.where(beyond > 0, normal_of_student(t, days - 2), t)

@@ -12,12 +12,13 @@ from syncline_analyzer.fleet.trends.statistics import (
     Bools,
     Floats,
     Ints,
-    kendall,
+    drift_z,
     medians,
     normal_p,
     pair_signs,
     persistence,
     quantiles,
+    rising_share,
     slopes,
     spreads,
     step_z,
@@ -126,32 +127,35 @@ def _shapes(value: Floats, epoch: Ints, quantum: float) -> Shapes:
 
 
 def aligned(value: Floats, epoch: Ints) -> Floats:
-    """Levels with the median of each epoch laid onto that of the longest; short epochs are left out."""
-    found = np.full_like(value, np.nan)
-    valid = np.isfinite(value)
-    longest = np.zeros(len(value), np.int64)
-    base = np.full(len(value), np.nan)
-    for each in np.unique(epoch):
-        own = np.where(valid & (epoch == each), value, np.nan)
-        count, level = np.isfinite(own).sum(axis=1), medians(own)
-        enough = count >= _LEAST_HELD
-        rows = enough[:, None] & np.isfinite(own)
-        found[rows] = (own - level[:, None])[rows]
-        base = np.where(enough & (count > longest), level, base)
-        longest = np.maximum(longest, np.where(enough, count, 0))
-    laid: Floats = found + base[:, None]
-    return laid
+    """Levels with each epoch laid onto the one before, by the medians of the days next to the change.
+
+    What changes with it is taken for a difference of the devices or recorders, and for no trend.
+    """
+    found = value.copy()
+    for each in range(1, int(epoch.max(initial=0)) + 1):
+        own = np.where(epoch == each, value, np.nan)
+        before = np.where(epoch < each, found, np.nan)
+        shift = medians(_nearest(before[:, ::-1])) - medians(_nearest(own))
+        found = np.where(epoch == each, value + np.nan_to_num(shift)[:, None], found)
+    return found
+
+
+def _nearest(value: Floats) -> Floats:
+    """The first values of each row, all others NaN."""
+    number = np.isfinite(value).cumsum(axis=1)
+    return np.where(number <= MIN_SIDE, value, np.nan)
 
 
 def _step(value: Floats, epoch: Ints, quantum: float) -> _Step:
-    """The place that leaves the least over when either side is its median."""
+    """The place that leaves the least over when either side is its median, well within an epoch."""
     tracks, bins = value.shape
     valid = np.isfinite(value)
     left = np.full(tracks, np.inf)
     at, places = np.zeros(tracks, np.int64), np.zeros(tracks, np.int64)
     for place in range(MIN_SIDE, bins - MIN_SIDE + 1):
-        enough = valid[:, :place].sum(axis=1) >= MIN_SIDE
-        enough &= valid[:, place:].sum(axis=1) >= MIN_SIDE
+        own = valid & (epoch == epoch[:, place : place + 1])
+        enough = own[:, :place].sum(axis=1) >= MIN_SIDE
+        enough &= own[:, place:].sum(axis=1) >= MIN_SIDE
         enough &= valid[:, place]
         rest = totals(np.abs(_without_step(value, np.full(tracks, place))))
         places += enough
@@ -166,7 +170,7 @@ def _step(value: Floats, epoch: Ints, quantum: float) -> _Step:
     across = (~late[:, :, None] & late[:, None, :]) & (valid[:, :, None] & valid[:, None, :])
     agree = (signs * np.sign(change)[:, None, None] * across > 0).sum(axis=(1, 2))
     counts = (valid & ~late).sum(axis=1), (valid & late).sum(axis=1)
-    z = step_z(change, spread, counts, persistence(residual, spread))
+    z = step_z(change, spread, counts, persistence(residual, spread, quantum))
     concord = agree / np.maximum(across.sum(axis=(1, 2)), 1)
     return _Step(at, change, spread, left, concord, z, places)
 
@@ -204,9 +208,10 @@ def _drift(value: Floats, epoch: Ints, quantum: float) -> _Drift:
         slope = np.where(better, steep, slope)
         residual = np.where(better[:, None], rest, residual)
     spread = np.maximum(spreads(residual), quantum)
-    z, concord, _ = kendall(value, epoch)
-    z = z / np.sqrt(persistence(residual, spread))
     change = slope * (end - onset)
+    count = (valid & (np.arange(bins) >= onset[:, None])).sum(axis=1)
+    z = drift_z(np.nan_to_num(change), spread, count, persistence(residual, spread, quantum))
+    concord = rising_share(value, epoch)
     return _Drift(onset, slope, change, spread, left, concord * np.sign(slope), z, wander)
 
 

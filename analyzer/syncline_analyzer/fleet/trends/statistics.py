@@ -1,7 +1,7 @@
 """Robust statistics of many short series at a time; gaps are NaN.
 
-Matrices are (tracks, bins) float64. Sources: H. Theil 1950 and P. K. Sen 1968 (slopes), H. B. Mann
-1945 and M. G. Kendall 1975 (monotonic trend), D. L. Wallace 1959 (Student's t as a normal value),
+Matrices are (tracks, bins) float64. Sources: H. Theil 1950 and P. K. Sen 1968 (slopes), M. G.
+Kendall 1938 (rank correlation), D. L. Wallace 1959 (Student's t as a normal value),
 Y. Benjamini and Y. Hochberg 1995 (false discovery rate).
 """
 
@@ -20,6 +20,8 @@ _SIGMA_80 = 1 / 1.2816
 """80 % quantile of absolute deviations to standard deviation, of normal values."""
 _FIRM_MEDIAN = 1.2533
 """Standard error of a median to that of a mean, of normal values."""
+_FIRM_SLOPE = 1.05
+"""The same of a median slope to that of least squares."""
 
 
 def quantiles(values: Floats, share: float) -> Floats:
@@ -56,11 +58,11 @@ def totals(values: Floats) -> Floats:
     return total
 
 
-def persistence(residuals: Floats, spread: Floats) -> Floats:
+def persistence(residuals: Floats, spread: Floats, quantum: float) -> Floats:
     """How much more a row's values vary together than single ones: factor of a variance, >= 1.
 
     That of an autoregression whose coefficient is the correlation of neighbouring bins, the bias
-    of short series taken off it (1/n).
+    of short series taken off it (1/n). What lies below `quantum` is no resemblance.
     """
     bound = 3 * np.maximum(spread, 1e-300)[:, None]
     kept = np.clip(residuals, -bound, bound)
@@ -69,7 +71,8 @@ def persistence(residuals: Floats, spread: Floats) -> Floats:
     square = totals(kept**2)
     count = np.maximum(np.isfinite(kept).sum(axis=1), 1)
     pairs = np.maximum(both.sum(axis=1), 1)
-    share = np.divide(product / pairs, square / count, out=np.zeros_like(square), where=square > 0)
+    variance = np.maximum(square / count, max(quantum, 1e-300) ** 2)
+    share = product / pairs / variance
     rho = np.clip(share + 1 / count, 0.0, 0.9)
     factor: Floats = (1 + rho) / (1 - rho)
     return factor
@@ -124,25 +127,24 @@ def step_z(difference: Floats, spread: Floats, counts: tuple[Ints, Ints], factor
     return normal_of_student(t, before + after - 2)
 
 
-def kendall(values: Floats, epoch: Ints) -> tuple[Floats, Floats, Floats]:
-    """Mann-Kendall test of each row: normal value, share of rising less falling pairs, number of pairs.
+def drift_z(change: Floats, spread: Floats, count: Ints, factor: Floats) -> Floats:
+    """Normal value of what a line through `count` bins amounts to; (tracks,).
 
-    Only bins of one epoch are compared; ties count as if they were none, which never overstates.
+    Args:
+        spread: of the values about the line.
+        factor: of the variance, for values that vary together.
     """
+    bins = np.maximum(count, 1).astype(np.float64)
+    error = _FIRM_SLOPE * spread * np.sqrt(12 / bins * factor)
+    t = np.divide(change, error, out=np.zeros_like(change), where=error > 0)
+    return normal_of_student(t, bins - 2)
+
+
+def rising_share(values: Floats, epoch: Ints) -> Floats:
+    """Share of rising less falling pairs of bins of one epoch (Kendall's tau, ties as none)."""
     signs, pairs = pair_signs(values, epoch)
-    total, count = signs.sum(axis=(1, 2)), pairs.sum(axis=(1, 2)).astype(np.float64)
-    variance = np.zeros(len(values))
-    valid = np.isfinite(values)
-    for each in np.unique(epoch[valid]):
-        n = (valid & (epoch == each)).sum(axis=1)
-        variance += n * (n - 1) * (2 * n + 5) / 18
-    z = np.divide(
-        total - np.sign(total),
-        np.sqrt(variance),
-        out=np.zeros_like(variance),
-        where=variance > 0,
-    )
-    return z, total / np.maximum(count, 1), count
+    share: Floats = signs.sum(axis=(1, 2)) / np.maximum(pairs.sum(axis=(1, 2)), 1)
+    return share
 
 
 def pair_signs(values: Floats, epoch: Ints) -> tuple[Floats, Bools]:

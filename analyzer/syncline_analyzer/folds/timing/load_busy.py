@@ -18,6 +18,11 @@ _STEPS = 10
 """The peak burst is as long as so many steps of the stamps at least."""
 _BUNDLED = 0.02
 """With this share of frames sooner than the wire allows, the stamps are not those of the wire."""
+_PART_NS = BURST_NS / 4
+_MOST_PARTS = 4
+"""Where there are more parts of the time to a frame, they are not looked at."""
+_ROUNDING_NS = 1.0
+"""Sums of times may be off by so much."""
 _TOLD_BITS = 8
 """A frame must come so much too soon to count for that [bit]."""
 
@@ -131,6 +136,8 @@ class Busy:
         late = int(np.searchsorted(end_ns, end_ns[-1] - BURST_NS))
         self._recent_ns, self._recent_wire_ns = end_ns[late:], wire_ns[late:]
         self._recent_soon = soon[late:]
+        if self.burst is not None and self.burst[0] >= 1.0:
+            return
         since = (end_ns - self._begun_ns).astype(np.float64)
         busy = np.cumsum(wire_ns)
         ends = self._ends(since, wire_ns, busy, known, soon)
@@ -171,6 +178,8 @@ class Busy:
             return np.zeros(0)
         rows = np.flatnonzero(since[count - 1 :] - since[: len(since) - count + 1] < BURST_NS)
         rows += count - 1
+        if best:
+            rows = rows[_may_carry(best, since, wire_ns, longest).take(rows)]
         before = np.searchsorted(since, since[rows] - BURST_NS, "right") - 1
         most = busy[rows] - np.where(before >= 0, busy[before], 0.0)
         sure = (rows >= known) & (since[rows] >= BURST_NS)
@@ -190,6 +199,22 @@ class Busy:
         return np.concatenate(
             [since[rows[rows >= known]], since[starting] - wire_ns[starting] + BURST_NS]
         )
+
+
+def _may_carry(best: float, since: Floats, wire_ns: Floats, longest: float) -> NDArray[np.bool_]:
+    """(n,) whether a window that ends with a frame, or before the next one, may carry so much.
+
+    Such a window carries no more than the parts of the time that it touches up to the frame, and
+    then a part of the next one. Most of them need not be measured once a full one is known.
+    """
+    if (since[-1] - since[0]) > _MOST_PARTS * len(since) * _PART_NS:
+        return np.ones(len(since), np.bool_)
+    place = ((since - since[0]) / _PART_NS).astype(np.intp)
+    carried = np.cumsum(np.bincount(place, wire_ns))
+    touched = int(BURST_NS / _PART_NS) + 1
+    carried[touched:] -= carried[:-touched].copy()
+    may: NDArray[np.bool_] = (carried + longest > best - _ROUNDING_NS).take(place)
+    return may
 
 
 def _busy_around(

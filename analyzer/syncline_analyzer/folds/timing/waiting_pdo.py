@@ -152,15 +152,16 @@ class Waits:
     def add(self, block: BusBlock, answers: Answers) -> None:
         """Take in the answers of a block."""
         ready, most = answers.ready, answers.most
-        known = np.flatnonzero(ready.known)
-        least_ns, waiting_ns = ready.least_ns, ready.waiting_ns
-        if len(known) < len(ready.known):
-            least_ns, waiting_ns = least_ns[known], waiting_ns[known]
-        self._add_beside_sdo(answers, known)
-        if len(known):
+        least_ns, waiting_ns, free = ready.least_ns, ready.waiting_ns, ready.free
+        known = None
+        if not ready.known.all():
+            known = ready.known
+            least_ns, waiting_ns, free = least_ns[known], waiting_ns[known], free[known]
+        self._add_beside_sdo(answers.beside_sdo, known, least_ns)
+        if len(least_ns):
             self.least.add(least_ns, most.least_ns)
             self.waiting.add(waiting_ns, most.waiting_ns)
-        self.free.add(ready.least_ns[known[ready.free[known]]])
+        self.free.add(least_ns[free])
         self.waited += most.waited
         if answers.shown is not None:
             self.shown += int(np.count_nonzero(ready.known & answers.shown))
@@ -272,17 +273,19 @@ class Waits:
             missed_seq=[missed[at] for at in sure.tolist()],
         )
 
-    def _add_beside_sdo(self, answers: Answers, known: Ints) -> None:
-        beside = answers.beside_sdo
-        if self.without_sdo is None and beside is not None and beside[known].any():
+    def _add_beside_sdo(self, beside: Bools | None, known: Bools | None, least_ns: Floats) -> None:
+        """Tell the (k,) times of the answers that are `known` apart by SDO traffic beside them."""
+        if beside is not None and known is not None:
+            beside = beside[known]
+        if self.without_sdo is None and beside is not None and beside.any():
             self.without_sdo = deepcopy(self.least)
-        if self.without_sdo is not None:
-            least_ns = answers.ready.least_ns[known]
-            if beside is None:
-                self.without_sdo.add(least_ns)
-                return
-            self.beside_sdo.add(least_ns[beside[known]])
-            self.without_sdo.add(least_ns[~beside[known]])
+        if self.without_sdo is None:
+            return
+        if beside is None:
+            self.without_sdo.add(least_ns)
+            return
+        self.beside_sdo.add(least_ns[beside])
+        self.without_sdo.add(least_ns[~beside])
 
     def _late_by_bus(self) -> int:
         """Late answers that were the bus's doing: none while the device may have been slow itself.

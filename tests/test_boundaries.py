@@ -33,6 +33,13 @@ def test_recorder_never_loads_the_analyzer(statement: str, banned: tuple[str, ..
     assert modules_after(statement).isdisjoint(banned)
 
 
+def test_reading_an_eds_is_light() -> None:
+    statement = "from syncline_schemas.eds import read_eds\nread_eds('[DeviceInfo]\\nProductName=x\\n')"
+    loaded = modules_after(statement)
+    assert "canopen" in loaded
+    assert loaded.isdisjoint(("asammdf", "sympy", *ANALYSIS_STACK))
+
+
 @pytest.mark.parametrize(
     "module", ["engine", "session", "readers", "cli", "views.rerun_view", "views.report_html"]
 )

@@ -33,6 +33,14 @@ _SHOWN = 3
     metavar="N",
     help="Port of the catalog on this machine; by default a free one.",
 )
+@click.option(
+    "--limit",
+    type=click.IntRange(min=1),
+    default=1000,
+    show_default=True,
+    metavar="N",
+    help="At most so many captures, the latest; each takes about 1.5 MB of memory.",
+)
 @click.option("--web", is_flag=True, help="Show it in a browser on this machine.")
 @click.option("--no-open", is_flag=True, help="Serve the catalog, without a viewer, until Ctrl-C.")
 @STORAGE
@@ -44,6 +52,7 @@ def view(
     since: str | None,
     until: str | None,
     port: int | None,
+    limit: int,
     web: bool,
     no_open: bool,
     storage_pairs: tuple[str, ...],
@@ -71,7 +80,10 @@ def view(
             raise UsageError(NO_DATA.format(dest))
         if not wanted:
             raise UsageError(_nothing(dest, any_recording=bool(recorded(data))))
-        with recordings(data.storage, wanted) as files, served(files, port) as catalog:
+        if len(wanted) > limit:
+            told = f"{counted(len(wanted) - limit, 'older capture')} left out: --machine, --since"
+            click.echo(f"{told} and --limit choose", err=True)
+        with recordings(data.storage, wanted[:limit]) as files, served(files, port) as catalog:
             click.echo(f"{counted(catalog.captures, 'capture')} at {catalog.url}", err=True)
             if catalog.unread:
                 click.echo(_unread(catalog.unread), err=True)

@@ -190,7 +190,7 @@ def _imported(
         sections[f"{index:04X}"] = head
         for sub, entry in objects.entries.get(index, {}).items():
             sections[f"{index:04X}sub{sub:X}"] = entry
-    from canopen.objectdictionary.eds import import_eds
+    from syncline_schemas.lean_canopen import import_eds
 
     with _quiet_importer():
         od: ObjectDictionary = import_eds(io.StringIO(_written(sections)), node_id)
@@ -223,7 +223,7 @@ _DUMMIES = tuple(f"Dummy{code:04d}" for code in range(1, 8))
 
 def _add_dummies(text: EdsText, od: "ObjectDictionary") -> None:
     """Data types that may pad an RPDO mapping (CiA 306 4.6.2): all that are listed, not seven."""
-    from canopen.objectdictionary import ODVariable
+    from syncline_schemas.lean_canopen import ODVariable
 
     section = text.sections.get("dummyusage") or Section("DummyUsage", 0)
     missing = [key for key in _DUMMIES if not section.get(key.lower())]

@@ -110,6 +110,6 @@ LOG_FILES = (
     LogFile("ros2", ros2, ros2_keeps, ("/can0/from_can_bus", "/can1/from_can_bus")),
     LogFile("ros2", ros2_fd, ros2_fd_keeps, ("/can0/from_can_bus", "/can1/from_can_bus")),
     LogFile("blf", python_can_blf, everything, NUMBERED),
-    LogFile("mf4", mf4, everything, NUMBERED, cut_step=64, ordered=False),
+    LogFile("mf4", mf4, everything, NUMBERED, cut_step=300, ordered=False),
 )
 IDS = [log.encode.__name__ for log in LOG_FILES]

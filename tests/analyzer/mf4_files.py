@@ -1,5 +1,6 @@
 """ASAM MDF 4 bus logs made with asammdf from frames, as the standard's bus logging lays them out."""
 
+import struct
 import tempfile
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
@@ -132,3 +133,84 @@ def canedge(frames: Sequence[Row]) -> bytes:
             channel.bit_offset, channel.bit_count = bit, 2 if field == "BusChannel" else 1
         with tempfile.TemporaryDirectory() as folder:
             return Path(mdf.save(Path(folder) / "x.mf4")).read_bytes()
+
+
+class _Blocks:
+    """Blocks of a file one after another, as ASAM MDF 4.1 describes them; the first is at 64."""
+
+    def __init__(self) -> None:
+        self.raw = bytearray(64)
+
+    def add(self, mark: bytes, links: Sequence[int], data: bytes) -> int:
+        at = len(self.raw)
+        size = 24 + 8 * len(links) + len(data)
+        head = struct.pack(f"<4sIQQ{len(links)}Q", mark, 0, size, len(links), *links)
+        self.raw += head + data
+        self.raw += bytes(-len(self.raw) % 8)
+        return at
+
+    def text(self, words: str) -> int:
+        return self.add(b"##TX", (), words.encode() + b"\0")
+
+    def channel(
+        self, name: str, kind: int, at: int, bits: int, *, following: int = 0, parts: int = 0
+    ) -> int:
+        master = name == "Timestamp"
+        data = struct.pack("<BBBBIIIIBBH6d", 2 * master, master, kind, 0, at, bits, *[0] * 11)
+        links = (following, parts, self.text(name), 0, 0, 0, 0, 0)
+        return self.add(b"##CN", links, data)
+
+
+_LOGGED = (
+    ("BusChannel", 0, 0, 8),
+    ("ID", 0, 1, 32),
+    ("IDE", 0, 5, 8),
+    ("DLC", 0, 6, 8),
+    ("DataLength", 0, 7, 8),
+    ("Dir", 0, 8, 8),
+    ("DataBytes", 10, 9, 64),
+)
+"""Of a record behind its stamp: name, type (unsigned, bytes), first byte, bits of each field."""
+
+
+def logger_mf4(frames: Sequence[Row], *, finished: bool = True, start_ns: int = T0_NS) -> bytes:
+    """Made by hand as a logger writes it: what describes the records, then those of two groups, mixed.
+
+    Where it is not finished, counts and the length of the data are 0 and the file says so.
+    """
+    out, groups = _Blocks(), 0
+    kinds = ("CAN_DataFrame", "CAN_RemoteFrame")
+    out.add(b"##HD", [0] * 6, struct.pack("<QhhBBBBdd", start_ns, 0, 0, 0, 0, 0, 0, 0.0, 0.0))
+    for number, kind in reversed(list(enumerate(kinds, 1))):
+        parts = 0
+        for name, form, at, bits in reversed(_LOGGED):
+            parts = out.channel(f"{kind}.{name}", form, 8 + at, bits, following=parts)
+        whole = out.channel(kind, 10, 8, 17 * 8, parts=parts)
+        stamp = out.channel("Timestamp", 4, 0, 64, following=whole)
+        count = sum(kinds.index(kind_of(frame)) + 1 == number for frame in frames)
+        data = struct.pack("<QQHHIII", number, count * finished, 0x2, 46, 0, 25, 0)
+        groups = out.add(b"##CG", (groups, stamp, 0, 0, 0, 0), data)
+    group = out.add(b"##DG", (0, groups, 0, 0), struct.pack("<B7x", 1))
+    place = len(out.raw)
+    out.raw[group + 40 : group + 48] = struct.pack("<Q", place)
+    out.raw[64 + 24 : 64 + 32] = struct.pack("<Q", group)
+    records = b"".join(
+        struct.pack(
+            "<BdBIBBBB8s",
+            kinds.index(kind_of(frame)) + 1,
+            (frame[0] - start_ns) / 1e9,
+            frame[1] + 1,
+            frame[2],
+            bool(frame[3] & EXTENDED),
+            frame[4],
+            len(frame[5]),
+            bool(frame[3] & TX),
+            frame[5],
+        )
+        for frame in frames
+    )
+    out.raw += struct.pack("<4sIQQ", b"##DT", 0, 24 + len(records) * finished, 0) + records
+    mark = b"MDF     " if finished else b"UnFinMF "
+    flags = 0 if finished else 0x5
+    out.raw[:64] = struct.pack("<8s8s8s4xH30xHH", mark, b"4.11    ", b"CE      ", 411, flags, 0)
+    return bytes(out.raw)

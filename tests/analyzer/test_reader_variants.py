@@ -440,9 +440,9 @@ def test_canhacker_begins_again_each_minute_and_knows_decimal_commas(tmp_path: P
     assert found == [
         _since(18_876 * ms, 0x70, bytes.fromhex("00B0C8649DB001D6")),
         _since(59_999 * ms, 0x18EA0003, bytes.fromhex("BEFE00"), flags=EXTENDED),
-        _since(60_001 * ms, 0x705, flags=REMOTE, dlc=1),
+        _since(60_001 * ms, 0x705, b"", flags=REMOTE, dlc=1),
         _since(60_002 * ms, 0x301, b"\1\2"),
-        _since(60_003 * ms, 0x301),
+        _since(60_003 * ms, 0x301, b""),
     ]
     assert (facts.format, facts.unparsed_lines) == ("canhacker", [])
     assert any("each minute" in note for note in facts.notes)
@@ -535,7 +535,7 @@ BARE = {
     "with 0x": "0.1;0x181;0x11 0xA4\n0.11;0x181;0x01 0xEA\n",
     "milliseconds": "100\t181\t11 A4\n110\t181\t01 EA\n",
     "decimal": "100,385,17 164\n110,385,1 234\n",
-    "a list": "0.1,385,[17; 164]\n0.11,385,[1; 234]\n",
+    "a list": "0.1;385;[17, 164]\n0.11;385;[1, 234]\n",
     "bytes in cells": "0.1,181,11,A4\n0.11,181,01,EA\n",
     "numbered": "1,0.1,can0,Rx,181,11,A4\n2,0.11,can0,Rx,181,01,EA\n",
     "a remark first": "# my log\n0.1,181,11A4\n0.11,181,01EA\n",

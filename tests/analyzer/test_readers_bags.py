@@ -1,7 +1,6 @@
 """ROS 2 bags and MDF files: what only some of them have."""
 
 import struct
-import sys
 from importlib.util import find_spec
 from io import BytesIO
 from pathlib import Path
@@ -12,7 +11,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.writer import Writer
 
-from syncline_schemas.batch import FrameFlag
+from syncline_analyzer.readers import open_capture
+from syncline_schemas.batch import FrameBatch, FrameFlag
 from syncline_schemas.errors import CaptureError
 from tests.analyzer import binary_files
 from tests.analyzer.log_builder import T0_NS, Row, frame_rows, message, read, row, rows
@@ -111,8 +111,7 @@ def test_broken_bags_never_raise_anything_else(tmp_path: Path, data: st.DataObje
 def test_without_asammdf_the_pip_line_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(sys.modules, "asammdf", None)
-    monkeypatch.setitem(sys.modules, "asammdf.blocks.mdf_v4", None)
+    monkeypatch.setattr("syncline_analyzer.readers.mf4.find_spec", lambda name: None)
     with pytest.raises(CaptureError, match=r"pip install 'syncline\[mf4\]'"):
         read(_written(tmp_path, b"MDF     4.10    " + bytes(64)))
 
@@ -137,9 +136,10 @@ def test_mdf_logs_of_python_can_are_read(tmp_path: Path) -> None:
 def test_mdf_logs_of_single_bits_and_data_apart_are_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at_once: int
 ) -> None:
+    from syncline_analyzer.readers import mf4_library
     from tests.analyzer.mf4_files import canedge
 
-    monkeypatch.setattr("syncline_analyzer.readers.mf4._RECORDS_AT_ONCE", at_once)
+    monkeypatch.setattr(mf4_library, "_RECORDS_AT_ONCE", at_once)
     extended, fd = FrameFlag.EXTENDED, FrameFlag.FD
     frames = [
         row(0, 0x181, b"\1\2\3"),
@@ -150,7 +150,11 @@ def test_mdf_logs_of_single_bits_and_data_apart_are_read(
         row(5_000, 0x123, bytes(range(12)), flags=fd | FrameFlag.ESI),
         row(6_000, 0x000, b"\x01\x05"),
     ]
-    batch, facts, _ = read(_written(tmp_path, canedge(frames)))
+    path = _written(tmp_path, canedge(frames))
+    # In this process, so that the number of records counts.
+    reader = mf4_library.Mf4Frames(path, path)
+    batch, facts = FrameBatch.concat(list(reader.batches())), reader.facts
+    assert rows(read(path)[0]) == rows(batch)
     assert [(t, int(facts.buses[bus]) - 1, *rest) for t, bus, *rest in rows(batch)] == frames
 
 
@@ -169,3 +173,77 @@ def test_mdf_fields_outside_of_their_records_are_not_read(tmp_path: Path, offset
         CaptureError, match="the fields of CAN_DataFrame lie outside of its records"
     ):
         read(_written(tmp_path, bytes(raw)))
+
+
+@pytest.mark.skipif(find_spec("asammdf") is None, reason="asammdf is not here")
+@settings(parent=PROPERTY, max_examples=20)
+@given(frames=frame_rows(back=False))
+def test_any_frames_come_out_of_mdf_as_they_were_written(tmp_path: Path, frames: list[Row]) -> None:
+    from syncline_analyzer.readers.mf4_library import Mf4Frames
+    from tests.analyzer.mf4_files import mf4
+
+    path = _written(tmp_path, mf4(frames))
+    reader = Mf4Frames(path, path)
+    found = rows(FrameBatch.concat(list(reader.batches())))
+    assert sorted(
+        (t, int(reader.facts.buses[bus]) - 1, *rest) for t, bus, *rest in found
+    ) == sorted(frames)
+
+
+LOGGED = (
+    row(0, 0x080),
+    row(1_000, 0x181, bytes(range(8))),
+    row(2_000, 0x70A, flags=FrameFlag.REMOTE, dlc=1),
+    row(3_000, 0x18FEF100, b"\1\2\3", bus=1, flags=FrameFlag.EXTENDED | FrameFlag.TX),
+    row(4_000, 0x70A, b"\5"),
+)
+RECORD_BYTES = 26
+
+
+@pytest.mark.skipif(find_spec("asammdf") is None, reason="asammdf is not here")
+@pytest.mark.parametrize("finished", [True, False])
+@pytest.mark.parametrize("missing", [0, 1, 3 * RECORD_BYTES + 7])
+def test_mdf_logs_that_were_cut_off_or_never_finished_give_what_stands(
+    tmp_path: Path, finished: bool, missing: int
+) -> None:
+    from tests.analyzer.mf4_files import logger_mf4
+
+    raw = logger_mf4(LOGGED, finished=finished)
+    batch, facts, _ = read(_written(tmp_path, raw[: len(raw) - missing]))
+    kept = len(LOGGED) - -(-missing // RECORD_BYTES)
+    assert [(t, int(facts.buses[bus]) - 1, *rest) for t, bus, *rest in rows(batch)] == list(
+        LOGGED[:kept]
+    )
+    said = "never finished" if not finished else "cut off"
+    assert facts.damage is None if finished and not missing else said in (facts.damage or "")
+    assert facts.time_base == "utc"
+
+
+_DYING = (
+    "import os, pickle, sys; from pathlib import Path; from syncline_analyzer.capture import CaptureFacts;"
+    " from syncline_analyzer.readers.mf4 import Message;"
+    " sys.stdout.buffer.write(pickle.dumps(Message(CaptureFacts(Path('x'), 'mf4'))) + b'half');"
+    " sys.stdout.flush(); os._exit(9)"
+)
+
+
+@pytest.mark.skipif(find_spec("asammdf") is None, reason="asammdf is not here")
+@pytest.mark.parametrize("code", ["import os; os._exit(9)", "import time; time.sleep(600)"])
+def test_a_crash_or_hang_of_what_reads_mdf_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: str
+) -> None:
+    monkeypatch.setattr("syncline_analyzer.readers.mf4._START", code)
+    monkeypatch.setattr("syncline_analyzer.readers.mf4.PATIENCE_S", 2.0)
+    with pytest.raises(CaptureError, match="crashed or took too long") as caught:
+        read(_written(tmp_path, b"MDF     4.10    " + bytes(64)))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.skipif(find_spec("asammdf") is None, reason="asammdf is not here")
+def test_a_crash_amid_the_frames_is_damage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("syncline_analyzer.readers.mf4._START", _DYING)
+    path = _written(tmp_path, b"MDF     4.10    " + bytes(64))
+    reader = open_capture(path)
+    assert list(reader.batches()) == []
+    assert "crashed" in (reader.facts.damage or "")
+    assert reader.facts.path == path

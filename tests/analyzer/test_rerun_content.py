@@ -30,6 +30,7 @@ from tests.analyzer.analysis_builder import (
     series,
     usual_states,
 )
+from tests.analyzer.whole_run import whole
 
 
 @pytest.fixture(scope="module")
@@ -121,6 +122,19 @@ def test_histogram_of_syncs_needs_every_period() -> None:
     assert bars.label == "can0 080h SYNC period, 1 outlier left out"
     thinned = replace(shown, sync=[SyncRow("can0", 0x80, 90_000, None, 1, 0)])
     assert period_bars(thinned) == []
+
+
+def test_histogram_of_a_long_capture_counts_the_syncs_that_no_plot_has_room_for() -> None:
+    count, gap = 60_000, 30_000
+    jitter = np.random.default_rng(5).normal(0, 20_000, count).astype(np.int64)
+    times = [n * 10_000_000 + int(jitter[n]) for n in range(1, count) if n != gap]
+    told = whole([(t_ns, 0, 0x80, 0, 0, b"") for t_ns in times])
+    assert len(told.series[0].value) < 0.9 * count
+    ((_, bars),) = period_bars(told)
+    assert bars.label == "can0 080h SYNC period, middle 99 %"
+    assert (bars.per_us * bars.width_us).sum() == pytest.approx(0.99 * count, rel=0.002)
+    assert bars.middle_us.min() > 9_800
+    assert bars.middle_us.max() < 10_200
 
 
 def test_findings_are_listed_before_they_are_told_and_name_the_bus() -> None:

@@ -45,7 +45,7 @@ class CanhackerFormat(LineFormat):
         self.facts.notes.append("the log has no date")
         seconds = [int(found[1]) for found in islice(_TIME.finditer(head), _LOOKED_AT)]
         if max(seconds, default=0) < 60:
-            self.wraps_ns = _MINUTE_NS
+            self.wraps_ns, self.late_ns = _MINUTE_NS, 0
             self.facts.notes.append(
                 "times begin again at 0 each minute; that more than a minute passed between two frames"
                 " cannot be seen"

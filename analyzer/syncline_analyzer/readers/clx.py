@@ -8,6 +8,7 @@ Source: CSS Electronics, "CLX000 docs", "Log file": a stamp is the lower part of
 import re
 from calendar import monthrange
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -35,7 +36,7 @@ class ClxFormat(CsvFormat):
     """A CLX000 log; its stamps are completed by the date in the head."""
 
     def __init__(self, path: Path, columns: CsvColumns) -> None:
-        super().__init__(path, columns)
+        super().__init__(path, replace(columns, id_base=16, data_base=16))
         self.facts.format = "clx"
         self._start: tuple[int, ...] = ()
 
@@ -74,6 +75,7 @@ class ClxFormat(CsvFormat):
         year, month = self._start[:2]
         wraps = {2: monthrange(year, month)[1] * _DAY_NS, 3: _DAY_NS}
         self.wraps_ns = wraps.get(begin, _PARTS_MS[begin - 1][1])
+        self.late_ns = 0
         # Days count from the 1st.
         base_ns = utc_ns(year, month, 1) if begin == 2 else start_ns - start_ns % self.wraps_ns
         assert base_ns is not None

@@ -23,6 +23,7 @@ _FLAG = re.compile(rb"[01]|true|false", re.IGNORECASE)
 _PROOF = re.compile(rb"0[xX]|[A-Fa-f]|^0\d|[ :_-]|^[0-9A-Fa-f]{4,}$")
 """What numbers of a table that is no log seldom are."""
 _MOST_BYTES: Final = 8
+_LONG: Final = 5
 _Column = list[bytes]
 
 
@@ -89,7 +90,12 @@ def _data_columns(columns: list[_Column]) -> list[int]:
 def _are(pattern: re.Pattern[bytes], column: _Column) -> bool:
     filled = [cell for cell in column if cell]
     good = sum(pattern.fullmatch(cell) is not None for cell in filled)
-    return good > 0 and 10 * good >= 9 * len(filled)
+    return good > 0 and _enough(good, len(filled))
+
+
+def _enough(good: int, cells: int) -> bool:
+    """Whether all cells fit, or of a longer column all but one in eight."""
+    return cells - good <= (max(1, cells // 8) if cells >= _LONG else 0)
 
 
 def _matching(pattern: re.Pattern[bytes]) -> Callable[[_Column], bool]:
@@ -110,18 +116,18 @@ _MARKED: Final = (
 
 def _are_ids(column: _Column) -> bool:
     good = [cell for cell in column if is_number(cell) and int(cell.strip(b"xXhH"), 16) < 1 << 32]
-    return 10 * len(good) >= 9 * len(column)
+    return _enough(len(good), len(column))
 
 
 def _are_times(column: _Column) -> bool:
-    """Whether these are times of the clock, or numbers that do not decrease but for one in twenty."""
-    if 10 * sum(map(is_clock, column)) >= 9 * len(column):
+    """Whether these are times of the clock, or numbers that seldom decrease."""
+    if _enough(sum(map(is_clock, column)), len(column)):
         return True
     if not _are(_NUMBER, column):
         return False
     values = [_value(cell) for cell in column if _NUMBER.fullmatch(cell)]
     back = sum(b < a for a, b in pairwise(values))
-    return 20 * back <= len(values) and (len(values) == 1 or values[-1] > values[0])
+    return _enough(len(values) - back, len(values)) and (len(values) == 1 or values[-1] > values[0])
 
 
 def _finest(columns: list[_Column], places: list[int]) -> int:

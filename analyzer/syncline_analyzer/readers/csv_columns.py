@@ -153,7 +153,7 @@ def csv_columns(lines: Sequence[bytes]) -> CsvColumns | None:
     plain = [line for line in filled if not line.startswith(b"#")]
     for line in plain[:_LOOKED_AT]:
         columns = _by_content(line)
-        if columns is not None and _holds(columns, plain):
+        if columns is not None and _holds(columns, plain) and _sized(columns, plain):
             return columns
     return None
 
@@ -168,6 +168,19 @@ def _holds(columns: CsvColumns, lines: Sequence[bytes]) -> bool:
         numbers = (cells[place] for place in data if place < len(cells))
         good += at < len(cells) and is_number(cells[at]) and all(map(_DATA.fullmatch, numbers))
     return good > 0 and 2 * good >= len(lines) - 1
+
+
+def _sized(columns: CsvColumns, lines: Sequence[bytes]) -> bool:
+    """Whether in most lines the column taken for the length tells as many bytes as there are."""
+    if not {"length", "data"} <= set(columns.roles):
+        return True
+    at, data = columns.roles.index("length"), columns.roles.index("data")
+    good = 0
+    for line in lines:
+        cells = [line[slice(*span)] for span in columns.cells(line)]
+        if len(cells) > max(at, data) and cells[at].isdigit():
+            good += len(cells[data].replace(b" ", b"")) == 2 * int(cells[at][:4])
+    return 2 * good >= len(lines) - 1 and (good > 1 or len(lines) < 2)
 
 
 def is_number(cell: bytes) -> bool:

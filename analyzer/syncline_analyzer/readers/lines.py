@@ -94,6 +94,7 @@ class LineFormat(ABC):
         origin_ns: added to every time, unless the log has none.
         differences: whether each time is the time since the line before.
         wraps_ns: after which time they begin at 0 again (times of day), 0 when never.
+        late_ns: what of a step back is that of a late frame, not a new beginning; None is half of `wraps_ns`.
         markers: words on lines after which other lines mean something else.
     """
 
@@ -104,6 +105,7 @@ class LineFormat(ABC):
         self.origin_ns = 0
         self.differences = False
         self.wraps_ns = 0
+        self.late_ns: int | None = None
 
     def bus(self, name: bytes) -> int | None:
         """Number of a bus, in the order of appearance; None when a log names more than 256."""
@@ -328,7 +330,8 @@ class TextReader:
         t_ns = batch.t_ns[rows]
         before_ns = int(t_ns[0]) if self._wrap_from_ns is None else self._wrap_from_ns
         steps = np.diff(t_ns, prepend=before_ns)
-        turns = np.cumsum((steps < -wraps_ns // 2).astype(np.int64) - (steps > wraps_ns // 2))
+        late_ns = wraps_ns // 2 if self._form.late_ns is None else self._form.late_ns
+        turns = np.cumsum((steps < -late_ns).astype(np.int64) - (steps > wraps_ns - late_ns))
         batch.t_ns[rows] = t_ns + (turns + self._wraps) * wraps_ns
         self._wraps += int(turns[-1])
         self._wrap_from_ns = int(t_ns[-1])

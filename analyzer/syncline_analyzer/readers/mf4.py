@@ -1,91 +1,43 @@
 """ASAM MDF 4 bus logs (CANedge, Vector, ETAS), by way of asammdf, which is no dependency.
 
-Source: ASAM MDF 4.1 "Bus logging"; channel groups named CAN_DataFrame, CAN_RemoteFrame and
-CAN_ErrorFrame.
+asammdf runs native code that a damaged file can crash, prints, and has no bounds: it reads in a
+process of its own, and what happens to that is a word about the file.
 """
 
+import json
+import pickle
+import subprocess
+import sys
 import weakref
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import fields
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, BinaryIO, Final
-
-import numpy as np
-from numpy.typing import NDArray
+from threading import Timer
+from typing import IO, Any, Final, NamedTuple
 
 from syncline_analyzer.capture import CaptureFacts
-from syncline_analyzer.readers.mf4_chains import has_endless_chain
-from syncline_analyzer.readers.possible import possible
-from syncline_analyzer.readers.resolution import Resolution
-from syncline_analyzer.readers.times import FIRST_UTC_NS, SECOND_NS
-from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
+from syncline_schemas.batch import FrameBatch, Gap
 from syncline_schemas.errors import CaptureError
 
 MF4_MAGIC: Final = (b"MDF     ", b"UnFinMF ")
 PIP_LINE: Final = "pip install 'syncline[mf4]'"
-_RECORDS_AT_ONCE: Final = 1 << 17
-_KINDS: Final = {
-    "CAN_DataFrame": 0,
-    "CAN_RemoteFrame": FrameFlag.REMOTE,
-    "CAN_ErrorFrame": FrameFlag.ERROR,
-}
-_MAX_BUSES: Final = 256
-_MOST_BYTES: Final = 1 << 16
-"""No record of a CAN frame is longer."""
-_VIRTUAL: Final = (3, 6)
-"""Types of channels that have no bytes in the records."""
-_LOCAL_TIME: Final = 1
-"""Flag of the header block: its time is that of a clock on the wall."""
-_LAST_NS: Final = 1 << 62
-_MOST_S: Final = 2e9
+PATIENCE_S: Final = 90.0
+"""How long a message may take, and for each 4 MB of the file a second more."""
+_START: Final = (
+    "import json, sys; sys.path[:] = json.loads(sys.argv[1]);"
+    " from syncline_analyzer.readers.mf4_child import main; main(sys.argv[2])"
+)
 
 
-def _library() -> Any:
-    """asammdf's class for files of version 4, whose instances close without a word.
+class Message(NamedTuple):
+    """What the process that reads tells: the facts so far, and frames, an end, or why it refuses."""
 
-    Raises: ImportError.
-    """
-    from asammdf.blocks.mdf_v4 import MDF4
-
-    class Quiet(MDF4):  # type: ignore[misc, unused-ignore]
-        """What a damaged file left half made cannot be closed either, and would tell so on stderr."""
-
-        def close(self) -> None:
-            with suppress(Exception):
-                super().close()
-
-    return Quiet
-
-
-def _opened(path: Path, file: BinaryIO, library: Any) -> Any:
-    """The file as asammdf opens it. Raises: CaptureError."""
-    if file.read(12)[8:9] != b"4":
-        raise CaptureError(f"{path}: is no ASAM MDF file of version 4, which alone can hold frames")
-    file.seek(0)
-    if has_endless_chain(file):
-        raise CaptureError(
-            f"{path}: a damaged ASAM MDF file: its blocks follow each other in a ring"
-        )
-    try:
-        return library(file, __internal__=True, original_name=None, process_bus_logging=False)
-    except Exception as error:  # noqa: BLE001  whatever a damaged file makes of asammdf
-        problem = str(error) or type(error).__name__
-    raise CaptureError(f"{path}: cannot be read as ASAM MDF: {problem}")
-
-
-def _fits(group: Any) -> bool:
-    """Whether all fields lie within the records: asammdf reads whatever memory they point to."""
-    size = int(group.channel_group.samples_byte_nr)
-    return size <= _MOST_BYTES and all(
-        each.byte_offset + (each.bit_offset + each.bit_count + 7) // 8 <= size
-        for each in group.channels
-        if each.channel_type not in _VIRTUAL
-    )
-
-
-def _closed(mdf: Any, file: BinaryIO) -> None:
-    mdf.close()
-    file.close()
+    facts: CaptureFacts | None = None
+    frames: FrameBatch | None = None
+    refused: str | None = None
+    ends: bool = False
 
 
 class Mf4Reader:
@@ -97,133 +49,82 @@ class Mf4Reader:
 
     def __init__(self, path: Path) -> None:
         self.facts = CaptureFacts(path, "mf4")
-        try:
-            library = _library()
-        except ImportError as error:
+        if find_spec("asammdf") is None:
             raise CaptureError(
                 f"{path}: is an ASAM MDF file; to read it, install the extra 'mf4': {PIP_LINE}"
-            ) from error
-        # What asammdf opens itself stays open where it fails.
-        file = path.open("rb")
-        try:
-            self._mdf: Any = _opened(path, file, library)
-        except CaptureError:
-            file.close()
-            raise
-        self._close = weakref.finalize(self, _closed, self._mdf, file)
-        self._groups = list(self._can_groups())
-        if not self._groups:
-            why = f" that can be read: {self.facts.damage}" if self.facts.damage else ""
-            raise CaptureError(f"{path}: an ASAM MDF file without recorded CAN frames{why}")
-        header: Any = self._mdf.header
-        start_ns = int(header.abs_time)
-        self._start_ns = start_ns if FIRST_UTC_NS <= start_ns < _LAST_NS else 0
-        self.facts.time_base = "utc" if self._start_ns else "relative"
-        if self._start_ns and header.time_flags & _LOCAL_TIME:
-            self.facts.notes.append("the log's date names no time zone; it is taken as UTC")
-        self.facts.notes.append("times are numbers with a fraction in this format")
-
-    def _can_groups(self) -> Iterator[tuple[int, str, int]]:
-        """Index, name and number of records of each group of CAN frames."""
-        for index, group in enumerate(self._mdf.groups):
-            names = {channel.name for channel in group.channels}
-            for kind in _KINDS:
-                if kind not in names or not group.channel_group.cycles_nr:
-                    continue
-                if _fits(group):
-                    yield index, kind, int(group.channel_group.cycles_nr)
-                else:
-                    self.facts.damage = f"the fields of {kind} lie outside of its records"
+            )
+        self._path = path
+        self._patience_s = PATIENCE_S + path.stat().st_size / 4e6
+        self._process = _started(path)
+        self._close = weakref.finalize(self, _ended, self._process)
+        first = self._message()
+        if first is None or first.refused is not None:
+            self._close()
+            why = first.refused if first else f"{path}: cannot be read as ASAM MDF: {self._death()}"
+            raise CaptureError(why)
+        self._take(first)
 
     def batches(self) -> Iterator[FrameBatch | Gap]:
-        """Batches in order of time."""
-        resolution = Resolution()
-        pending = [FrameBatch.empty() for _ in self._groups]
-        at = [0] * len(self._groups)
-        while True:
-            for number, (_, _, count) in enumerate(self._groups):
-                if not len(pending[number]) and at[number] < count:
-                    pending[number] = self._frames(number, at[number])
-                    at[number] += _RECORDS_AT_ONCE
-            filled = [each for each in pending if len(each)]
-            if not filled:
-                break
-            # A group that is read to its end hides nothing more; the others may go on later.
-            open_ends = [
-                int(each.t_ns.max())
-                for each, place, group in zip(pending, at, self._groups, strict=True)
-                if len(each) and place < group[2]
-            ]
-            until_ns = min(open_ends, default=int(np.iinfo(np.int64).max))
-            ready = FrameBatch.concat([each[each.t_ns <= until_ns] for each in filled])
-            pending = [each[each.t_ns > until_ns] for each in pending]
-            frames = ready[np.argsort(ready.t_ns, kind="stable")]
-            resolution.sample(frames.t_ns, frames.bus, frames.can_id)
-            self.facts.resolution_ns = resolution.step_ns
-            yield possible(frames, self.facts)
-
-    def _frames(self, number: int, at: int) -> FrameBatch:
-        index, name, _ = self._groups[number]
+        """Batches in order of time; where the process that reads dies, what it gave is kept."""
         try:
-            signal = self._mdf.get(
-                name, index, record_offset=at, record_count=_RECORDS_AT_ONCE, raw=True
-            )
-        except Exception as error:  # noqa: BLE001  whatever a damaged file makes of asammdf
-            self.facts.damage = f"the frames of {name} cannot be read: {error}"
-            return FrameBatch.empty()
-        seconds = np.nan_to_num(np.asarray(signal.timestamps, np.float64))
-        stamps = np.rint(np.clip(seconds, -_MOST_S, _MOST_S) * SECOND_NS).astype(np.int64)
-        return self._batch(name, stamps + self._start_ns, signal.samples)
+            while True:
+                message = self._message()
+                if message is None or message.refused is not None:
+                    why = message.refused if message else self._death()
+                    self.facts.damage = f"the rest cannot be read: {why}"
+                    return
+                self._take(message)
+                if message.frames is not None:
+                    yield message.frames
+                if message.ends:
+                    return
+        finally:
+            self._close()
 
-    def _batch(self, name: str, t_ns: NDArray[np.int64], samples: NDArray[np.void]) -> FrameBatch:
-        fields = samples.dtype.names or ()
+    def _take(self, message: Message) -> None:
+        for each in fields(CaptureFacts):
+            if message.facts is not None and each.name != "path":
+                setattr(self.facts, each.name, getattr(message.facts, each.name))
 
-        def column(field: str) -> NDArray[np.int64]:
-            wanted = f"{name}.{field}"
-            if wanted not in fields:
-                return np.zeros(len(samples), np.int64)
-            values = samples[wanted]
-            if values.dtype.kind in "SU":
-                return np.isin(values, (b"Tx", "Tx")).astype(np.int64)
-            return values.astype(np.int64)
+    def _message(self) -> Message | None:
+        """The next message; None where the process died, or took too long and was ended."""
+        stream: IO[bytes] | None = self._process.stdout
+        assert stream is not None
+        timer = Timer(self._patience_s, self._process.kill)
+        timer.daemon = True
+        timer.start()
+        try:
+            told: Any = pickle.load(stream)
+        except Exception:  # noqa: BLE001  half a message may be anything
+            return None
+        finally:
+            timer.cancel()
+        return told if isinstance(told, Message) else None
 
-        raw_id = column("ID")
-        extended = (column("IDE") != 0) | (raw_id & 0x80000000 != 0)
-        flags = np.full(len(samples), _KINDS[name], np.uint16)
-        fd = column("EDL") != 0
-        if _KINDS[name] == FrameFlag.ERROR:
-            extended = fd = np.zeros(len(samples), np.bool_)
-        for flag, given in (
-            (FrameFlag.EXTENDED, extended),
-            (FrameFlag.TX, column("Dir") != 0),
-            (FrameFlag.FD, fd),
-            (FrameFlag.BRS, fd & (column("BRS") != 0)),
-            (FrameFlag.ESI, fd & (column("ESI") != 0)),
-        ):
-            flags |= np.where(given, flag, 0).astype(np.uint16)
-        stated = column("DataLength" if _KINDS[name] != FrameFlag.REMOTE else "DLC")
-        dlc = np.clip(stated, 0, 8 if _KINDS[name] == FrameFlag.REMOTE else 64)
-        data = np.zeros((len(samples), 64 if bool(np.any(dlc > 8)) else 8), np.uint8)
-        if f"{name}.DataBytes" in fields and _KINDS[name] != FrameFlag.REMOTE:
-            width = min(data.shape[1], samples[f"{name}.DataBytes"].shape[1])
-            data[:, :width] = samples[f"{name}.DataBytes"][:, :width]
-            data[np.arange(data.shape[1]) >= dlc[:, np.newaxis]] = 0
-        bus = self._buses(column("BusChannel"))
-        if _KINDS[name] == FrameFlag.ERROR:
-            # What the format calls the type of an error is no class of SocketCAN.
-            self.facts.foreign_errors.update(self.facts.buses[number] for number in np.unique(bus))
-        return FrameBatch(
-            t_ns,
-            bus,
-            (raw_id & 0x1FFFFFFF).astype(np.uint32),
-            flags,
-            dlc.astype(np.uint8),
-            data,
+    def _death(self) -> str:
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(5)
+        return f"asammdf, which reads it, crashed or took too long (exit {self._process.poll()})"
+
+
+def _started(path: Path) -> "subprocess.Popen[bytes]":
+    try:
+        return subprocess.Popen(
+            [sys.executable, "-P", "-c", _START, json.dumps(list(map(str, sys.path))), str(path)],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            # Windows: no console window of its own.
+            creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
         )
+    except OSError as error:
+        raise CaptureError(
+            f"{path}: the process that reads ASAM MDF cannot be started: {error}"
+        ) from error
 
-    def _buses(self, channels: NDArray[np.int64]) -> NDArray[np.uint8]:
-        out = np.zeros(len(channels), np.uint8)
-        for channel in np.unique(channels).tolist():
-            full = len(self.facts.buses) >= _MAX_BUSES
-            out[channels == channel] = 255 if full else self.facts.bus_number(str(channel))
-        return out
+
+def _ended(process: "subprocess.Popen[bytes]") -> None:
+    if process.stdout is not None:
+        process.stdout.close()
+    process.kill()
+    process.wait()

@@ -51,13 +51,19 @@ from syncline_analyzer.results.waiting import DelayRow, LatenessRow, WaitRow
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Series:
-    """A quantity over time for plots: t_ns (n,) int64, value (n,) float64 in `unit`."""
+    """A quantity over time for plots: t_ns (n,) int64, value (n,) float64 in `unit`.
+
+    Of SYNC periods `histogram` (k,) int64 holds the counts of `edges` (k + 1,) in `unit` over all of
+    them, also where points are thinned away.
+    """
 
     bus: str
     name: str
     unit: str
     t_ns: NDArray[np.int64]
     value: NDArray[np.float64]
+    histogram: NDArray[np.int64] | None = None
+    edges: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True, slots=True, repr=False)

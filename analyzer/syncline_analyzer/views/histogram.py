@@ -1,7 +1,8 @@
-"""Response times of a PDO as bars whose area is the number of answers."""
+"""Response times of PDOs and periods of SYNCs as bars whose area is their number."""
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import ceil
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,9 +48,14 @@ def histograms(analysis: Analysis) -> list[tuple[Responses, Bars]]:
 
 
 def bars_of(responses: Responses) -> Bars:
-    """Bars of the bins that hold all answers but one in a thousand, and lie near most of them."""
-    edges = responses.edges_us
-    share = np.cumsum(responses.histogram) / responses.histogram.sum()
+    """Bars of the answers of a PDO."""
+    title = f"{responses.bus} {hex_code(responses.cob_id, 3)} {responses.pdo or 'PDO'}"
+    return _binned(responses.histogram, responses.edges_us, title)
+
+
+def _binned(counts: NDArray[np.int64], edges: NDArray[np.float64], title: str) -> Bars:
+    """Bars of the bins that hold all but one in a thousand, and lie near most of them."""
+    share = np.cumsum(counts) / counts.sum()
     first, last = _bins(share, _SHOWN)
     core_first, core_last = _bins(share, _CORE)
     low, high = float(edges[core_first]), float(edges[core_last + 1])
@@ -59,25 +65,32 @@ def bars_of(responses: Responses) -> Bars:
     widths = np.diff(edges)
     shown = slice(first, last + 1)
     return Bars(
-        title=f"{responses.bus} {hex_code(responses.cob_id, 3)} {responses.pdo or 'PDO'}",
+        title=title,
         middle_us=(edges[:-1] + widths / 2)[shown],
         width_us=widths[shown],
-        per_us=(responses.histogram / widths)[shown],
-        left_out=int(responses.histogram.sum() - responses.histogram[shown].sum()),
+        per_us=(counts / widths)[shown],
+        left_out=int(counts.sum() - counts[shown].sum()),
     )
 
 
 def period_bars(analysis: Analysis) -> list[tuple[str, Bars]]:
-    """SYNC periods by bus, where every period is there and none was thinned away."""
-    counts = {(row.bus, row.cob_id): row.count for row in analysis.sync}
+    """SYNC periods by bus, over every period, also where points of the plot were thinned away."""
+    rows = {(row.bus, row.cob_id): row for row in analysis.sync}
     found = []
     for series in analysis.series:
         cob_id = _SYNC_SERIES.fullmatch(series.name)
         value = series.value[np.isfinite(series.value)]
-        if cob_id and 2 <= len(value) >= _COMPLETE * counts.get(
-            (series.bus, int(cob_id[1], 16)), 0
-        ):
-            found.append((series.bus, _counted(value, f"{series.bus} {cob_id[1]}h SYNC period")))
+        if cob_id is None or len(value) < 2:
+            continue
+        title = f"{series.bus} {cob_id[1]}h SYNC period"
+        row = rows.get((series.bus, int(cob_id[1], 16)))
+        if row is None or len(value) >= _COMPLETE * row.count:
+            found.append((series.bus, _counted(value, title)))
+        elif series.histogram is not None and series.edges is not None:
+            # Beyond the middle the bins are an eighth of an octave wide: too coarse for a period.
+            bars = _binned(series.histogram, series.edges, f"{title}, middle 99 %")
+            wide = _coarser(bars, row.resolution_us)
+            found.append((series.bus, replace(wide, left_out=0)))
     return found
 
 
@@ -91,9 +104,22 @@ def _counted(value: NDArray[np.float64], title: str) -> Bars:
     return Bars(title, edges[:-1] + width / 2, width, counts / width, len(value) - len(near))
 
 
+def _coarser(bars: Bars, step_us: float) -> Bars:
+    """Bars so wide that the steps of the stamps make no pattern in them."""
+    together = ceil(_STEPS_A_BAR * step_us / float(bars.width_us.min()))
+    if not 1 < together < len(bars.per_us):
+        return bars
+    starts = np.arange(0, len(bars.per_us), together)
+    width = np.add.reduceat(bars.width_us, starts)
+    counts = np.add.reduceat(bars.per_us * bars.width_us, starts)
+    left = (bars.middle_us - bars.width_us / 2)[starts]
+    return replace(bars, middle_us=left + width / 2, width_us=width, per_us=counts / width)
+
+
 _SYNC_SERIES = re.compile(r"SYNC ([0-9A-F]+)h period")
 _COMPLETE = 0.9
 _BARS = 60
+_STEPS_A_BAR = 5
 
 
 def _bins(share: NDArray[np.float64], shares: tuple[float, float]) -> tuple[int, int]:

@@ -15,10 +15,10 @@ from syncline_analyzer.results import Analysis
 from syncline_analyzer.views.events import Marks, marks
 from syncline_analyzer.views.html import Html, element
 from syncline_analyzer.views.plots import Line, Panel, panels, shown_at_once
-from syncline_analyzer.views.report_axes import time_ticks, value_ticks
+from syncline_analyzer.views.report_axes import value_ticks
 from syncline_analyzer.views.report_moment import Moments, seconds
 from syncline_analyzer.views.thin import envelope, extremes
-from syncline_analyzer.views.timeline_svg import TICKS, end_class
+from syncline_analyzer.views.timeline_svg import time_labels
 from syncline_analyzer.views.words import number
 
 POINTS_OF_A_PAGE = 160_000
@@ -272,17 +272,7 @@ def _ticks(low: float, high: float, unit: str, moments: Moments) -> Iterator[Htm
         for value, text in value_ticks(low, high, _VALUE_TICKS, unit)
     )
     yield element("div", *values, class_="values", aria_hidden="true")
-    begin_ns = moments.begin_ns - moments.clock.first_ns
-    times = (
-        element(
-            "span",
-            text,
-            style=f"left:{moments.percent(moments.clock.first_ns + t_ns):.3f}%",
-            class_=end_class(moments.percent(moments.clock.first_ns + t_ns)),
-        )
-        for t_ns, text in time_ticks(begin_ns, moments.span_ns, TICKS)
-    )
-    yield element("div", *times, class_="ticks", aria_hidden="true")
+    yield element("div", *time_labels(moments), class_="ticks", aria_hidden="true")
 
 
 def _keys(lines: Sequence[Line], points: Sequence[int], shown: Sequence[Marks]) -> Iterator[Html]:

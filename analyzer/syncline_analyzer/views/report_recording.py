@@ -7,7 +7,7 @@ from syncline_analyzer.views import report_tables as tables
 from syncline_analyzer.views.html import Html, element
 from syncline_analyzer.views.report_moment import Moments
 from syncline_analyzer.views.services import listings
-from syncline_analyzer.views.words import duration, number
+from syncline_analyzer.views.words import duration, frame_kinds, number
 from syncline_schemas.wording import counted
 
 LONG_SILENCE_NS = 1_000_000_000
@@ -62,15 +62,8 @@ def recording_part(analysis: Analysis, moments: Moments) -> Iterator[Html]:
 
 def _facts(analysis: Analysis, moments: Moments) -> Iterator[Html]:
     capture = analysis.capture
-    counts = {
-        "data": capture.data_frames,
-        "remote": capture.remote_frames,
-        "error": capture.error_frames,
-        "29-bit": capture.extended_frames,
-    }
     yield from _fact("Files", ", ".join(capture.files))
-    kinds = ", ".join(f"{count:,} {kind}" for kind, count in counts.items())
-    yield from _fact("Frames", f"{capture.frames:,}: {kinds}")
+    yield from _fact("Frames", f"{capture.frames:,}: {frame_kinds(capture)}")
     yield from _fact("Recording", quality(analysis))
     for damage in capture.damage:
         yield from _fact("Damaged, read in part", damage)

@@ -27,6 +27,7 @@ from syncline_analyzer.views.waits import late_because, waiting_listings
 from syncline_analyzer.views.words import (
     Clock,
     duration,
+    frame_kinds,
     hex_code,
     names_of,
     node_label,
@@ -457,13 +458,7 @@ def _recording(analysis: Analysis, clock: Clock) -> Table:
 def recording_lines(analysis: Analysis, clock: Clock) -> Iterable[str]:
     """What is to be known of the capture itself: kinds of frames, holes, notes of the reader."""
     capture = analysis.capture
-    counts = {
-        "data": capture.data_frames,
-        "remote": capture.remote_frames,
-        "error": capture.error_frames,
-        "29-bit": capture.extended_frames,
-    }
-    yield "frames: " + ", ".join(f"{count:,} {kind}" for kind, count in counts.items())
+    yield f"frames: {frame_kinds(capture)}"
     yield from (f"damaged, read in part: {damage}" for damage in capture.damage)
     if capture.unparsed_lines:
         yield f"{capture.unparsed_lines:,} lines of the log could not be read"

@@ -96,18 +96,20 @@ def node_id(bus: str, node: int) -> str:
 
 def axis(moments: Moments) -> Html:
     """Round moments of capture time with the time of day below them."""
-    begin_ns = moments.begin_ns - moments.clock.first_ns
-    ticks = [
-        element(
-            "span",
-            text,
-            *([element("small", utc)] if (utc := _day_time(moments, t_ns)) else []),
-            style=f"left:{moments.percent(moments.clock.first_ns + t_ns):.3f}%",
-            class_=end_class(moments.percent(moments.clock.first_ns + t_ns)),
-        )
-        for t_ns, text in time_ticks(begin_ns, moments.span_ns, TICKS)
-    ]
-    return element("div", element("div", *ticks, class_="ticks"), class_="axis", aria_hidden="true")
+    labels = time_labels(moments, dated=True)
+    ticks = element("div", *labels, class_="ticks")
+    return element("div", ticks, class_="axis", aria_hidden="true")
+
+
+def time_labels(moments: Moments, *, dated: bool = False) -> Iterator[Html]:
+    """Round moments of capture time in their places; `dated` with the time of day below each."""
+    first_ns = moments.clock.first_ns
+    for t_ns, text in time_ticks(moments.begin_ns - first_ns, moments.span_ns, TICKS):
+        percent = moments.percent(first_ns + t_ns)
+        utc = _day_time(moments, t_ns) if dated else ""
+        below = [element("small", utc)] if utc else []
+        place = f"left:{percent:.3f}%"
+        yield element("span", text, *below, style=place, class_=end_class(percent))
 
 
 def end_class(percent: float) -> str | None:

@@ -155,6 +155,17 @@ class Clock:
         return start if end_ns <= start_ns or start == end else f"{start} to {end}"
 
 
+def frame_kinds(capture: CaptureRow) -> str:
+    """How many frames of each kind there are."""
+    counts = {
+        "data": capture.data_frames,
+        "remote": capture.remote_frames,
+        "error": capture.error_frames,
+        "29-bit": capture.extended_frames,
+    }
+    return ", ".join(f"{count:,} {kind}" for kind, count in counts.items())
+
+
 def names_of(nodes: list[NodeRow]) -> dict[tuple[str, int], str]:
     """Label by (bus, node) of every node."""
     return {(row.bus, row.node): node_label(row.node, row.name) for row in nodes}

@@ -49,7 +49,7 @@ def standard_device(number: int) -> Device | None:
     profile = standard_profiles().get(number)
     if profile is None:
         return None
-    from canopen import ObjectDictionary
+    from syncline_schemas.lean_canopen import ObjectDictionary
 
     facts: dict[Key, ObjectFacts] = {
         key: ObjectFacts(*key, name, data_type, "ro", mappable=True)

@@ -247,18 +247,19 @@ def test_command_serves_until_it_is_interrupted(data: Path) -> None:
     heeds = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
     program = f"{heeds}; from syncline_logger.cli import main; main()"
     started = subprocess.Popen(
-        [sys.executable, "-c", program, "fleet", "view", str(data), "--no-open"],
+        [sys.executable, "-c", program, "fleet", "view", str(data), "--no-open", "--limit", "3"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         encoding="utf-8",
     )
     assert started.stdout is not None
     url = started.stdout.readline().strip()
-    assert len(CatalogClient(url.partition("/entry/")[0]).get_dataset("fleet").segment_ids()) == 5
+    assert len(CatalogClient(url.partition("/entry/")[0]).get_dataset("fleet").segment_ids()) == 3
     started.send_signal(signal.SIGINT)
     _, words = started.communicate(timeout=30)
     assert started.returncode == 0, words
-    assert words.startswith("5 captures at rerun+http://127.0.0.1:")
+    assert "2 older captures left out" in words
+    assert "3 captures at rerun+http://127.0.0.1:" in words
 
 
 def shot(tool: ModuleType, url: str) -> tuple[Picture, list[str]]:

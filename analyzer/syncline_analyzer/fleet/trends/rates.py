@@ -68,7 +68,8 @@ def rises_of(count: Floats, time: Floats) -> Rises:
     before, after = _rates(count, time, onset)
     more = (count * late).sum(axis=1) - np.nan_to_num(before) * (time * late).sum(axis=1)
     days = ((count > 0) & late).sum(axis=1)
-    p = np.minimum(normal_p(z) * np.maximum(places, 1), 1.0)
+    # Only rises are told: one side of the distribution, at one of many places.
+    p = np.minimum(normal_p(z) / 2 * np.maximum(places, 1), 1.0)
     return Rises(onset, before, after, more, days, p, (places > 0) & (days >= RATE_DAYS))
 
 

@@ -31,6 +31,8 @@ _SHARE_OF_KNEE = 0.85
 """A drift begins within the series where that leaves so little of what a straight line leaves over."""
 _LEAST_HELD = 3
 """Bins before the knee of a drift."""
+_LEAST_RUN = 8
+"""Bins after it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -166,8 +168,9 @@ def _step(value: Floats, epoch: Ints, quantum: float) -> _Step:
     late = np.arange(bins) >= at[:, None]
     before, after = (medians(np.where(side, value, np.nan)) for side in (~late, late))
     change = np.nan_to_num(after - before)
-    signs, _ = pair_signs(value, np.zeros_like(epoch))
-    across = (~late[:, :, None] & late[:, None, :]) & (valid[:, :, None] & valid[:, None, :])
+    # Within epochs: what is laid onto one another would prove itself.
+    signs, pairs = pair_signs(value, epoch)
+    across = ~late[:, :, None] & late[:, None, :] & pairs
     agree = (signs * np.sign(change)[:, None, None] * across > 0).sum(axis=(1, 2))
     counts = (valid & ~late).sum(axis=1), (valid & late).sum(axis=1)
     z = step_z(change, spread, counts, persistence(residual, spread, quantum))
@@ -194,7 +197,7 @@ def _drift(value: Floats, epoch: Ints, quantum: float) -> _Drift:
     left, onset = totals(np.abs(residual)), begin
     single = np.where(valid, epoch, -1).max(axis=1) == np.where(valid, epoch, 1 << 30).min(axis=1)
     straight = left
-    for knee in range(_LEAST_HELD, bins - MIN_SIDE + 1):
+    for knee in range(_LEAST_HELD, bins - _LEAST_RUN + 1):
         ran = np.maximum(time - knee, 0.0)
         held = medians(np.where(time <= knee, value, np.nan))
         rise = np.divide(value - held[:, None], ran, out=np.full_like(value, np.nan), where=ran > 0)
@@ -202,7 +205,7 @@ def _drift(value: Floats, epoch: Ints, quantum: float) -> _Drift:
         rest = value - held[:, None] - np.nan_to_num(steep)[:, None] * ran
         cost = totals(np.abs(rest))
         enough = valid[:, :knee].sum(axis=1) >= _LEAST_HELD
-        enough &= valid[:, knee + 1 :].sum(axis=1) >= MIN_SIDE
+        enough &= valid[:, knee + 1 :].sum(axis=1) >= _LEAST_RUN
         better = single & enough & (cost < left) & (cost < _SHARE_OF_KNEE * straight)
         left, onset = np.where(better, cost, left), np.where(better, knee, onset)
         slope = np.where(better, steep, slope)

@@ -30,6 +30,8 @@ def quantiles(values: Floats, share: float) -> Floats:
     >>> quantiles(np.array([[3.0, np.nan, 1.0], [np.nan] * 3]), 0.5).tolist()
     [2.0, nan]
     """
+    if not values.shape[1]:
+        return np.full(len(values), np.nan)
     ordered = np.sort(values, axis=1)
     count = np.isfinite(values).sum(axis=1)
     place = share * np.maximum(count - 1, 0)

@@ -29,6 +29,7 @@ from syncline_analyzer.folds.nmt.others import (
     booted_with,
     others_anew,
     others_beat,
+    starts_of,
     witnesses_of,
 )
 from syncline_analyzer.folds.nmt.senders import Senders, Sent
@@ -84,6 +85,8 @@ class NmtFold:
         """Error control of the last batch of the other nodes."""
         self._errors: Mapping[NodeKey, Sequence[int]] = {}
         self._measures: dict[NodeKey, Measures] = {}
+        self._starts: dict[NodeKey, list[int]] = {}
+        """When each node may have started, once everything is seen."""
 
     def update(self, batch: IndexedBatch) -> list[Reset]:
         """Take in the commands and the error control of the next frames.
@@ -151,6 +154,7 @@ class NmtFold:
             control.finish(end_ns, self._next_seq)
         alive = {key for key, control in self._control.items() if control.alive}
         self._tell_emptied(end_ns, clock)
+        self._starts = starts_of(self._control)
         own = {bus for bus, _ in alive} | self._commands.buses() | self._commands.synced
         foreign = self._foreign_buses() - own
         shown = (set(canopen) - foreign) | own
@@ -346,7 +350,7 @@ class NmtFold:
             stretches=control.paces.stretches,
             even=control.paces.even,
             alone=alone,
-            others_anew=others_anew(self._control, key),
+            others_anew=others_anew(self._starts, key),
             others_beat=others_beat(self._control, key),
             witnesses=witnesses,
             communication_errors=self._errors.get(key, ()),

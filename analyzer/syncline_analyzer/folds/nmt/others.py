@@ -1,6 +1,7 @@
 """What the error control of the other nodes of a bus tells of one node's silence."""
 
 from collections.abc import Mapping
+from itertools import chain
 
 from syncline_analyzer.folds.nmt.error_control import ErrorControl
 from syncline_analyzer.folds.nmt.pace import ENOUGH
@@ -23,15 +24,22 @@ def witnesses_of(controls: Mapping[NodeKey, ErrorControl], number: int) -> Witne
     return Witnesses(found)
 
 
-def others_anew(controls: Mapping[NodeKey, ErrorControl], key: NodeKey) -> list[int]:
-    """When other nodes of the bus may have started: a boot-up may look like a heartbeat [ns]."""
-    return sorted(
-        beat.t_ns
-        for other, control in controls.items()
-        if other[0] == key[0] and other != key
-        for beat in control.beats
-        if beat.kind == "boot-up" or STATE_OF_BYTE.get(beat.state) is NmtState.PRE_OPERATIONAL
-    )
+def starts_of(controls: Mapping[NodeKey, ErrorControl]) -> dict[NodeKey, list[int]]:
+    """When each node may have started: a boot-up may look like a heartbeat [ns]."""
+    return {
+        key: [
+            beat.t_ns
+            for beat in control.beats
+            if beat.kind == "boot-up" or STATE_OF_BYTE.get(beat.state) is NmtState.PRE_OPERATIONAL
+        ]
+        for key, control in controls.items()
+    }
+
+
+def others_anew(starts: Mapping[NodeKey, list[int]], key: NodeKey) -> list[int]:
+    """When other nodes of the bus may have started, of the `starts_of` all nodes [ns]."""
+    others = (found for other, found in starts.items() if other[0] == key[0] and other != key)
+    return sorted(chain.from_iterable(others))
 
 
 def others_beat(controls: Mapping[NodeKey, ErrorControl], key: NodeKey) -> list[tuple[int, int]]:

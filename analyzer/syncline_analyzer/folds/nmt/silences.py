@@ -7,7 +7,7 @@ from syncline_analyzer.context import Context
 from syncline_analyzer.folds.bus.clock import ClockTable
 from syncline_analyzer.folds.nmt.events import Lost, NodeHistory, Silence
 from syncline_analyzer.folds.nmt.quiet import Quiet
-from syncline_analyzer.folds.nmt.timeout import silence_limit
+from syncline_analyzer.folds.nmt.timeout import silence_limit, watchers
 from syncline_schemas.canopen.nmt import RESETS, STATE_AFTER_COMMAND, NmtState
 
 RESTART_NS = 10_000_000_000
@@ -36,6 +36,7 @@ class Silences:
         self._clock = clock
         self._quiet = quiet
         self._seqs = [beat.seq for beat in history.beats]
+        self._watching = watchers(context, history.bus)
 
     def events(self) -> Iterator[tuple[int, int, object]]:
         """(seq, order, event): the node gets LOST, or it is heard again."""
@@ -54,7 +55,7 @@ class Silences:
 
     def _events_of(self, silence: Silence) -> Iterator[tuple[int, int, object]]:
         """Where in the order of `seq` a node gets LOST: commands may come before and after."""
-        timeout = silence_limit(self._context, self._history, silence)
+        timeout = silence_limit(self._context, self._history, silence, self._watching)
         if timeout is None or silence.end_ns <= silence.start_ns + timeout[0]:
             return
         lost_ns = silence.start_ns + timeout[0]

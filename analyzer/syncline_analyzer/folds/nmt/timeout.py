@@ -1,6 +1,6 @@
 """How long a node may be silent before it is LOST, and where that number comes from."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.folds.nmt.events import NodeHistory, OffPace, Silence
@@ -24,9 +24,12 @@ CONSUMER_TIME = 0x1016
 
 
 def silence_limit(
-    context: Context, history: NodeHistory, silence: Silence
+    context: Context, history: NodeHistory, silence: Silence, watching: Iterable[int]
 ) -> tuple[int, str] | None:
-    """Silence after which the node is LOST [ns], and where the number comes from."""
+    """Silence after which the node is LOST [ns], and where the number comes from.
+
+    `watching` are the `watchers` of its bus.
+    """
     if not context.timed or silence.kind == "boot-up":
         return None
     median = silence.period_ns
@@ -37,7 +40,7 @@ def silence_limit(
     producer = _producer_ms(context, history, silence)
     if producer is not None and producer[0] == 0:
         return None
-    consumer = _consumer_ns(context, history, silence.start_seq)
+    consumer = _consumer_ns(context, history, silence.start_seq, watching)
     if consumer is not None and (median is None or consumer[0] > median):
         return consumer
     if producer is not None:
@@ -105,11 +108,13 @@ def period_changed(context: Context, history: NodeHistory, start_ns: int, end_ns
     return any(k is not None and k.t_ns is not None and start_ns <= k.t_ns <= end_ns for k in known)
 
 
-def _consumer_ns(context: Context, history: NodeHistory, seq: int) -> tuple[int, str] | None:
+def _consumer_ns(
+    context: Context, history: NodeHistory, seq: int, watching: Iterable[int]
+) -> tuple[int, str] | None:
     """The shortest 1016h time of a node that watches this one, as far as the bus told it."""
     found = [
         (ms, watcher, sub, known.source)
-        for watcher, sub, watched, ms, known in consumer_times(context, history.bus, seq)
+        for watcher, sub, watched, ms, known in consumer_times(context, history.bus, seq, watching)
         if watched == history.node != watcher
     ]
     if not found:
@@ -118,16 +123,31 @@ def _consumer_ns(context: Context, history: NodeHistory, seq: int) -> tuple[int,
     return ms * 1_000_000, f"the {ms} ms that node {node} allows it (1016h:{sub}, {source})"
 
 
-def consumer_times(
-    context: Context, bus: int, seq: int | None = None
-) -> Iterator[tuple[int, int, int, int, Known]]:
-    """(watching node, sub, watched node, time [ms], value) of every 1016h entry on a bus."""
+def watchers(context: Context, bus: int) -> list[int]:
+    """Nodes of a bus of which it was ever known that they watch the heartbeat of others (1016h)."""
     shadow = context.shadow
-    for on, node in shadow.nodes():
-        if on != bus or not quirks(shadow.device(on, node)).consumes_heartbeat:
-            continue
+    return [
+        node
+        for on, node in shadow.nodes()
+        if on == bus
+        and quirks(shadow.device(on, node)).consumes_heartbeat
+        and (
+            shadow.changes(on, node, CONSUMER_TIME, 1)
+            or shadow.assumed(on, node, CONSUMER_TIME, 1) is not None
+        )
+    ]
+
+
+def consumer_times(
+    context: Context, bus: int, seq: int | None = None, watching: Iterable[int] | None = None
+) -> Iterator[tuple[int, int, int, int, Known]]:
+    """(watching node, sub, watched node, time [ms], value) of every 1016h entry on a bus.
+
+    `watching` are its `watchers`, where they are known.
+    """
+    for node in watchers(context, bus) if watching is None else watching:
         for sub in range(1, 128):
-            known = shadow.get(on, node, CONSUMER_TIME, sub, seq)
+            known = context.shadow.get(bus, node, CONSUMER_TIME, sub, seq)
             if known is None:
                 break
             value = _number(known)

@@ -32,11 +32,13 @@ def sync_table(context: Context, bus: int, cob_id: int, state: SyncState) -> Syn
     """The table of one of them."""
     name = context.bus_name(bus)
     columns = state.over_time.columns()
-    series = (
-        Series(name, f"SYNC {cob_id:03X}h period", "us", columns["t_ns"], columns["value"])
-        if columns
-        else None
-    )
+    series = None
+    if columns:
+        counts, edges_ns = state.period.histogram()
+        title = f"SYNC {cob_id:03X}h period"
+        series = Series(
+            name, title, "us", columns["t_ns"], columns["value"], counts, edges_ns / 1000
+        )
     doubles = state.double.rows(name, cob_id)
     jitter = [
         each

@@ -1,0 +1,100 @@
+"""The process in which asammdf reads: bounded memory, nothing of what it prints is told."""
+
+import os
+import pickle
+import sys
+import tempfile
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import BinaryIO, Final
+
+from syncline_analyzer.readers.mf4 import Message
+from syncline_analyzer.readers.mf4_repair import is_whole, mend
+
+_LEAST_BYTES: Final = 2 << 30
+"""Address space beside three times the file."""
+
+
+def main(name: str) -> None:
+    """Tell the frames of a file on the standard output."""
+    out = os.fdopen(os.dup(1), "wb")
+    with open(os.devnull, "wb") as nothing:
+        os.dup2(nothing.fileno(), 1)
+        os.dup2(nothing.fileno(), 2)
+    warnings.simplefilter("ignore")
+    path = Path(name)
+    with suppress(BrokenPipeError):
+        try:
+            with _readable(path) as whole:
+                for message in _messages(path, whole):
+                    _tell(out, message)
+        except MemoryError:
+            _tell(
+                out,
+                Message(refused=f"{path}: cannot be read as ASAM MDF: it needs too much memory"),
+            )
+        except Exception as error:  # noqa: BLE001  whatever a damaged file makes of asammdf
+            _tell(out, Message(refused=_said(path, error)))
+    out.flush()
+    # asammdf may not end by itself after what a damaged file did to it.
+    os._exit(0)
+
+
+def _said(path: Path, error: Exception) -> str:
+    from syncline_schemas.errors import SynclineError
+
+    if isinstance(error, SynclineError):
+        return str(error)
+    return f"{path}: cannot be read as ASAM MDF: {str(error) or type(error).__name__}"
+
+
+def _messages(path: Path, whole: tuple[Path, str | None]) -> Iterator[Message]:
+    from syncline_analyzer.readers.mf4_library import Mf4Frames
+
+    readable, damage = whole
+    _bound_memory(path)
+    reader = Mf4Frames(readable, path)
+    reader.facts.damage = reader.facts.damage or damage
+    yield Message(reader.facts)
+    for frames in reader.batches():
+        reader.facts.damage = reader.facts.damage or damage
+        yield Message(reader.facts, frames)
+    yield Message(reader.facts, ends=True)
+
+
+def _tell(out: BinaryIO, message: Message) -> None:
+    pickle.dump(message, out, protocol=5)
+    out.flush()
+
+
+@contextmanager
+def _readable(path: Path) -> Iterator[tuple[Path, str | None]]:
+    """A file that asammdf can read: this one, or a mended copy; and what is missing of it."""
+    with path.open("rb") as file:
+        whole = is_whole(file)
+    if whole:
+        yield path, None
+        return
+    with tempfile.TemporaryDirectory(prefix="syncline-mf4-") as folder:
+        copy = Path(folder) / "mended.mf4"
+        with path.open("rb") as source, copy.open("w+b") as target:
+            while block := source.read(1 << 20):
+                target.write(block)
+            damage = mend(target)
+        yield copy, damage
+
+
+def _bound_memory(path: Path) -> None:
+    try:
+        import resource
+    except ImportError:  # Windows
+        return
+    most = _LEAST_BYTES + 3 * path.stat().st_size
+    with suppress(OSError, ValueError):
+        resource.setrlimit(resource.RLIMIT_AS, (most, most))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

@@ -21,7 +21,12 @@ from PIL import Image
 from rich.console import Console
 
 from syncline_analyzer.capture import CaptureFacts
+from syncline_analyzer.decode.choice import Choice
+from syncline_analyzer.decode.stream import Decoding
 from syncline_analyzer.engine import analyze
+from syncline_analyzer.opened import Opened
+from syncline_analyzer.reading import EVERYTHING
+from syncline_analyzer.redaction import Redaction
 from syncline_analyzer.results import Analysis
 from syncline_analyzer.views.report_html import write_report
 from syncline_analyzer.views.rerun_view import write_rrd
@@ -40,6 +45,7 @@ from syncline_schemas.description import BusDescription
 PICTURES = Path(__file__).parent / "pictures"
 NEED_TOOL = ("session", "live")
 NAMES = (*NEED_TOOL, "report", "terminal")
+NAME = Path("line3.mcap")
 TWIN = 5
 CURSOR, LIVE_CURSOR = "97s", "55s"
 LIVE_S = 56
@@ -84,7 +90,7 @@ def machine() -> tuple[Run, BusDescription]:
 def analysis() -> Analysis:
     """What is found on that day."""
     run, description = machine()
-    facts = CaptureFacts(Path("line3.mcap"), "simulated", run.bus_names)
+    facts = CaptureFacts(NAME, "simulated", run.bus_names)
     return analyze(
         _numbered(run.stream()), [facts], run.bus_names, description=description, devices={}
     )
@@ -94,6 +100,23 @@ def _frames(start: int | None, end: int | None) -> Iterator[FrameBatch]:
     """The same frames once more: all of them, the recording chooses."""
     run, _ = machine()
     return (item for item in run.stream() if isinstance(item, FrameBatch))
+
+
+def _decoding() -> Decoding:
+    """The same frames in words."""
+    run, description = machine()
+    opened = Opened(
+        facts=[CaptureFacts(NAME, "simulated", run.bus_names)],
+        buses=run.bus_names,
+        description=description,
+        devices={},
+        redaction=Redaction(),
+        first_ns=None,
+        low_ns=EVERYTHING.low_ns,
+        high_ns=EVERYTHING.high_ns,
+        stream=_numbered(run.stream()),
+    )
+    return Decoding(opened, Choice())
 
 
 def _numbered(stream: Iterator[FrameBatch | Gap]) -> Iterator[tuple[int, FrameBatch | Gap]]:
@@ -181,7 +204,8 @@ def main(names: tuple[str, ...], tool: Path | None) -> None:
             if name == "live" and tool:
                 photograph(tool, live(folder / "live.rrd"), picture, LIVE_CURSOR)
             elif name == "session" and tool and found:
-                photograph(tool, write_rrd(found, folder / "session.rrd", _frames), picture, CURSOR)
+                recording = write_rrd(found, folder / "s.rrd", _frames, decode=_decoding)
+                photograph(tool, recording, picture, CURSOR)
             elif name == "report" and browser and found:
                 page(browser, write_report(found, folder / "report.html"), picture)
             elif name == "terminal" and found:

@@ -34,7 +34,8 @@ def test_recorder_never_loads_the_analyzer(statement: str, banned: tuple[str, ..
 
 
 def test_reading_an_eds_is_light() -> None:
-    statement = "from syncline_schemas.eds import read_eds\nread_eds('[DeviceInfo]\\nProductName=x\\n')"
+    eds = "[MandatoryObjects]\\n1=0x1000\\n[1000]\\nObjectType=7\\nDataType=7\\nAccessType=ro\\n"
+    statement = f"from syncline_schemas.eds import load_eds\nload_eds(b'{eds}')"
     loaded = modules_after(statement)
     assert "canopen" in loaded
     assert loaded.isdisjoint(("asammdf", "sympy", *ANALYSIS_STACK))

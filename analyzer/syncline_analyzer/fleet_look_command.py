@@ -125,6 +125,8 @@ def report(
     It opens in any browser without a network, and leads to the reports of the captures, which
     'syncline fleet analyze --reports' makes; then this page is written too.
     """
+    if out is None and (machine or since or until):
+        raise UsageError("DEST/report.html is of all captures: name another file by --out")
     with fleet_extra():
         from syncline_analyzer.fleet.dataset import Dataset
         from syncline_analyzer.fleet.report import write_fleet_report

@@ -95,11 +95,18 @@ def _check_order(readers: Sequence[CaptureReader]) -> None:
             f"{undated[0].facts.path} has no times, so it cannot be put in order with other files:"
             " analyze it alone"
         )
+    if len(undated) == len(readers):
+        options = " ".join(f"--offset {each.facts.path.name}=0" for each in readers)
+        raise UsageError(
+            f"{undated[0].facts.path} has no dates, and no other file has: analyze each alone, or say"
+            f" by how many seconds each is to be moved: {options}"
+        )
+    given = isinstance(undated[0], ShiftedReader)
+    dated = next(each.facts.path.name for each in readers if each.facts.time_base == "utc")
     raise UsageError(
-        f"{undated[0].facts.path} has no dates, so it cannot be put in order with other files:"
-        f" analyze it alone, or say when its first frame was recorded, such as --offset"
-        f" {name}=2026-03-01T12:00:00Z; where no file has dates, say by how many seconds each is"
-        f" to be moved against the others, such as --offset {name}=0"
+        f"{undated[0].facts.path} has no dates, but {dated} has:"
+        f" {'seconds do not place it there; ' if given else 'analyze it alone, or '}"
+        f"say when its first frame was recorded: --offset {name}=2026-03-01T12:00:00Z"
     )
 
 

@@ -1,8 +1,9 @@
 """The process that reads captures for another one, and sends it what the analyses are fed with.
 
 A process and not threads: reading and analysis both hold the interpreter most of the time, so that
-threads of one process only take turns. Measured side by side on 4 million frames: one process
-takes 0.64 us of processor time per frame, two take 0.38 (reading, its start included) and 0.30.
+threads of one process only take turns. Of 10 million frames of a small machine each takes this one
+0.24 us of processor time (its start included), and the other one 0.27; 0.33 where the bit rate is
+known, as then it is told who waited for whom.
 The child reads, merges, joins, marks copies, parts by bus, sorts by identifier and computes lengths
 on the wire; the parent runs the folds. To send a frame costs about a tenth of reading it.
 """

@@ -1,7 +1,6 @@
 """The live view in the real Rerun viewer: what stands on the screen while a recording runs."""
 
 from collections.abc import Iterator
-from pathlib import Path
 from types import ModuleType
 
 import numpy as np

@@ -76,6 +76,8 @@ def test_a_log_without_date_gets_one(tmp_path: Path) -> None:
     undated = _undated(tmp_path, "undated.asc", 154, 0x282)
     with pytest.raises(UsageError, match=r"--offset\s+undated\.asc="):
         _times([dated, undated])
+    with pytest.raises(UsageError, match=r"seconds do not place it .* --offset undated\.asc=20"):
+        _times([dated, undated], **{"undated.asc": "5"})
     found = _times([undated, dated], **{"undated.asc": "2023-11-14T22:13:21.5Z"})
     assert [can_id for _, can_id in found] == [0x181, 0x181, 0x282, 0x181, 0x282, 0x282]
     assert found[2][0] == T0_NS + 1_500_000_000
@@ -85,7 +87,8 @@ def test_a_log_without_date_gets_one(tmp_path: Path) -> None:
 
 def test_logs_without_dates_join_where_each_has_an_offset(tmp_path: Path) -> None:
     one, two = _undated(tmp_path, "1.asc", 0, 0x181), _undated(tmp_path, "2.asc", 0, 0x282)
-    with pytest.raises(UsageError, match="has no dates"):
+    told = r"has no dates, .* --offset 1\.asc=0 --offset 2\.asc=0$"
+    with pytest.raises(UsageError, match=told):
         _times([one, two], **{"1.asc": "0"})
     found = _times([two, one], **{"1.asc": "0", str(two): "+10"})
     assert [can_id for _, can_id in found] == [0x181] * 3 + [0x282] * 3

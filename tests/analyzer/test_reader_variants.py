@@ -414,7 +414,7 @@ def test_times_in_any_unit_may_have_a_fraction(tmp_path: Path, unit: str, worth:
     ["123#11.22.A4", "123#1122A4", "123#11.22A4", "123#11.22.A4.", "123##0.11.22.A4"],
 )
 def test_dots_between_bytes_as_cansend_takes_them(tmp_path: Path, written: str) -> None:
-    flags = FD if "##" in written else 0
+    flags = FD if "##" in written else FrameFlag(0)
     line = f"(1700000000.000005) can0 {written}\n"
     assert _frames(tmp_path, line * 3) == [row(5, data=b"\x11\x22\xa4", flags=flags)] * 3
 

@@ -140,6 +140,14 @@ def test_a_capture_of_one_instant_fills_its_lanes(tmp_path: Path) -> None:
     assert audit["lanes"] == 1
 
 
+def test_a_very_long_name_fits_on_a_phone(tmp_path: Path) -> None:
+    plain = bad_day()
+    names = ("NonSeparableNameOfADrive" * 8, "boom tilt of the second platform " * 8)
+    nodes = [replace(row, name=names[place % 2]) for place, row in enumerate(plain.nodes)]
+    audit = audited(replace(plain, nodes=nodes), tmp_path, *PHONE, LIGHT)
+    assert audit["faults"] == []
+
+
 def test_texts_from_the_bus_run_nowhere(tmp_path: Path) -> None:
     audit = audited(evil(), tmp_path, *WIDE, LIGHT)
     assert audit["faults"] == []

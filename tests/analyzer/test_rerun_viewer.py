@@ -32,6 +32,7 @@ BAR = (81, 163, 103)
 ERROR, WARNING = SEVERITY_COLOURS["error"], SEVERITY_COLOURS["warning"]
 BLUE = LINE_COLOURS[0]
 
+
 def sample(name: str) -> Callable[[Path], Path]:
     return lambda folder: SAMPLES / name
 

@@ -166,7 +166,7 @@ def _file(name: str, row: Mapping[str, Any]) -> bytes:
 
 
 def _row(content: bytes) -> dict[str, Any]:
-    table = pq.read_table(BytesIO(content))
+    table = pq.ParquetFile(BytesIO(content)).read()
     # pandas has no part in it: a stamp in ns is read as the number that it is.
     stamps = [name for name in table.column_names if pa.types.is_timestamp(table[name].type)]
     row: dict[str, Any] = table.drop_columns(stamps).to_pylist()[0]

@@ -131,13 +131,16 @@ class Dataset:
 
 
 def _tables_of(paths: Iterable[str]) -> dict[Partition, frozenset[str]]:
-    found: dict[Partition, set[str]] = {}
+    found: dict[str, set[str]] = {}
     for path in paths:
-        partition = Partition.of_path(path)
-        if partition is not None and path.endswith(".parquet"):
-            name = path.rpartition("/")[2].removesuffix(".parquet")
-            found.setdefault(partition, set()).add(name)
-    return {partition: frozenset(names) for partition, names in found.items()}
+        folder, _, name = path.rpartition("/")
+        if name.endswith(".parquet"):
+            found.setdefault(folder, set()).add(name.removesuffix(".parquet"))
+    return {
+        partition: frozenset(names)
+        for folder, names in found.items()
+        if (partition := Partition.of_path(folder))
+    }
 
 
 def _entries(

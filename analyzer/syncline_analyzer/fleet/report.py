@@ -29,15 +29,14 @@ def write_fleet_report(data: Dataset, scope: Scope = EVERYTHING, out: Path | Non
     Raises:
         UsageError: the data set cannot be read, or the file not be written.
     """
-    wanted = replace(
-        data,
-        captures=scope.of_these(data.captures),
-        failures=scope.of_failures(data.failures),
-    )
-    database = Database(wanted)
-    found = overview(database, wanted.failures)
+    wanted = replace(data, captures=scope.of_these(data.captures))
+    found = overview(Database(wanted), scope.of_failures(data.failures))
     links = Links(_folder(data.storage, out), found.reports)
-    page = fleet_page(found, trend_lines(database), links, data.storage.url, scope.words)
+    # Trends of some machines are judged beside all others.
+    all_machines = replace(scope, machine=None)
+    compared = Database(replace(data, captures=all_machines.of_these(data.captures)))
+    trends = trend_lines(compared, scope.machine)
+    page = fleet_page(found, trends, links, data.storage.url, scope.words)
     return _write(data.storage, page, out)
 
 

@@ -1,6 +1,7 @@
 """Trends together with the values that they were judged from, to be drawn."""
 
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,11 +28,22 @@ class TrendLine:
     value: NDArray[np.float64]
 
 
-def trend_lines(database: Database) -> list[TrendLine]:
-    """All trends of a data set, the gravest first. Raises: UsageError, it cannot be read."""
+def trend_lines(database: Database, machine: str | None = None) -> list[TrendLine]:
+    """Trends in a data set, the gravest first.
+
+    Args:
+        machine: which to tell of, `*` and `?` stand for others; they are compared with all.
+
+    Raises:
+        UsageError: the data set cannot be read.
+    """
     trends = trends_of(gather(database, Scope()))
     sync_us = sync_periods_us(database) if trends else {}
-    lines = [TrendLine(finding_of(trend, sync_us), *_line(trend)) for trend in trends]
+    lines = [
+        TrendLine(finding_of(trend, sync_us), *_line(trend))
+        for trend in trends
+        if machine is None or any(fnmatchcase(name, machine) for name in trend.machines)
+    ]
     return sorted(lines, key=lambda each: each.finding.rank)
 
 

@@ -13,7 +13,7 @@ from syncline_analyzer.readers.lines import (
     Parsed,
     bit_flags,
 )
-from syncline_analyzer.readers.times import SECOND_NS, date_ns, decimal_times
+from syncline_analyzer.readers.times import SECOND_NS, date_ns, decimal_times, seconds_ns
 from syncline_schemas.batch import FrameFlag
 
 _HEX = rb"[0-9A-Fa-f]"
@@ -85,7 +85,7 @@ class AscFormat(LineFormat):
         if self._trigger_ns is not None:
             first = _FIRST_TIME.search(part)
             if first is not None:
-                self._resolve_origin(int(first[1]) * SECOND_NS + int(first[2].ljust(9, b"0")[:9]))
+                self._resolve_origin(seconds_ns(first[1], first[2]))
         return changed
 
     def _header(self, line: bytes) -> bool:
@@ -118,14 +118,21 @@ class AscFormat(LineFormat):
             return self._fd(found)
         if found := _ERROR.match(line):
             bus = self.bus(found["bus"])
-            row = (_time(found), bus or 0, 0, int(FrameFlag.ERROR), 8, bytes(8))
+            row = (
+                seconds_ns(found["s"], found["f"]),
+                bus or 0,
+                0,
+                int(FrameFlag.ERROR),
+                8,
+                bytes(8),
+            )
             return None if bus is None else OddFrame(row)
         if _HEADER.match(line):
             return NoFrame()
         found = _EVENT.match(line)
         if found is None or (_FRAME_LIKE.search(line) and not _ASSEMBLED.match(found["what"])):
             return None
-        return NoFrame(_time(found))
+        return NoFrame(seconds_ns(found["s"], found["f"]))
 
     def _classic(self, found: re.Match[bytes]) -> Parsed:
         can_id, extended = self._identifier(found)
@@ -150,7 +157,11 @@ class AscFormat(LineFormat):
         if self._regular_id(found) and regular and len(written) == count:
             return self._layout(found, flags, count, count, can_id)
         bus = self.bus(found["bus"])
-        return None if bus is None else OddFrame((_time(found), bus, can_id, flags, count, data))
+        return (
+            None
+            if bus is None
+            else OddFrame((seconds_ns(found["s"], found["f"]), bus, can_id, flags, count, data))
+        )
 
     def _regular_id(self, found: re.Match[bytes]) -> bool:
         return (
@@ -177,7 +188,7 @@ class AscFormat(LineFormat):
         if bus is None:
             return None
         if not self._regular_id(found):
-            return OddFrame((_time(found), bus, can_id, int(flags), dlc, b""))
+            return OddFrame((seconds_ns(found["s"], found["f"]), bus, can_id, int(flags), dlc, b""))
         times, digits = decimal_times(found.span("s"), found.span("f"), SECOND_NS)
         return FrameLayout(
             bus=bus,
@@ -244,7 +255,7 @@ class AscFormat(LineFormat):
         numbers = [int(number) for number in data["data"].split()] if data else []
         if any(number > 255 for number in numbers):
             return None
-        return OddFrame((_time(found), *head, bytes(numbers)))
+        return OddFrame((seconds_ns(found["s"], found["f"]), *head, bytes(numbers)))
 
 
 def _date_ns(found: re.Match[bytes]) -> int | None:
@@ -253,11 +264,6 @@ def _date_ns(found: re.Match[bytes]) -> int | None:
         return date_ns(found["text"].decode("utf-8"))
     except UnicodeDecodeError:
         return date_ns(found["text"].decode("latin-1"))
-
-
-def _time(found: re.Match[bytes]) -> int:
-    seconds = int(found["s"][-9:])
-    return seconds * SECOND_NS + int(found["f"].ljust(9, b"0")[:9])
 
 
 def _tail_digits(found: re.Match[bytes]) -> tuple[Span, ...]:

@@ -127,8 +127,10 @@ READ_FORMATS: Final = (
     ReadFormat(
         "mf4",
         (".mf4",),
-        "ASAM MDF 4 bus logs; needs `pip install 'syncline[mf4]'`",
+        "ASAM MDF 4 bus logs, also cut off or never finished where the records are one block, as CANedge"
+        " writes them; needs `pip install 'syncline[mf4]'`",
         ("times finer than its floating-point numbers", _NAMES),
+        ("what the library that reads it cannot is damage: it runs in a process of its own",),
     ),
 )
 """All that `open_capture` opens, each also within .gz and .zst."""

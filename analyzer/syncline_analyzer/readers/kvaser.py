@@ -18,7 +18,7 @@ from syncline_analyzer.readers.lines import (
     Parsed,
     bit_flags,
 )
-from syncline_analyzer.readers.times import SECOND_NS, date_ns, decimal_times
+from syncline_analyzer.readers.times import SECOND_NS, date_ns, decimal_times, seconds_ns
 from syncline_schemas.batch import FrameFlag
 
 _TIME = rb"\s+(?P<s>\d{1,12})\.(?P<f>\d+)"
@@ -68,7 +68,14 @@ class KvaserFormat(LineFormat):
             return self._frame(found)
         if found := _ERROR.match(line):
             bus = self.bus(found["bus"])
-            row = (_time_ns(found), bus or 0, 0, int(FrameFlag.ERROR), 8, bytes(8))
+            row = (
+                seconds_ns(found["s"], found["f"]),
+                bus or 0,
+                0,
+                int(FrameFlag.ERROR),
+                8,
+                bytes(8),
+            )
             return None if bus is None else OddFrame(row)
         return NoFrame() if _REMARK.match(line) else None
 
@@ -104,7 +111,9 @@ class KvaserFormat(LineFormat):
         start, step = regular_bytes(found["data"], len(data))
         start += found.start("data")
         if self._base != 16 or (data and not step) or len(found["id"]) > _HEX_WIDTH:
-            return OddFrame((_time_ns(found), bus, can_id, int(flags), dlc, data))
+            return OddFrame(
+                (seconds_ns(found["s"], found["f"]), bus, can_id, int(flags), dlc, data)
+            )
         times, digits = decimal_times(found.span("s"), found.span("f"), SECOND_NS)
         count = len(data)
         return FrameLayout(
@@ -119,10 +128,6 @@ class KvaserFormat(LineFormat):
             data_count=count,
             digits=digits,
         )
-
-
-def _time_ns(found: re.Match[bytes]) -> int:
-    return int(found["s"][-9:]) * SECOND_NS + int(found["f"].ljust(9, b"0")[:9])
 
 
 def _is_decimal(found: list[re.Match[bytes]]) -> bool:

@@ -10,7 +10,7 @@ from pathlib import Path
 from syncline_analyzer.capture import CaptureFacts
 from syncline_analyzer.readers.layout import FrameLayout, regular_bytes
 from syncline_analyzer.readers.lines import LineFormat, NoFrame, OddFrame, Parsed, bit_flags
-from syncline_analyzer.readers.times import SECOND_NS, date_ns, decimal_times
+from syncline_analyzer.readers.times import SECOND_NS, date_ns, decimal_times, seconds_ns
 from syncline_schemas.batch import FrameFlag
 
 _LINE = re.compile(
@@ -68,7 +68,9 @@ class MemoratorFormat(LineFormat):
         if bus is None or (found["error"] is None and found["n"] is None):
             return None
         if found["error"] is not None:
-            return OddFrame((_time_ns(found), bus, 0, int(FrameFlag.ERROR), 8, bytes(8)))
+            return OddFrame(
+                (seconds_ns(found["s"], found["f"]), bus, 0, int(FrameFlag.ERROR), 8, bytes(8))
+            )
         # What the logger was asked to send is on the bus when it says so in another line.
         return NoFrame() if found["way"] == b"TxRq" else self._frame(found, bus)
 
@@ -100,7 +102,9 @@ class MemoratorFormat(LineFormat):
         start += found.start("rest") + len(rest) - len(rest.lstrip())
         irregular = self._id_base != 16 or self._data_base != 16 or (data and not step)
         if irregular or len(found["id"]) > 8 or int(flags) & FrameFlag.REMOTE:
-            return OddFrame((_time_ns(found), bus, can_id, int(flags), dlc, data))
+            return OddFrame(
+                (seconds_ns(found["s"], found["f"]), bus, can_id, int(flags), dlc, data)
+            )
         times, digits = decimal_times(found.span("s"), found.span("f"), SECOND_NS)
         behind = start + (3 * dlc - 1 if data else 0)
         counters = re.compile(rb"\d+").finditer(found.string, behind) if data else ()
@@ -129,10 +133,6 @@ class MemoratorFormat(LineFormat):
         """Say it when the logger lost frames."""
         if self._overruns:
             self.facts.notes.append(f"the logger lost frames before {self._overruns} of those here")
-
-
-def _time_ns(found: re.Match[bytes]) -> int:
-    return int(found["s"][-9:]) * SECOND_NS + int(found["f"].ljust(9, b"0")[:9])
 
 
 def is_memorator(lines: list[bytes]) -> bool:

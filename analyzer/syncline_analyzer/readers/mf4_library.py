@@ -161,18 +161,17 @@ class Mf4Frames:
             signal = self._mdf.get(
                 name, index, record_offset=at, record_count=_RECORDS_AT_ONCE, raw=True
             )
+            seconds = np.nan_to_num(np.asarray(signal.timestamps, np.float64))
+            stamps = np.rint(np.clip(seconds, -_MOST_S, _MOST_S) * SECOND_NS).astype(np.int64)
+            return self._batch(name, stamps + self._start_ns, signal.samples)
         except Exception as error:  # noqa: BLE001  whatever a damaged file makes of asammdf
             self.facts.damage = f"the frames of {name} cannot be read: {error}"
             return FrameBatch.empty()
-        if getattr(signal.samples, "ndim", 0) != 1 or not signal.samples.dtype.names:
-            self.facts.damage = f"the frames of {name} have no fields"
-            return FrameBatch.empty()
-        seconds = np.nan_to_num(np.asarray(signal.timestamps, np.float64))
-        stamps = np.rint(np.clip(seconds, -_MOST_S, _MOST_S) * SECOND_NS).astype(np.int64)
-        return self._batch(name, stamps + self._start_ns, signal.samples)
 
     def _batch(self, name: str, t_ns: NDArray[np.int64], samples: NDArray[np.void]) -> FrameBatch:
         fields = samples.dtype.names or ()
+        if samples.ndim != 1 or not fields:
+            raise ValueError("its records have no fields")
 
         def column(field: str) -> NDArray[np.int64]:
             wanted = f"{name}.{field}"

@@ -51,6 +51,15 @@ def decimal_times(whole: Span, fraction: Span, unit_ns: int) -> tuple[Times, tup
     return fields, ((kept, end),) if kept < end else ()
 
 
+def seconds_ns(whole: bytes, fraction: bytes) -> int:
+    """Seconds as written [ns]; of endless digits only the last nine count, and the first nine of the fraction.
+
+    >>> seconds_ns(b"12", b"5")
+    12500000000
+    """
+    return int(whole[-9:]) * SECOND_NS + int(fraction.ljust(9, b"0")[:9])
+
+
 def utc_ns(
     year: int, month: int, day: int, hour: int = 0, minute: int = 0, second: int = 0
 ) -> int | None:

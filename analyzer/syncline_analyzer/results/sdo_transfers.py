@@ -16,6 +16,7 @@ from syncline_analyzer.results.sdo_records import (
     Records,
     RowMaker,
     SdoObject,
+    picked,
     record_of,
 )
 
@@ -89,7 +90,7 @@ class SdoTransfers(Sequence[SdoRow]):
         """Some of the transfers, by a mask (n,), by places, or by a slice."""
         if isinstance(rows, np.ndarray) and rows.dtype == np.bool_ and rows.all():
             return self
-        return SdoTransfers(self.records[rows], self._objects, self._maker)
+        return SdoTransfers(picked(self.records, rows), self._objects, self._maker)
 
     def named(self, wanted: Callable[[SdoObject], bool]) -> NDArray[np.bool_]:
         """(n,) Whether the object of each transfer is wanted; asked once for each object."""

@@ -24,7 +24,7 @@ class Links:
         """Address of a capture's report; None where there is none."""
         if self.folder is None or capture_id not in self.made:
             return None
-        return f"{quote(self.folder)}/{quote(capture_id)}.html"
+        return f"{quote(self.folder, errors='surrogateescape')}/{quote(capture_id)}.html"
 
     def link(self, text: object, capture_id: str) -> Html | str:
         """Some words that lead to a capture's report, or the words alone."""

@@ -70,9 +70,16 @@ class FrameLines:
         head = part.head
         bus = self._buses[head.bus] if head.bus < len(self._buses) else f"bus {head.bus}"
         whose = "" if head.node is None else self._label(bus, head.node)
-        before = _BEFORE.get(head.service, "{service} of {whose}: " if whose else "{service} ")
-        before = "" if head.family in _ALONE else before.format(service=head.service, whose=whose)
-        return [(f"{before}{words.text}", _LOUDNESS.get(words.tone, "info")) for words in part.words]
+        if head.family == "pdo":
+            before = f"{head.service} {head.node}: "
+        elif head.family in _ALONE:
+            before = ""
+        else:
+            usual = "{service} of {whose}: " if whose else "{service} "
+            before = _BEFORE.get(head.service, usual).format(service=head.service, whose=whose)
+        return [
+            (f"{before}{words.text}", _LOUDNESS.get(words.tone, "info")) for words in part.words
+        ]
 
     def line(
         self, frames: FrameBatch, row: int, seq: int | None, said: Said | None = None
@@ -84,11 +91,15 @@ class FrameLines:
         wide = 8 if flags & FrameFlag.EXTENDED else 3
         data = frames.data[row, :length].tobytes()
         shown = data[:_BYTES].hex().upper() + (".." if length > _BYTES else "")
-        severity: Severity = "info"
+        head = f"{self.moment(int(frames.t_ns[row]))} "
+        if self._width:
+            head += f"{printable(bus):<{self._width}} "
         if said is not None:
+            # The bytes come last: where there is little room, what they mean is seen.
             shown = "remote" if flags & FrameFlag.REMOTE else shown
-            words, severity = said
-        elif flags & FrameFlag.ERROR:
+            return f"{head}{hex_code(can_id, wide)} {said[0]}  [{length}] {shown}".rstrip(), said[1]
+        severity: Severity = "info"
+        if flags & FrameFlag.ERROR:
             words, severity = error_words(can_id, data).text, "error"
         elif flags & FrameFlag.EXTENDED:
             words = ""
@@ -96,9 +107,6 @@ class FrameLines:
             shown, words = "remote", self._remote(bus, can_id)
         else:
             words, severity = self._data(bus, can_id, data, int(frames.t_ns[row]), seq)
-        head = f"{self.moment(int(frames.t_ns[row]))} "
-        if self._width:
-            head += f"{printable(bus):<{self._width}} "
         return f"{head}{hex_code(can_id, wide)} {length} {shown:<16} {words}".rstrip(), severity
 
     def moment(self, t_ns: int) -> str:

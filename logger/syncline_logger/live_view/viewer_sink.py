@@ -81,7 +81,7 @@ class ViewerSink:
         if rows:
             columns = rr.TextLog.columns(
                 text=[f"{self._moment(row.t_ns)}  {row.text}" for row in rows],
-                level=[row.level for row in rows]
+                level=[row.level for row in rows],
             )
             self._send("log", [row.t_ns for row in rows], columns)
 
@@ -141,7 +141,7 @@ class ViewerSink:
                     rrb.TimeSeriesView(origin="/load", name="Bus load"),
                     row_shares=[3, *[2] * len(plots), 1],
                 ),
-                    rrb.TextLogView(
+                rrb.TextLogView(
                     origin="/log",
                     name="EMCY, commands, lost nodes",
                     columns=rrb.TextLogColumns(

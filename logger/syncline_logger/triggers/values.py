@@ -46,7 +46,9 @@ class ValueWatch:
                     value = f"{float(values[found]):g} {column.entry.unit if not test.raw else ''}"
                     text = f"node {pdo.node}: {column.entry.name} is {value.strip()} ({condition.word})"
                     at, taken = int(pdo.t_ns[found]), int(pdo.log_ns[found])
-                    events.append(Event("value", at, taken, text, pdo.bus, pdo.node, condition.word))
+                    events.append(
+                        Event("value", at, taken, text, pdo.bus, pdo.node, condition.word)
+                    )
         return events, problems
 
     def _crossed(

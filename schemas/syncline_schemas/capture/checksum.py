@@ -3,6 +3,6 @@
 try:
     from deflate import crc32
 except ImportError:
-    from zlib import crc32  # type: ignore[assignment]
+    from zlib import crc32  # type: ignore[assignment, unused-ignore]
 
 __all__ = ["crc32"]

@@ -189,6 +189,8 @@ def test_a_trend_is_told_with_its_values_and_marks_its_machine() -> None:
     tables = drifting_fleet()
     lines = trend_lines(tables)
     assert [line.finding.machine for line in lines] == ["press 3"]
+    assert len(trend_lines(tables, "press [23]")) == 1
+    assert trend_lines(tables, "press 4") == []
     assert lines[0].t_ns[14] == lines[0].finding.onset_ns == FIRST_NS + 14 * DAY_NS
     assert max(lines[0].value[:14]) < 950
     assert min(lines[0].value[14:]) > 1150
@@ -267,5 +269,6 @@ def test_a_report_of_some_machines_and_days(data: Path, tmp_path: Path) -> None:
 def test_what_cannot_be_reported_is_said(data: Path, tmp_path: Path) -> None:
     missing = run(tmp_path / "nothing")
     assert "no data set is here" in str(missing.exception)
+    assert "name another file by --out" in str(run(data, "--machine", "b").exception)
     (tmp_path / "file").touch()
     assert "cannot be written" in str(run(data, "-o", tmp_path / "file" / "r.html").exception)

@@ -19,8 +19,8 @@ from syncline_analyzer.fleet.trends.trend import Trend
 
 _BROAD = 2 * MANY
 """Share of the machines on which events come more often, less that on which they come less often."""
-_STORM = 3.0
-"""Events of a machine in a bin count for its fleet up to so many times what is usual."""
+_FEW, _STORM = 3.0, 2.0
+"""Most events of a machine in one bin that count for its fleet, or so many times those of the next."""
 _LEFT_OUT = 3
 """Machines without which a fleet must show it too."""
 _SURE = 0.01
@@ -50,7 +50,8 @@ def _of_fleets(tracks: Tracks) -> tuple[Judged, Floats]:
     trends, p = [], []
     for _, members in fleets_of(tracks.group):
         count = _without_storms(tracks.amount[members])
-        time = tracks.over[members]
+        weight = _weights(count)
+        count, time = count * weight, tracks.over[members] * weight
         if count.sum() < RATE_EVENTS:
             continue
         rises = rises_of(count.sum(axis=0)[None], time.sum(axis=0)[None])
@@ -72,9 +73,18 @@ def _of_fleets(tracks: Tracks) -> tuple[Judged, Floats]:
 
 
 def _without_storms(count: Floats) -> Floats:
-    some = count[count > 0]
-    usual = float(np.median(some)) if len(some) else 1.0
-    return np.minimum(count, max(_STORM, _STORM * usual))
+    """Counts of machines, the highest of each brought down towards the next."""
+    next_one = np.sort(count, axis=1)[:, -2:-1] if count.shape[1] > 1 else count
+    return np.minimum(count, np.maximum(_FEW, _STORM * next_one))
+
+
+def _weights(count: Floats) -> Floats:
+    """Weights of machines: one with many more events than usual counts no more than others do."""
+    total = count.sum(axis=1, keepdims=True)
+    some = total[total > 0]
+    most = _STORM * float(np.median(some)) if len(some) else 1.0
+    weight: Floats = np.minimum(1.0, most / np.maximum(total, 1.0))
+    return weight
 
 
 def _more(count: Floats, time: Floats, onset: int) -> Floats:

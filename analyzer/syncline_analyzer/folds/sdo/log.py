@@ -24,6 +24,8 @@ from syncline_analyzer.results.sdo_records import (
     Decoded,
     Records,
     SdoObject,
+    joined,
+    picked,
 )
 
 MAX_ROWS = 500_000
@@ -79,13 +81,13 @@ class SdoLog:
     def table(self, context: Context) -> SdoTransfers:
         """All transfers in order of `seq`, with types and names as they are known at the end."""
         self._write(lasting=True)
-        records = np.concatenate([np.zeros(0, RECORD), *self._records])
+        records = joined(self._records)
         payload = np.concatenate([np.zeros(0, np.uint8), *self._payloads])
         self._records, self._payloads = [], []
         objects = [_object(context, *place) for place in self._objects]
         order = np.argsort(records["seq"], kind="stable")
         maker = Decoded(objects, payload, timed=context.timed)
-        return SdoTransfers(records[order], objects, maker)
+        return SdoTransfers(picked(records, order), objects, maker)
 
     def _kept(self, answers: NDArray[np.intp], ended: Sequence[Ended]) -> NDArray[np.bool_]:
         """Which of the plain transfers, then of the others, still become rows."""

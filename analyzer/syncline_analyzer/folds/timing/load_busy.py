@@ -139,11 +139,16 @@ class Busy:
         if self.burst is not None and self.burst[0] >= 1.0:
             return
         since = (end_ns - self._begun_ns).astype(np.float64)
+        spoiled = _Spoiled.by(since, soon) if soon.any() else None
+        # Windows up to the frames that are known were looked at before.
+        looked_at = float(since[known - 1]) if known else 0.0
+        if spoiled is not None and spoiled.all_within(looked_at, float(since[-1])):
+            return
         busy = np.cumsum(wire_ns)
-        ends = self._ends(since, wire_ns, busy, known, soon)
+        ends = self._ends(since, wire_ns, busy, known, spoiled)
         ends = ends[(ends >= BURST_NS) & (ends <= since[-1])]
-        if soon.any():
-            ends = ends[_possible(ends, since, soon)]
+        if spoiled is not None:
+            ends = ends[~spoiled.ends(ends)]
         if not len(ends):
             return
         at = np.searchsorted(since, np.concatenate([ends, ends - BURST_NS]))
@@ -162,7 +167,7 @@ class Busy:
         wire_ns: Floats,
         busy: Floats,
         known: int,
-        soon: NDArray[np.bool_],
+        spoiled: "_Spoiled | None",
     ) -> Floats:
         """(w,) ends of the windows that may be the fullest, of those from row `known` on.
 
@@ -183,8 +188,8 @@ class Busy:
         before = np.searchsorted(since, since[rows] - BURST_NS, "right") - 1
         most = busy[rows] - np.where(before >= 0, busy[before], 0.0)
         sure = (rows >= known) & (since[rows] >= BURST_NS)
-        if soon.any():
-            sure &= _possible(since[rows], since, soon)
+        if spoiled is not None:
+            sure &= ~spoiled.ends(since[rows])
         least = max(best, float(most[sure].max(initial=0.0)) - longest)
         chosen = most >= least - longest
         rows, before = rows[chosen], before[chosen]
@@ -238,19 +243,33 @@ def _alternating(first: Floats, second: Floats) -> Floats:
     return both
 
 
-def _possible(ends: Floats, since: Floats, soon: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(w,) which windows hold no impossible stamp.
+@dataclass(frozen=True, slots=True, eq=False)
+class _Spoiled:
+    """Stretches of the ends of windows that hold an impossible stamp: after one moment, until another.
 
-    Args:
-        ends: (w,) end of each window.
-        since, soon: (n,) stamps of the frames, and whether each is impossible.
+    Both (s,), ascending, without overlap.
     """
-    at = np.flatnonzero(soon)
-    after = np.where(at > 0, since[np.maximum(at - 1, 0)], -np.inf)
-    until = since[at] + BURST_NS
-    # Each spoils the ends from the frame before it on; most of these stretches overlap.
-    first = np.flatnonzero(np.concatenate(([True], after[1:] > until[:-1])))
-    last = np.append(first[1:], len(at)) - 1
-    place = np.searchsorted(after[first], ends) - 1
-    possible: NDArray[np.bool_] = (place < 0) | (ends > until[last][np.maximum(place, 0)])
-    return possible
+
+    after: Floats
+    until: Floats
+
+    @classmethod
+    def by(cls, since: Floats, soon: NDArray[np.bool_]) -> "_Spoiled":
+        """By the (n,) stamps of the frames, and whether each is impossible; at least one is."""
+        at = np.flatnonzero(soon)
+        after = np.where(at > 0, since[np.maximum(at - 1, 0)], -np.inf)
+        until = since[at] + BURST_NS
+        # Each spoils the ends from the frame before it on; most of these stretches overlap.
+        first = np.flatnonzero(np.concatenate(([True], after[1:] > until[:-1])))
+        last = np.append(first[1:], len(at)) - 1
+        return cls(after[first], until[last])
+
+    def ends(self, ends: Floats) -> NDArray[np.bool_]:
+        """(w,) which windows are spoiled."""
+        place = np.searchsorted(self.after, ends) - 1
+        spoiled: NDArray[np.bool_] = (place >= 0) & (ends <= self.until[np.maximum(place, 0)])
+        return spoiled
+
+    def all_within(self, after: float, until: float) -> bool:
+        """Whether all windows are spoiled that end after one moment, and no later than another."""
+        return len(self.after) == 1 and self.after[0] <= after and until <= self.until[0]

@@ -314,7 +314,8 @@ class PdoFold:
     ) -> None:
         """Second frames in a SYNC period, those apart beside which nothing is missing."""
         state.extra += len(extra)
-        state.rhythm.crowded += len(np.unique(ordinal[extra]))
+        # The SYNCs before the frames stand in order.
+        state.rhythm.crowded += int(np.count_nonzero(np.diff(ordinal[extra], prepend=-2)))
         alone = extra[state.rhythm.beside_answers(ordinal[first], ordinal[extra], _kind(state))]
         state.extra_alone += len(alone)
         more = rows[alone[: MAX_EVIDENCE - len(state.extra_seq)]]

@@ -91,6 +91,11 @@ class Ready:
         return Ready(least, waiting, self.first, self.free, self.known)
 
 
+def order_is_told(slack_ns: float, bit_ns: float) -> bool:
+    """Whether stamps that are off so far tell what was on the bus one after the other."""
+    return slack_ns <= _SHORTEST_BITS * bit_ns
+
+
 class Arbitration:
     """The frames of one bus in order of arrival.
 
@@ -139,7 +144,7 @@ class Arbitration:
     @property
     def usable(self) -> bool:
         """Whether the stamps are exact enough to tell what was on the bus one after the other."""
-        return self.slack_ns <= _SHORTEST_BITS * self.bit_ns
+        return order_is_told(self.slack_ns, self.bit_ns)
 
     @cached_property
     def start_ns(self) -> Floats:

@@ -14,7 +14,7 @@ from syncline_analyzer.folds.timing.pdo_answers import AnswersTo
 from syncline_analyzer.folds.timing.senders import Senders
 from syncline_analyzer.folds.timing.sync_index import SyncIndex
 from syncline_analyzer.folds.timing.tables import TimingTables
-from syncline_analyzer.folds.timing.waiting import MASTER, Arbitration, Ready, rank
+from syncline_analyzer.folds.timing.waiting import MASTER, Arbitration, Ready, order_is_told, rank
 from syncline_analyzer.folds.timing.waiting_bus import BusBlock, Carried, sender_of
 from syncline_analyzer.folds.timing.waiting_pdo import Answers, Most, Waits, named
 from syncline_analyzer.pdo_binding import Pdo, PdoBindings
@@ -53,8 +53,14 @@ class WaitingFold:
         self._now = None
         if bit_ns is None or not self._context.timed or bus not in block.by_bus:
             return
-        carried = self._carried(block, bus, bit_ns).after(self._before.get(bus))
+        # Of stamps too coarse to tell an order only what may reach into the next block is kept.
+        slack_ns = self._context.resolution_ns - 1 + self._on_wire.noise_ns(bus)
+        told = order_is_told(slack_ns, bit_ns)
+        carried = self._carried(block, bus, bit_ns, None if told else _BEFORE)
+        carried = carried.after(self._before.get(bus))
         self._before[bus] = carried.last(_BEFORE)
+        if not told:
+            return
         arbitration = Arbitration(
             carried.t_ns,
             carried.wire_ns,
@@ -64,9 +70,7 @@ class WaitingFold:
             resolution_ns=self._context.resolution_ns,
             noise_ns=self._on_wire.noise_ns(bus),
         )
-        if arbitration.usable:
-            told = self._senders.told(bus)
-            self._now = BusBlock(bus, carried, arbitration, self._senders, told)
+        self._now = BusBlock(bus, carried, arbitration, self._senders, self._senders.told(bus))
 
     def gap(self, bus: int | None) -> None:
         """Nothing is known of the frames in a gap."""
@@ -202,18 +206,22 @@ class WaitingFold:
         """Who delayed the PDOs that were judged, of all buses."""
         return [row for bus, delays in self._delays.items() for row in delays.rows(bus)]
 
-    def _carried(self, block: Block, bus: int, bit_ns: float) -> Carried:
+    def _carried(self, block: Block, bus: int, bit_ns: float, most: int | None) -> Carried:
+        """The frames of a bus, or only the last `most` of them."""
         places = block.by_bus[bus]
-        frames = block.frames[places]
-        seq = block.batch.seqs[places]
+        frames, seq = block.frames[places], block.batch.seqs[places]
+        # Every frame tells which nodes there are.
+        sender = self._senders.nodes(frames, bus, int(seq[-1]))
+        last = slice(None if most is None else -most, None)
+        kept = frames[last]
         return Carried(
-            seq,
-            frames.t_ns,
-            frames.can_id,
-            frames.flags,
-            self._on_wire.times_ns(block, bus, bit_ns),
-            rank(frames),
-            self._senders.nodes(frames, bus, int(seq[-1])),
+            seq[last],
+            kept.t_ns,
+            kept.can_id,
+            kept.flags,
+            self._on_wire.times_ns(block, bus, bit_ns)[last],
+            rank(kept),
+            sender[last],
         )
 
 

@@ -48,8 +48,7 @@ class Lines(Protocol):
 @click.command(
     epilog="\b\nExamples:\n"
     "  syncline decode line3.mcap --node 10 --service emcy,sdo --from 4m\n"
-    "  syncline decode night.log.gz --device 5=lir-da158a | less\n"
-    "  candump -L can0 | syncline decode - --description line3.toml"
+    "  syncline decode night.log.gz --device 5=lir-da158a | less"
 )
 @CAPTURES
 @node_options()
@@ -117,8 +116,8 @@ def decode(
     before a value says that its scale is only assumed, a ? behind a PDO's name that only its
     identifier says whose it is.
 
-    CAPTURE may be - for standard input: what candump prints is decoded while it comes, until it
-    ends or Ctrl-C; anything else is read to its end first. Mappings that were told before that are
+    CAPTURE may be - for standard input: what candump prints is decoded while it comes (candump -L
+    can0 | syncline decode -), until it ends or Ctrl-C; anything else is read to its end first. Mappings that were told before that are
     unknown: --description or --device tell them. Exits with 1 when a capture is damaged and could
     be read only in part.
     """

@@ -161,13 +161,8 @@ def _hex(value: Any) -> str:
 def _object(value: Any) -> Any:
     """What JSON writes of what it does not know: rows, bytes, words."""
     if is_dataclass(value):
-        return {name: getattr(value, name) for name in _names(type(value))}
+        return {f.name: getattr(value, f.name) for f in fields(value)}
     return _hex(value)
-
-
-@cache
-def _names(kind: type) -> tuple[str, ...]:
-    return tuple(f.name for f in fields(kind))
 
 
 _encoded = json.JSONEncoder(default=_object, sort_keys=True).encode

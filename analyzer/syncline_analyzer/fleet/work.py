@@ -45,7 +45,7 @@ _SMALL_ROWS = 500
 
 def analyze_recording(task: Task) -> Outcome:
     """Do a task; whatever goes wrong is told by the outcome."""
-    with _ONE_AT_A_TIME:
+    with _ONE_AT_A_TIME, rare_collections():
         meter = Meter()
         try:
             outcome = _done(task, meter)
@@ -114,15 +114,14 @@ def _analyzed(task: Task, found: Fetched) -> Analysis:
     """The analysis; all of it in this process."""
     from syncline_analyzer.engine import analyze_prepared
 
-    with rare_collections():
-        reading = LocalReading(Request(found.paths))
-        analysis = analyze_prepared(
-            reading,
-            description=_description(task, reading),
-            devices={},
-            bitrate=task.settings.bitrate,
-            origin_ns=reading.origin_ns,
-        )
+    reading = LocalReading(Request(found.paths))
+    analysis = analyze_prepared(
+        reading,
+        description=_description(task, reading),
+        devices={},
+        bitrate=task.settings.bitrate,
+        origin_ns=reading.origin_ns,
+    )
     return _with_urls(reading.veil.lifted(analysis), task.recording.files, found.paths)
 
 

@@ -132,7 +132,10 @@ def convert(
     for what, count in result.lost.items():
         click.echo(f"  {result.format} cannot hold: {what} ({count:,})", err=True)
     if result.unparsed_lines:
-        click.echo(f"  {result.unparsed_lines:,} lines could not be read", err=True)
+        click.echo(
+            f"  {result.unparsed_lines:,} line{'s' * (result.unparsed_lines != 1)} could not be read",
+            err=True,
+        )
     for line in (*result.damage, *result.notes):
         click.echo(f"  {line}", err=True)
     if result.damage:

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import click
@@ -83,7 +83,11 @@ def view(
         if len(wanted) > limit:
             told = f"{counted(len(wanted) - limit, 'older capture')} left out: --machine, --since"
             click.echo(f"{told} and --limit choose", err=True)
-        with recordings(data.storage, wanted[:limit]) as files, served(files, port) as catalog:
+        with ExitStack() as stack:
+            files = stack.enter_context(recordings(data.storage, wanted[:limit]))
+            if not files:
+                raise UsageError(_nothing(dest, any_recording=False))
+            catalog = stack.enter_context(served(files, port))
             click.echo(f"{counted(catalog.captures, 'capture')} at {catalog.url}", err=True)
             if catalog.unread:
                 click.echo(_unread(catalog.unread), err=True)

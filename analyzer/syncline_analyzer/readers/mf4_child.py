@@ -4,10 +4,12 @@ import os
 import pickle
 import sys
 import tempfile
+import time
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from threading import Thread
 from typing import BinaryIO, Final
 
 from syncline_analyzer.readers.mf4 import Message
@@ -15,6 +17,7 @@ from syncline_analyzer.readers.mf4_repair import is_whole, mend
 
 _LEAST_BYTES: Final = 2 << 30
 """Address space beside three times the file."""
+_WATCH_S: Final = 1.0
 
 
 def main(name: str) -> None:
@@ -24,6 +27,7 @@ def main(name: str) -> None:
         os.dup2(nothing.fileno(), 1)
         os.dup2(nothing.fileno(), 2)
     warnings.simplefilter("ignore")
+    Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
     path = Path(name)
     with suppress(BrokenPipeError):
         try:
@@ -40,6 +44,13 @@ def main(name: str) -> None:
     out.flush()
     # asammdf may not end by itself after what a damaged file did to it.
     os._exit(0)
+
+
+def _end_with(parent: int) -> None:
+    """End when the process that asked has: nobody else ends a library that hangs."""
+    while os.getppid() == parent:
+        time.sleep(_WATCH_S)
+    os._exit(1)
 
 
 def _said(path: Path, error: Exception) -> str:

@@ -24,6 +24,7 @@ from rerun.catalog import CatalogClient, DatasetEntry
 from syncline_analyzer.fleet.catalog import Catalog, recorded, recordings, served
 from syncline_analyzer.fleet.dataset import Dataset
 from syncline_analyzer.fleet.scope import Scope
+from syncline_analyzer.fleet.task import Settings
 from syncline_analyzer.fleet_command import fleet as command
 from syncline_analyzer.views.fleet_catalog import (
     MAX_DEVICES,
@@ -227,8 +228,13 @@ def test_what_cannot_be_shown_is_said(data: Path, tmp_path: Path) -> None:
     small_mcap(tmp_path / "in" / "a.mcap")
     out = tmp_path / "out"
     analyze(tmp_path / "in", out)
-    told = str(run(out, "--no-open").exception)
-    assert told.endswith(f"make them: syncline fleet analyze SOURCE... --out {out} --rrd")
+    gone = tmp_path / "gone"
+    analyze(tmp_path / "in", gone, settings=Settings(extras=("recording",)))
+    (path,) = (gone / "recordings").iterdir()
+    path.unlink()
+    for place in (out, gone):
+        told = str(run(place, "--no-open").exception)
+        assert told.endswith(f"make them: syncline fleet analyze SOURCE... --out {place} --rrd")
 
 
 def test_a_port_that_is_taken_is_said(data: Path) -> None:

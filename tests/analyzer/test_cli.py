@@ -21,6 +21,8 @@ CANDUMP = "(1700000000.000100) can0 70A#00\n(1700000000.100100) can0 70A#05\n"
 class FakeSession:
     """A session that knows its analysis beforehand."""
 
+    decoding = None
+
     def __init__(self, told: Analysis) -> None:
         self.told = told
         self.asked: dict[str, Any] = {}

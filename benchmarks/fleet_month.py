@@ -18,7 +18,8 @@ from syncline_analyzer.fleet.trends import trend_findings
 from syncline_samples.fleet import Template, fleet_captures
 from syncline_samples.fleet_month import simulate_month
 
-SECONDS, SYNC_US = 12.0, 50_000
+SECONDS, SYNC_US = 12.0, 20_000
+"""The press stands still at first, long enough for its noise at rest to be measured."""
 
 
 def main() -> None:

@@ -1,7 +1,6 @@
 """Chunks: records of several channels merged by time, compressed, and indexed."""
 
 import threading
-import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -9,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from syncline_schemas.capture.checksum import crc32
 from syncline_schemas.capture.layout import Compression
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ def build_chunk(run: RecordRun, compression: Compression, zstd_level: int = ZSTD
         start_ns=int(run.log_time_ns.min()),
         end_ns=int(run.log_time_ns.max()),
         uncompressed_size=len(plain),
-        crc=zlib.crc32(plain),
+        crc=crc32(plain),
         compression="" if compression == "none" else compression,
         data=compress(plain, compression, zstd_level),
         index=message_index(run.channel, run.log_time_ns, offset),

@@ -198,6 +198,11 @@ def test_trends_do_not_depend_on_gaps_and_the_number_of_captures() -> None:
     assert [(each.id, each.machine) for each in found] == [("trend.step", "press-4")]
 
 
+def test_a_step_is_found_beside_the_rhythm_of_the_week() -> None:
+    found = latency(lambda m, day: (m == 4) * (100.0 * (day % 7 >= 5) + 60.0 * (day >= 15)))
+    assert brief(found) == [("trend.step", "press-4", 15)]
+
+
 def test_few_machines_are_judged_each_alone() -> None:
     found = latency(lambda _machine, day: 80.0 * (day >= 17), machines=2)
     assert brief(found) == [("trend.step", "press-0", 17), ("trend.step", "press-1", 17)]
@@ -278,6 +283,11 @@ def test_saves_that_become_frequent_are_a_rising_rate() -> None:
     found = wear(lambda machine, day: 5.0 + 100.0 * (machine == 4 and day >= 15))
     assert [each.id for each in found] == ["trend.rate_rising"]
     assert found[0].change == pytest.approx(100, abs=2)
+
+
+def test_an_eeprom_wears_at_the_pace_that_it_has_now() -> None:
+    found = wear(lambda machine, day: 5.0 + 400.0 * (machine == 4 and day >= 20))
+    assert {each.id for each in found} == {"trend.rate_rising", "trend.wear_out"}
 
 
 @pytest.mark.parametrize(

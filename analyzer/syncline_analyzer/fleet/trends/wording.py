@@ -23,6 +23,7 @@ WORDS: Mapping[str, str] = {
     "bus-load": "bus load",
 }
 """Quantities in a sentence."""
+_PER = {"1/h": "an hour", "1/day": "a day"}
 _FORECAST_DAYS = 5 * 365.0
 _URGENT_DAYS = 30.0
 _SHOWN = 3
@@ -163,11 +164,7 @@ def _text(
     who, words = _who(trend, nodes), WORDS[trend.tracks.quantity]
     since = date_text(onset_ns)
     if trend.kind == "wear":
-        pace = trend.slope * DAY_NS / trend.tracks.bin_ns
-        told = f"{who}: the EEPROM has had {trend.after:.0f} writes and gets {pace:.0f} a day"
-        when = date_text(reaches_ns or onset_ns)
-        left = "has reached its rating" if (trend.slope and _over(trend)) else f"reaches {reaches}"
-        return f"{told}: it {left} on {when}" if not _over(trend) else f"{told}: it {left}"
+        return f"{who}: {_wear_text(trend, onset_ns)}"
     of = (
         f" of {_listed(parts)}" if trend.tracks.quantity in ("pdo-latency", "encoder-noise") else ""
     )
@@ -186,10 +183,13 @@ def _text(
     return told
 
 
-def _over(trend: Trend) -> bool:
-    """Whether a rating is reached already."""
-    last_ns = _captures(trend)[3]
-    return trend.reaches_ns is not None and trend.reaches_ns <= last_ns
+def _wear_text(trend: Trend, onset_ns: int) -> str:
+    pace = trend.slope * DAY_NS / trend.tracks.bin_ns
+    told = f"the EEPROM has had {trend.after:.0f} writes and gets {pace:.0f} a day"
+    reaches_ns = trend.reaches_ns or onset_ns
+    if reaches_ns <= _captures(trend)[3]:
+        return f"{told}: it has reached {trend.reaches}, which it is rated for"
+    return f"{told}: it reaches {trend.reaches} on {date_text(reaches_ns)}"
 
 
 def _who(trend: Trend, nodes: Sequence[int]) -> str:
@@ -228,15 +228,11 @@ def _listed(words: Sequence[str]) -> str:
 
 
 def _value(value: float | None, trend: Trend) -> str:
-    unit = QUANTITIES[trend.tracks.quantity].unit
     if value is None:
         return "unknown"
-    number = f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
-    return (
-        f"{number} a{unit.removeprefix('1/').join((' ', ''))}"
-        if unit.startswith("1/")
-        else f"{number} {unit}"
-    )
+    unit = QUANTITIES[trend.tracks.quantity].unit
+    number = f"{value:.0f}" if abs(value) >= 100 else f"{value:.3g}"
+    return f"{number} {_PER.get(unit, unit)}"
 
 
 def _same(values: Sequence[str | None]) -> str | None:

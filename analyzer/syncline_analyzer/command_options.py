@@ -106,7 +106,7 @@ def range_options(what: str = "Start here", until: str = "Stop") -> Callable[[Co
             "--from",
             "start",
             metavar="TIME",
-            help=f"{what}: 90s or 1m30s into the capture, or UTC as 2026-03-01T12:00:00Z.",
+            help=f"{what}: 90s, 1m30s or 1:30.5 into the capture, or UTC as 2026-03-01T12:00:00Z.",
         ),
         click.option(
             "--to", "end", metavar="TIME", help=f"{until} before this time, written alike."

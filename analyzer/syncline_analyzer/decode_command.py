@@ -199,6 +199,8 @@ def _stored(ctx: click.Context, pieces: Iterable[bytes]) -> Path:
     path = Path(folder, "stdin")
     with path.open("wb") as file:
         file.writelines(pieces)
+        if not file.tell():
+            raise UsageError("-: nothing came on standard input")
     return path
 
 

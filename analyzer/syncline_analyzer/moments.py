@@ -7,6 +7,11 @@ from datetime import UTC, datetime
 from syncline_schemas.errors import UsageError
 
 _DURATION = re.compile(r"(?:(\d+)d)?(?:(\d+)h)?(?:(\d+)m(?!s))?(?:(\d+(?:\.\d+)?)s)?(?:(\d+)ms)?")
+_PRINTED = re.compile(
+    r"(?:(?P<hours>\d+):)?(?P<minutes>\d+):(?P<seconds>[0-5]\d(?:\.\d+)?)"
+    r"|\+(?P<only>\d+(?:\.\d+)?) ?s"
+)
+"""How times of the capture are printed: 0:33.933 and 1:02:03.5, and in findings +33.933 s."""
 _UNIT_NS = (86_400_000_000_000, 3_600_000_000_000, 60_000_000_000, 1_000_000_000, 1_000_000)
 
 
@@ -23,23 +28,29 @@ class Moment:
 
 
 def parse_moment(text: str) -> Moment:
-    """A moment from "90s", "1m30s", "2h", "250ms" or "2026-03-01T12:00:00Z".
+    """A moment from "90s", "1m30s", "2h", "250ms" or "2026-03-01T12:00:00Z", or as it is printed.
 
     >>> parse_moment("1m30s")
     Moment(ns=90000000000, relative=True)
+    >>> parse_moment("1:30.5"), parse_moment("+90.5 s")
+    (Moment(ns=90500000000, relative=True), Moment(ns=90500000000, relative=True))
     >>> parse_moment("2026-03-01T12:00:00.5Z").ns
     1772366400500000000
 
     Raises: UsageError when the text is neither.
     """
-    match = _DURATION.fullmatch(text.strip())
+    plain = text.strip()
+    match = _DURATION.fullmatch(plain)
     if match and any(match.groups()):
         return Moment(_duration_ns(match.groups()), relative=True)
+    if printed := _PRINTED.fullmatch(plain):
+        hours, minutes, seconds, only = printed.groups()
+        return Moment(_duration_ns((None, hours, minutes, seconds or only, None)), relative=True)
     try:
-        when = datetime.fromisoformat(text.strip())
+        when = datetime.fromisoformat(plain.removesuffix(" UTC"))
     except ValueError:
         raise UsageError(
-            f"{text!r} is no time: write it as 90s, 1m30s or 2h into the capture,"
+            f"{text!r} is no time: write it as 90s, 1m30s, 2h or 1:30.5 into the capture,"
             " or as UTC such as 2026-03-01T12:00:00Z"
         ) from None
     when = when if when.tzinfo else when.replace(tzinfo=UTC)

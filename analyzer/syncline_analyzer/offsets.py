@@ -42,7 +42,8 @@ def parse_offset(text: str) -> Offset:
         moment = parse_moment(signed["length"] if signed else text)
     except UsageError:
         moment = None
-    if moment is None or (signed and not moment.relative):
+    of_day = moment is not None and moment.relative and ":" in text
+    if moment is None or of_day or (signed and not moment.relative):
         raise UsageError(
             f"{text!r} is no offset: write seconds such as +3600 or -2.5, or when the first frame"
             " was recorded, such as 2026-03-01T12:00:00Z"

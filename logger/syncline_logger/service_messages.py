@@ -23,7 +23,7 @@ from syncline_schemas.decoder import (
     decode_nmt,
     decode_time,
 )
-from syncline_schemas.devices import Device
+from syncline_schemas.devices import Device, quirks
 from syncline_schemas.devices.model import emcy_meaning, register_bits
 from syncline_schemas.proto import syncline_pb2
 
@@ -80,7 +80,8 @@ def _one_by_one(messages_of: Callable[[FrameBatch, Device | None], Messages]) ->
 
 
 def _looked_up(
-    messages: Sequence[Message], numbers_of: Callable[[FrameBatch], NDArray[np.intp]]
+    messages: Sequence[Message],
+    numbers_of: Callable[[FrameBatch, Device | None], NDArray[np.intp]],
 ) -> Encode:
     """For services with few different messages and many frames: each frame's number in a table."""
     payloads = [message.SerializeToString() for message in messages]
@@ -93,7 +94,7 @@ def _looked_up(
     def encode(
         frames: FrameBatch, log_ns: NDArray[np.int64], device: Device | None
     ) -> MessageBlock:
-        numbers = numbers_of(frames)
+        numbers = numbers_of(frames, device)
         rows = np.flatnonzero(numbers != _NO_MESSAGE)
         numbers = numbers[rows]
         return MessageBlock(
@@ -121,7 +122,7 @@ _SYNCS = [*(syncline_pb2.Sync(counter=n) for n in range(256)), syncline_pb2.Sync
 _SYNC_WITHOUT_COUNTER = 256
 
 
-def _sync_number(frames: FrameBatch) -> NDArray[np.intp]:
+def _sync_number(frames: FrameBatch, device: Device | None) -> NDArray[np.intp]:
     without = np.where(frames.dlc == 0, _SYNC_WITHOUT_COUNTER, _NO_MESSAGE)
     return np.where(frames.dlc == 1, frames.data[:, 0], without)
 
@@ -166,11 +167,19 @@ def _heartbeat(byte: int) -> syncline_pb2.Heartbeat:
     )
 
 
-_HEARTBEATS = [_heartbeat(byte) for byte in range(256)]
+_HEARTBEATS = [
+    *(_heartbeat(byte) for byte in range(256)),
+    syncline_pb2.Heartbeat(state_name="boot-up or no state", boot_up=True),
+]
+_BOOT_UP_OR_NO_STATE = 256
+"""The byte 00h of a device that also sends it once it was asked by a remote frame."""
 
 
-def _heartbeat_number(frames: FrameBatch) -> NDArray[np.intp]:
-    return np.where(frames.dlc == 1, frames.data[:, 0].astype(np.intp), _NO_MESSAGE)
+def _heartbeat_number(frames: FrameBatch, device: Device | None) -> NDArray[np.intp]:
+    first = frames.data[:, 0].astype(np.intp)
+    if quirks(device).empty_heartbeat_after_rtr:
+        first[first == 0] = _BOOT_UP_OR_NO_STATE
+    return np.where(frames.dlc == 1, first, _NO_MESSAGE)
 
 
 def _emcy(frames: FrameBatch, device: Device | None) -> Messages:

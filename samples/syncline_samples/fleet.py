@@ -178,7 +178,8 @@ def _move(frames: FrameBatch, planted: Planted, rng: np.random.Generator) -> Fra
     if planted.slower_heartbeat:
         end_ns = frames.t_ns[-1]
         beats = np.flatnonzero(frames.can_id == 0x700 + HEARTBEAT_NODE)
-        since_ns = frames.t_ns[beats] - frames.t_ns[beats[0]]
+        boots = np.where(frames.data[beats, 0] == 0, np.arange(len(beats)), 0)
+        since_ns = frames.t_ns[beats] - frames.t_ns[beats[np.maximum.accumulate(boots)]]
         frames.t_ns[beats] += np.rint(since_ns * planted.slower_heartbeat).astype(np.int64)
         frames = frames[np.flatnonzero(frames.t_ns <= end_ns)]
     return frames

@@ -284,6 +284,11 @@ def test_standard_input_is_a_capture_like_any_other(tmp_path: Path) -> None:
     assert [said(line) for line in result.stdout.splitlines()] == ["OPERATIONAL", "SYNC"]
 
 
+def test_nothing_on_standard_input_is_said_so() -> None:
+    result = CliRunner().invoke(decode, ["-"], input=b"")
+    assert "nothing came on standard input" in str(result.exception)
+
+
 def test_two_buses_are_told_apart(tmp_path: Path) -> None:
     path = tmp_path / "two.log"
     path.write_text("(0.000000) can0 70A#05\n(0.010000) can1 70A#05\n")

@@ -50,7 +50,7 @@ def test_offsets_are_lengths_or_times(text: str, expected: Offset) -> None:
     assert parse_offset(text) == expected
 
 
-@pytest.mark.parametrize("text", ["", "soon", "+2023-11-14T22:13:20Z", "1e5", "--3"])
+@pytest.mark.parametrize("text", ["", "soon", "+2023-11-14T22:13:20Z", "1e5", "--3", "12:00:00"])
 def test_other_texts_are_refused(text: str) -> None:
     with pytest.raises(UsageError, match="is no offset"):
         parse_offset(text)

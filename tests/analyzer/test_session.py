@@ -7,6 +7,7 @@ import pytest
 pd = pytest.importorskip("pandas")
 
 from syncline_analyzer import open_session
+from syncline_analyzer.moments import Moment, parse_moment
 from syncline_schemas.errors import CaptureError, DescriptionError, UsageError
 
 HEARTBEATS = "".join(f"({1_700_000_000 + k}.000000) can0 705#05\n" for k in range(20))
@@ -65,6 +66,24 @@ def test_mistakes_are_our_errors(tmp_path: Path) -> None:
         open_session(log(tmp_path), devices={10: "jn2101"})
     with pytest.raises(UsageError, match="is no time"):
         open_session(log(tmp_path), start="soon")
+
+
+@pytest.mark.parametrize("text", ["2s", "0:02", "0:02.000", "0:00:02.0", "+2.000 s", "+2.000s"])
+def test_a_time_is_taken_as_it_is_printed(tmp_path: Path, text: str) -> None:
+    session = open_session(log(tmp_path))
+    assert sum(map(len, session.frames(text))) == sum(map(len, session.frames("2s"))) > 0
+    assert parse_moment(text) == Moment(2_000_000_000, relative=True)
+
+
+def test_utc_is_taken_as_it_is_printed() -> None:
+    written, printed = "2026-03-01T12:00:00.5Z", "2026-03-01 12:00:00.500000 UTC"
+    assert parse_moment(printed) == parse_moment(written)
+
+
+@pytest.mark.parametrize("text", ["0:99", "1:2:3:04", "+2", "12:00:0", ":30"])
+def test_what_is_half_a_time_is_a_mistake(text: str) -> None:
+    with pytest.raises(UsageError, match="is no time"):
+        parse_moment(text)
 
 
 def test_findings_are_a_frame_and_dataclasses(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from rich.cells import cell_len
 from rich.console import Console
 
 from syncline_analyzer.bundle.place import finding_at
@@ -204,3 +205,21 @@ def test_a_frame_of_nobody_is_told_without_holes(tmp_path: Path) -> None:
         "vcan0: bit rate not known",
         "-v: everything   --out DIR: report, plots, tables",
     ]
+
+
+@pytest.mark.parametrize("width", [40, 80])
+def test_characters_of_two_columns_cost_no_text(width: int) -> None:
+    text = "Node 5 (巻取り機の回転角度検出器) was lost at +20.001 s for 6 s."
+    shown = bad_day(findings=[finding(text=text)])
+    told = screen(shown, width=width)
+    assert max(map(cell_len, told.splitlines())) <= width
+    assert text.replace(" ", "") in re.sub(r"\s", "", told)
+
+
+def test_of_several_buses_a_finding_names_its_own() -> None:
+    lost = finding(node=5, bus="can1", text="Node 5 was lost.")
+    both = many_nodes()
+    assert "can1: Node 5 was lost." in screen(
+        analysis(capture=both.capture, nodes=both.nodes, findings=[lost]), width=120
+    )
+    assert "can1: Node" not in screen(bad_day(findings=[lost]), width=120)

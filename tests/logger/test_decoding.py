@@ -109,6 +109,19 @@ def test_every_byte_and_every_length_of_sync_and_heartbeat() -> None:
     assert (names[0x85], names[0x33], names[0x80]) == ("OPERATIONAL", "unknown 33h", "INITIALISING")
 
 
+def test_the_byte_00h_of_a_device_that_answers_so_is_not_called_a_boot_up() -> None:
+    """The LIR-MA158K, node 3, sends it in place of its state once it was asked (its sheet)."""
+    rows = [(n, 0, 0x700 + node, 0, 1, b"\x00") for n, node in enumerate((3, 5))]
+    names = {
+        spec.topic: syncline_pb2.Heartbeat.FromString(block.payload.tobytes()).state_name
+        for spec, block in decode(*rows).blocks
+    }
+    assert names == {
+        "/canopen/a/node3/heartbeat": "boot-up or no state",
+        "/canopen/a/node5/heartbeat": "boot-up",
+    }
+
+
 def test_what_is_off_on_one_bus_goes_on_on_the_other(monkeypatch: pytest.MonkeyPatch) -> None:
     from syncline_logger import service_messages
 

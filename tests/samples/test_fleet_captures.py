@@ -68,6 +68,7 @@ def test_what_is_planted_shows_on_its_node(tmp_path: Path, template: Template) -
     beat = next(row for row in slow.error_control_periods if row.node == HEARTBEAT_NODE)
     assert beat.period_us is not None
     assert beat.period_us.median == pytest.approx(550_000, rel=0.01)
+    assert not [each.id for each in slow.findings], "a slow heartbeat is no restart"
     jittery = analysis(tmp_path, template, Planted(sync_jitter_us=300))
     assert jittery.sync[0].jitter_us is not None
     # The period is the difference of two stamps.

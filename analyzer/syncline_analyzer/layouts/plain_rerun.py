@@ -20,6 +20,7 @@ from syncline_schemas.canopen.nmt import NmtState
 TIMELINE = "message_publish_time"
 """Rerun's name for the stamps closest to the wire."""
 _BOOT_UP = "boot-up"
+_BOOT_UP_OR_NO_STATE = "boot-up or no state"
 
 
 def write_plain(captures: Sequence[Path], channels: Sequence[DecodedChannel], path: Path) -> Path:
@@ -102,8 +103,12 @@ def _mapping(channel: DecodedChannel, target: str, field: str) -> VisualizerComp
 
 
 def _state_colours() -> rr.StateConfiguration:
-    colours = {**STATE_COLOURS, _BOOT_UP: STATE_COLOURS[NmtState.INITIALISING]}
-    states = [*map(str, NmtState), _BOOT_UP]
+    colours = {
+        **STATE_COLOURS,
+        _BOOT_UP: STATE_COLOURS[NmtState.INITIALISING],
+        _BOOT_UP_OR_NO_STATE: STATE_COLOURS[NmtState.UNKNOWN],
+    }
+    states = [*map(str, NmtState), _BOOT_UP, _BOOT_UP_OR_NO_STATE]
     return rr.StateConfiguration(
         values=states, labels=states, colors=[rgba(colours[state]) for state in states]
     )

@@ -45,7 +45,7 @@ _NAME_OF_FLAG: Final = {
     "brs": re.compile(rb"brs|\xe5\x8a\xa0\xe9\x80\x9f|\xbc\xd3\xcb\xd9", re.IGNORECASE),
 }
 _SENT = re.compile(
-    rb"t|tx|tx.*|sent|send|out|1|true|\xe5\x8f\x91\xe9\x80\x81|\xb7\xa2\xcb\xcd", re.IGNORECASE
+    rb"t|tx|tx.*|transmit.*|sent|send|sending|out|1|true|\xe5\x8f\x91\xe9\x80\x81|\xb7\xa2\xcb\xcd", re.IGNORECASE
 )
 _SELF: Final = re.compile(rb"\btx|\bself\b", re.IGNORECASE)
 _KVASER_REMOTE, _KVASER_EXTENDED, _KVASER_ERROR, _KVASER_TX = 0x01, 0x04, 0x20, 0x40

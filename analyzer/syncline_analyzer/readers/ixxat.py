@@ -30,22 +30,26 @@ _FIELD = re.compile(rb"^(?P<key>[A-Z][\w ]*):[ \t]*(?P<value>[^\r\n]*)", re.MULT
 
 
 class IxxatFormat(LineFormat):
-    """IXXAT MiniMon; one bus, times from the start of the trace."""
+    """IXXAT MiniMon; one bus, times from the start of the trace, or of the day it was made."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(CaptureFacts(path, "ixxat", time_base="relative"))
+        self._start_ns = 0
 
     def prepare(self, head: bytes) -> None:
         """Date, bit rate and lost frames from the header."""
         start_ns = take_header(self.facts, head)
         if start_ns is not None:
-            self.facts.time_base, self.origin_ns = "utc", start_ns
+            self.facts.time_base, self._start_ns, self.origin_ns = "utc", start_ns, start_ns
+            stop_ns = _stop_ns(self.facts, start_ns)
+            if stop_ns is not None and _tells_time_of_day(head, start_ns, stop_ns):
+                self.origin_ns, self.wraps_ns = start_ns - start_ns % DAY_NS, DAY_NS
         if rate := bit_rate(self.facts):
             self.facts.bitrates[self.facts.buses[self.bus(b"1") or 0]] = rate
 
     def finish(self, last_ns: int | None) -> None:
         """Say it when the frames run past the time at which the trace was stopped."""
-        check_stop(self.facts, self.origin_ns, last_ns)
+        check_stop(self.facts, self._start_ns, last_ns)
 
     def parse(self, line: bytes) -> Parsed:
         """One line: a frame, or the header."""
@@ -108,18 +112,32 @@ def bit_rate(facts: CaptureFacts) -> int | None:
 
 def check_stop(facts: CaptureFacts, start_ns: int, last_ns: int | None) -> None:
     """Note it when the frames run past the time at which the trace was stopped."""
-    fields = facts.metadata
-    stop_ns = date_ns(f"{fields.get('Date', '')} {fields.get('Stop time', '')}")
+    stop_ns = _stop_ns(facts, start_ns)
     if stop_ns is None or last_ns is None or facts.time_base != "utc":
         return
-    if stop_ns < start_ns:
-        stop_ns += DAY_NS
     past_ns = last_ns - stop_ns
     if 0 < past_ns < DAY_NS and last_ns - start_ns < DAY_NS:
         facts.notes.append(
             f"the last frame is {past_ns / SECOND_NS:.0f} s later than the stop time in the"
             " header: the times do not count from the start time there, so dates may be off"
         )
+
+
+def _stop_ns(facts: CaptureFacts, start_ns: int) -> int | None:
+    fields = facts.metadata
+    stop_ns = date_ns(f"{fields.get('Date', '')} {fields.get('Stop time', '')}")
+    return stop_ns if stop_ns is None or stop_ns >= start_ns else stop_ns + DAY_NS
+
+
+def _tells_time_of_day(head: bytes, start_ns: int, stop_ns: int) -> bool:
+    """Whether the first frame fits between start and stop as a time of day, and only so."""
+    found = next((match for line in head.splitlines() if (match := _LINE.match(line))), None)
+    if found is None:
+        return False
+    seconds = 3600 * int(found["hour"]) + 60 * int(found["minute"]) + int(found["s"])
+    t_ns = seconds * SECOND_NS
+    of_day_ns = start_ns + (t_ns - start_ns) % DAY_NS
+    return of_day_ns <= stop_ns < start_ns + t_ns
 
 
 def is_header(line: bytes) -> bool:

@@ -67,23 +67,23 @@ class KvaserFormat(LineFormat):
         if found := _LINE.match(line):
             return self._frame(found)
         if found := _ERROR.match(line):
-            bus = self.bus(found["bus"])
-            row = (
-                seconds_ns(found["s"], found["f"]),
-                bus or 0,
-                0,
-                int(FrameFlag.ERROR),
-                8,
-                bytes(8),
-            )
-            return None if bus is None else OddFrame(row)
+            return self._error(found)
         return NoFrame() if _REMARK.match(line) else None
+
+    def _error(self, found: re.Match[bytes]) -> Parsed:
+        bus = self.bus(found["bus"])
+        t_ns = seconds_ns(found["s"], found["f"])
+        row = (t_ns, bus or 0, 0, int(FrameFlag.ERROR), 8, bytes(8))
+        return None if bus is None else OddFrame(row)
 
     def _frame(self, found: re.Match[bytes]) -> Parsed:
         marks = set(found["flags"]) - {32, 9}
         # Where channels with names come first, what looks like flags is none.
         if not marks <= _KNOWN_FLAGS:
             return None
+        # Only CAN FD frames have an error state indicator.
+        if ord("E") in marks and ord("F") not in marks:
+            return self._error(found)
         flags = bit_flags(
             extended=ord("X") in marks,
             tx=(found["way"] or b"R")[:1] in b"Tt",

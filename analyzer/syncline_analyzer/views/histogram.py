@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.results import Analysis, Responses
+from syncline_analyzer.views.troubled import troubled
 from syncline_analyzer.views.words import hex_code
 from syncline_schemas.wording import counted
 
@@ -42,9 +43,14 @@ class Bars:
 
 
 def histograms(analysis: Analysis) -> list[tuple[Responses, Bars]]:
-    """Histograms of the PDOs that answered, at most twelve."""
+    """Histograms of the PDOs that answered, at most twelve: those of nodes in trouble stay."""
     answered = [r for r in analysis.responses if r.histogram.any()]
-    return [(r, bars_of(r)) for r in answered[:MAX_HISTOGRAMS]]
+    ranks = troubled(analysis)
+    order = sorted(
+        range(len(answered)),
+        key=lambda i: ranks.get((answered[i].bus, answered[i].node or 0), len(ranks) + 9),
+    )
+    return [(r, bars_of(r)) for r in (answered[i] for i in sorted(order[:MAX_HISTOGRAMS]))]
 
 
 def bars_of(responses: Responses) -> Bars:

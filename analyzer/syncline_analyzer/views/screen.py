@@ -3,9 +3,9 @@
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from io import StringIO
-from textwrap import wrap
 from typing import NamedTuple
 
+from rich.cells import cell_len, set_cell_size
 from rich.console import Console
 from rich.text import Text
 
@@ -34,6 +34,8 @@ MOST_LANES = 12
 _LEAST_LANES = 3
 _LABEL_WIDTH = 22
 _ELLIPSIS = " ..."
+_PLAIN = Console(file=StringIO(), color_system=None)
+"""What measures texts: some characters take two columns."""
 
 Line = Text
 
@@ -92,8 +94,13 @@ def _top(analysis: Analysis, clock: Clock, width: int) -> Iterator[Line]:
 
 
 def _wrapped(text: Text, width: int) -> Iterator[Line]:
-    for line in wrap(text.plain, width) or [""]:
+    for line in _rows(text.plain, width) or [""]:
         yield Text(line, style=text.style)
+
+
+def _rows(text: str, width: int) -> list[str]:
+    """A text broken between words into rows of so many columns."""
+    return [row.plain.rstrip() for row in Text(text).wrap(_PLAIN, max(width, 1))]
 
 
 def _findings(
@@ -102,10 +109,11 @@ def _findings(
     """The worst findings that there is room for; texts are shortened where that shows more."""
     findings = analysis.findings
     digits = len(str(len(findings)))
+    several = len(analysis.capture.buses) > 1
     blocks: list[list[Line]] = []
     for shape in WHOLE if whole_texts else (*WHOLE, *SHORT):
         blocks = [
-            _finding(place, each, clock, width, shape, digits)
+            _finding(place, each, clock, width, shape, digits=digits, several=several)
             for place, each in enumerate(findings, 1)
         ]
         if sum(map(len, blocks)) <= max(room, 0):
@@ -129,26 +137,34 @@ def _left_out(findings: Sequence[Finding], width: int) -> list[Line]:
 
 
 def _finding(
-    place: int, finding: Finding, clock: Clock, width: int, shape: Shape, digits: int
+    place: int,
+    finding: Finding,
+    clock: Clock,
+    width: int,
+    shape: Shape,
+    *,
+    digits: int,
+    several: bool,
 ) -> list[Line]:
-    """One finding: its number, how grave, when, what."""
+    """One finding: its number, how grave, when, where there are several buses on which, what."""
     head = f"{place:>{digits}} {SEVERITY_WORDS[finding.severity]:<8}"
     loud = f"bold {css(SEVERITY_COLOURS[finding.severity])}"
     when = f"{clock.short(finding.start_ns)} " if clock.timed else ""
-    rows = wrap(f"{when}{printable(finding.text)}", width - len(head))
+    bus = f"{printable(finding.bus)}: " if finding.bus and several else ""
+    rows = _rows(f"{when}{bus}{printable(finding.text)}", width - len(head))
     if shape.lines is not None and len(rows) > shape.lines:
         rows = rows[: shape.lines]
         rows[-1] = _shortened(rows[-1], width - len(head))
     indent = " " * len(head)
     lines = [Text.assemble((head, loud), rows[0]), *(Text(f"{indent}{row}") for row in rows[1:])]
     if shape.check:
-        checks = wrap(f"check: {printable(finding.check_next)}", width - len(head))
+        checks = _rows(f"check: {printable(finding.check_next)}", width - len(head))
         lines += [Text(f"{indent}{row}", style="dim") for row in checks]
     return lines
 
 
 def _shortened(row: str, room: int) -> str:
-    while len(row) > room - len(_ELLIPSIS) and " " in row:
+    while cell_len(row) > room - len(_ELLIPSIS) and " " in row:
         row = row.rpartition(" ")[0]
     return row + _ELLIPSIS
 
@@ -166,12 +182,13 @@ def _states(analysis: Analysis, lanes: Lanes, width: int, room: int) -> list[Lin
     for key in chosen:
         label = labels.get(key, node_label(key[1]))
         label = f"{printable(key[0])} {label}" if several else label
-        heads[key] = label if len(label) <= label_width else f"{label[: label_width - 2]}.."
-    taken = max(map(len, heads.values())) + 1
+        short = f"{set_cell_size(label, label_width - 2)}.."
+        heads[key] = label if cell_len(label) <= label_width else short
+    taken = max(map(cell_len, heads.values())) + 1
     lines = [Text()] * bool(analysis.findings)
     for key in chosen:
         bar = state_bar(cells(lanes[key], capture.begin_ns, capture.end_ns, width - taken))
-        lines.append(Text(f"{heads[key]:<{taken}}") + bar)
+        lines.append(Text(set_cell_size(heads[key], taken)) + bar)
     rest = [key for key in lanes if key not in heads]
     if rest:
         ends = Counter(lanes[key][-1].state for key in rest)
@@ -206,9 +223,9 @@ def _bottom(analysis: Analysis, clock: Clock, width: int) -> Iterator[Line]:
         blind = f" for {duration(sum(g.end_ns - g.start_ns for g in gaps))}" if clock.timed else ""
         told.append(f"the recorder was blind {counted(len(gaps), 'time')}{blind}")
     for text in told:
-        for line in wrap(text, width):
+        for line in _rows(text, width):
             yield Text(line)
-    for line in wrap("-v: everything   --out DIR: report, plots, tables", width):
+    for line in _rows("-v: everything   --out DIR: report, plots, tables", width):
         yield Text(line, style="dim")
 
 

@@ -65,7 +65,7 @@ class BlfWriter(LogWriter):
     def __init__(self, stream: BinaryIO, survey: Survey) -> None:
         super().__init__(stream, survey)
         self._count_bus_names()
-        self._start_ns = survey.first_ns - survey.first_ns % 10**6
+        self._start_ns = survey.origin_ns - survey.origin_ns % 10**6
         self._stop_ns = survey.first_ns
         self._objects = 0
         self._unpacked_size = _HEADER_SIZE

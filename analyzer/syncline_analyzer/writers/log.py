@@ -36,6 +36,11 @@ class Survey:
     resolution_ns: int
     source: str
 
+    @property
+    def origin_ns(self) -> int:
+        """What stamps count from: the earliest one, or 0 where they are no dates and count already."""
+        return self.first_ns if self.time_base == "utc" else min(self.first_ns, 0)
+
 
 class LogWriter(ABC):
     """Writes one log; `lost` counts by kind what the format could not hold."""

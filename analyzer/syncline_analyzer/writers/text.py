@@ -93,7 +93,7 @@ class AscWriter(TextWriter):
     def __init__(self, stream: BinaryIO, survey: Survey) -> None:
         super().__init__(stream, survey)
         self._count_bus_names()
-        self._origin_ns = survey.first_ns - survey.first_ns % 10**6
+        self._origin_ns = survey.origin_ns - survey.origin_ns % 10**6
         date = _asc_date(self._origin_ns)
         dated = survey.time_base == "utc"
         lines = ["base hex  timestamps absolute", "internal events logged"]
@@ -147,7 +147,7 @@ class TrcWriter(TextWriter):
         self._number = 0
         lines = [";$FILEVERSION=2.1"]
         if survey.time_base == "utc":
-            days = Decimal(survey.first_ns) / (86400 * _SECOND_NS) + 25569
+            days = Decimal(survey.origin_ns) / (86400 * _SECOND_NS) + 25569
             lines.append(f";$STARTTIME={days:.16f}")
         lines += [";$COLUMNS=N,O,T,B,I,d,R,L,D", ";", ";   Message   Time    Type    ID     Rx/Tx"]
         lines += [";   Number    Offset  |  Bus  [hex]  |  Reserved"]
@@ -172,7 +172,7 @@ class TrcWriter(TextWriter):
             self._stream.write(_numbered(lines, decimal(numbers, 10, pad=b" ")))
 
     def _pieces(self, batch: FrameBatch) -> Sequence[Piece]:
-        offset = self._times(batch.t_ns - self._survey.first_ns, 9, 10**6)
+        offset = self._times(batch.t_ns - self._survey.origin_ns, 9, 10**6)
         bus = b" %2d " % (int(batch.bus[0]) + 1)
         way = b" Tx -  " if has(batch, FrameFlag.TX) else b" Rx -  "
         if has(batch, FrameFlag.ERROR):

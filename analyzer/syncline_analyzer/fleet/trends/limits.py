@@ -69,7 +69,7 @@ LIMITS: Mapping[str, Limits] = MappingProxyType(
             0.05,
             1.0,
             True,
-            False,
+            True,
             True,
             "the node takes longer to answer (firmware, load of its processor), or other frames come"
             " before its answer",

@@ -18,7 +18,7 @@ MAX_BINS = 128
 """Longer spans are divided into bins of several days."""
 _MAX_SWITCHES = 3
 """A recorder that changes more often is one of several that are used in turn."""
-_OTHER_LENGTH = 3.0
+_OTHER_LENGTH = 1.25
 """Captures that are so many times as long from a day on are others."""
 COLUMNS = (
     "machine", "capture_id", "bus", "node", "part", "amount", "over", "reading",
@@ -245,7 +245,7 @@ def _cut(lengths: Floats) -> int:
     """Where lengths (logarithms) become others for good; 0 where they do not."""
     if len(lengths) < 2 * MIN_SIDE or np.ptp(lengths) < np.log(_OTHER_LENGTH):
         return 0
-    place = np.arange(3, len(lengths) - 2)
+    place = np.arange(MIN_SIDE, len(lengths) - MIN_SIDE + 1)
     early = lengths.cumsum()[place - 1]
     mean_early, mean_late = early / place, (lengths.sum() - early) / (len(lengths) - place)
     at = int(place[np.argmax((mean_late - mean_early) ** 2 * place * (len(lengths) - place))])

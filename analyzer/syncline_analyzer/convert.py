@@ -13,11 +13,15 @@ from syncline_analyzer.capture import CaptureFacts, CaptureReader
 from syncline_analyzer.merge import Merge
 from syncline_analyzer.offsets import shifted
 from syncline_analyzer.readers import open_capture
+from syncline_analyzer.redaction import Redaction
+from syncline_analyzer.writers.carried import merged_marks
 from syncline_analyzer.writers.formats import (
     ATTACHED,
     BIT_RATES,
     NO_DATES,
     NO_TIMES,
+    RECORDER_MARKS,
+    REDACTED,
     WriteFormat,
     output_format,
 )
@@ -160,6 +164,8 @@ def _lost_facts(form: WriteFormat, survey: Survey, facts: Sequence[CaptureFacts]
         NO_DATES: int(survey.time_base == "relative"),
         BIT_RATES: len(survey.bitrates),
         ATTACHED: attached,
+        RECORDER_MARKS: len(survey.marks),
+        REDACTED: int(bool(survey.redacted)),
     }
     return {what: count for what, count in known.items() if count and what in form.cannot}
 
@@ -195,6 +201,9 @@ def _survey(
         clock=facts[0].clock,
         resolution_ns=max(each.resolution_ns for each in facts),
         source="converted from " + ", ".join(path.name for path in paths),
+        marks=tuple(merged_marks(facts, merge.buses)),
+        redacted=Redaction.of_metadata(each.metadata for each in facts).text,
+        foreign_errors=frozenset(name for each in facts for name in each.foreign_errors),
     )
 
 

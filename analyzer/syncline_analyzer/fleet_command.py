@@ -37,7 +37,7 @@ fleet.add_command(trends)
     short_help="Analyze the captures of many machines into one data set.",
     epilog="\b\nExamples:\n"
     "  syncline fleet analyze /data/captures --out /data/fleet --workers 8\n"
-    '  syncline fleet analyze "s3://line/**" --out s3://fleet/a --machine-from "{machine}/{date}"'
+    '  syncline fleet analyze "s3://line/**" --out s3://fleet/a --machine-from "{machine}/{date}"',
 )
 @click.argument("sources", nargs=-1, required=True, metavar="SOURCE...")
 @click.option(
@@ -157,7 +157,7 @@ def analyze(
     short_help="Ask the data set, by SQL or a ready-made question.",
     epilog="\b\nExamples:\n"
     "  syncline fleet query /data/fleet --question emcy --code 7320h --since 2026-11-01\n"
-    '  syncline fleet query /data/fleet "SELECT machine, count(*) FROM findings GROUP BY 1"'
+    '  syncline fleet query /data/fleet "SELECT machine, count(*) FROM findings GROUP BY 1"',
 )
 @click.argument("dest", metavar="DEST")
 @click.argument("sql", required=False)

@@ -9,6 +9,7 @@ import numpy as np
 from syncline_analyzer.capture import TimeBase
 from syncline_analyzer.clock_repair import repair_clocks
 from syncline_analyzer.readers import open_capture
+from syncline_analyzer.redaction import Redaction
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
 from syncline_schemas.capture.adapter_fit import AdapterFit
 from syncline_schemas.capture.mark import Mark
@@ -117,6 +118,8 @@ def inspect(path: str | Path, progress: Callable[[int], None] | None = None) -> 
     info.has_description = facts.description_toml is not None
     info.eds_files = sorted(facts.eds_files)
     info.notes, info.damage = list(facts.notes), facts.damage
+    if redaction := Redaction.of_metadata([facts.metadata]):
+        info.notes.append(f"the payload of {redaction.text} is redacted: zeros stand there")
     info.marks, info.adapter_fits = list(facts.marks), dict(facts.adapter_fits)
     return info
 

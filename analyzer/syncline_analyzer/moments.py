@@ -8,10 +8,10 @@ from syncline_schemas.errors import UsageError
 
 _DURATION = re.compile(r"(?:(\d+)d)?(?:(\d+)h)?(?:(\d+)m(?!s))?(?:(\d+(?:\.\d+)?)s)?(?:(\d+)ms)?")
 _PRINTED = re.compile(
-    r"(?:(?P<hours>\d+):)?(?P<minutes>\d+):(?P<seconds>[0-5]\d(?:\.\d+)?)"
+    r"\+?(?:(?P<hours>\d+):)?(?P<minutes>\d+):(?P<seconds>[0-5]\d(?:\.\d+)?)"
     r"|\+(?P<only>\d+(?:\.\d+)?) ?s"
 )
-"""How times of the capture are printed: 0:33.933 and 1:02:03.5, and in findings +33.933 s."""
+"""How times of the capture are printed: 0:33.933 and 1:02:03.5, and in findings +33.933 s, +1:02:03.500."""
 _UNIT_NS = (86_400_000_000_000, 3_600_000_000_000, 60_000_000_000, 1_000_000_000, 1_000_000)
 
 
@@ -34,6 +34,8 @@ def parse_moment(text: str) -> Moment:
     Moment(ns=90000000000, relative=True)
     >>> parse_moment("1:30.5"), parse_moment("+90.5 s")
     (Moment(ns=90500000000, relative=True), Moment(ns=90500000000, relative=True))
+    >>> parse_moment("+1:02:03.500").ns
+    3723500000000
     >>> parse_moment("2026-03-01T12:00:00.5Z").ns
     1772366400500000000
 

@@ -26,8 +26,11 @@ from syncline_analyzer.bundle.archive import (
 from syncline_analyzer.bundle.make import Case, make_bundle
 from syncline_analyzer.bundle_command import bundle
 from syncline_analyzer.comparison import compare
+from syncline_analyzer.convert import convert
+from syncline_analyzer.info import inspect
 from syncline_analyzer.readers import open_capture
 from syncline_analyzer.redaction import Redaction
+from syncline_analyzer.writers.formats import RECORDER_MARKS, REDACTED
 from syncline_samples.faults import Emcy, MissedPdos, PowerLoss
 from syncline_samples.machine import Scenario
 from syncline_samples.scenarios import GUIDE, LIFT, PLATFORM
@@ -513,3 +516,26 @@ def test_marks_go_with_the_part_that_they_lie_in(tmp_path: Path) -> None:
     redacted = marks_of(bundled(tmp_path, source, redact=("181",), name="c.zip"))
     assert [mark.t_ns for mark in redacted] == [early.t_ns, late.t_ns, nowhere.t_ns]
     assert {mark.reason for mark in redacted} == {"(redacted)"}
+
+
+def test_a_converted_capture_keeps_its_marks_and_what_is_redacted(tmp_path: Path) -> None:
+    mark = Mark(START_NS + 10**9, "button", 1, 5)
+    case = bundled(tmp_path, marked(tmp_path / "a.mcap", mark), redact=("181",))
+    result = convert([case], tmp_path / "b.mcap")
+    assert result.lost == {}
+    assert marks_of(tmp_path / "b.mcap") == [replace(mark, reason="(redacted)")]
+    notes = [open_session(each).analyze().capture.notes for each in (case, tmp_path / "b.mcap")]
+    assert notes[0] == notes[1]
+    assert any("(redacted)" in note for note in notes[1])
+    assert inspect(tmp_path / "b.mcap").notes == [
+        "the payload of 181 is redacted: zeros stand there"
+    ]
+
+
+@pytest.mark.parametrize("name", ["x.log", "x.asc", "x.blf", "x.trc", "x.pcapng", "x.csv"])
+def test_a_log_says_that_it_cannot_hold_marks_and_what_is_redacted(
+    tmp_path: Path, name: str
+) -> None:
+    case = bundled(tmp_path, marked(tmp_path / "a.mcap", Mark(START_NS, "a")), redact=("181",))
+    lost = convert([case], tmp_path / name).lost
+    assert (lost[RECORDER_MARKS], lost[REDACTED]) == (1, 1)

@@ -138,6 +138,15 @@ def test_files_are_joined_in_order_of_time(tmp_path: Path) -> None:
     assert facts.buses == ["can0", "vcan7"]
 
 
+@pytest.mark.parametrize("name", ["x.mcap", "x.asc", "x.blf", "x.trc", "x.pcapng", "x.csv"])
+def test_times_without_a_date_count_on_from_where_they_did(tmp_path: Path, name: str) -> None:
+    source = _source(tmp_path, "Time [s];ID;DLC;Data\n7200.5;0x702;1;05\n7201.5;0x702;1;05\n")
+    convert([source], tmp_path / name)
+    batch, facts, _ = read(tmp_path / name)
+    assert batch.t_ns.tolist() == [7_200_500_000_000, 7_201_500_000_000]
+    assert facts.time_base == "relative"
+
+
 def test_what_the_inputs_could_not_tell_is_handed_on(tmp_path: Path) -> None:
     source = _source(tmp_path, "candump can0\n  can0  123   [1]  05\n")
     result = convert([source], tmp_path / "x.asc")

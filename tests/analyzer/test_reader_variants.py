@@ -530,6 +530,38 @@ def test_cantest_without_stamps_has_the_times_of_the_computer(tmp_path: Path) ->
     assert found[0][1:] == (0, 0x123, int(EXTENDED | TX), 2, b"\1\2")
 
 
+def test_excels_line_of_the_separator_is_no_unread_line(tmp_path: Path) -> None:
+    text = "sep=;\nDatum;Uhrzeit;CAN-ID;DLC;D0\n14.11.2023;22:13:20,000005;701h;1;05\n"
+    assert _frames(tmp_path, text) == [row(5, 0x701, b"\5")]
+
+
+def test_cantest_in_english(tmp_path: Path) -> None:
+    text = (
+        "Index,System Time,Time Stamp,Channel,Direction,Frame ID,Type,Format,DLC,Data\n"
+        '0,"22:13:20.123.456",0x00000A,ch1,Receive,0x0123,Data,Standard,0x02,x| 11 22\n'
+        '1,"22:13:20.223.456",0x0003F2,ch1,Transmit,0x0123,Data,Standard,0x02,x| 11 22\n'
+    )
+    assert [frame[3] for frame in _frames(tmp_path, text)] == [0, int(TX)]
+
+
+@pytest.mark.parametrize(
+    ("start", "stop", "first", "last", "first_ns"),
+    [
+        ("22:13:20", "22:13:30", "22:13:20.500", "22:13:30.000", T0_NS + 500_000_000),
+        ("22:13:20", "22:13:30", "00:00:00.500", "00:00:10.000", T0_NS + 500_000_000),
+        ("22:13:20", "23:13:30", "00:13:20.500", "00:13:30.000", T0_NS + 800_500_000_000),
+        ("23:59:50", "00:01:00", "23:59:59.500", "00:00:09.000", T0_NS + 6_399_500_000_000),
+    ],
+)
+def test_minimon_times_of_day_are_known_by_start_and_stop(
+    tmp_path: Path, start: str, stop: str, first: str, last: str, first_ns: int
+) -> None:
+    head = IXXAT.format("MiniMon V3", "14.11.2023", start)
+    lines = "".join(f'"{time}";"83";"Std";"";"01"\n' for time in (first, last))
+    found = _frames(tmp_path, head.replace("Overruns", f"Stop time: {stop}\nOverruns") + lines)
+    assert [frame[0] for frame in found] == [first_ns, first_ns + 9_500_000_000]
+
+
 BARE = {
     "three columns": "0.100000,181,11A4\n0.110000,181,01EA\n",
     "with 0x": "0.1;0x181;0x11 0xA4\n0.11;0x181;0x01 0xEA\n",

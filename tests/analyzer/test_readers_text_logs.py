@@ -8,11 +8,13 @@ from syncline_analyzer.readers.formats import KNOWN_FORMATS
 from syncline_schemas.batch import FrameFlag, Gap
 from tests.analyzer.log_builder import T0_NS, read, read_text, row
 
-EXTENDED, REMOTE, ERROR, TX = (
+EXTENDED, REMOTE, ERROR, TX, FD, ESI = (
     FrameFlag.EXTENDED,
     FrameFlag.REMOTE,
     FrameFlag.ERROR,
     FrameFlag.TX,
+    FrameFlag.FD,
+    FrameFlag.ESI,
 )
 MS = 1_000_000
 KVASER = "Chn Identifier Flg   DLC  D0...1...2...3...4...5...6..D7       Time     Dir\n"
@@ -48,6 +50,16 @@ def test_kvaser_error_frame(tmp_path: Path) -> None:
     line = "0    00000000            ErrorFrame                          29.095270 R\n"
     found, _ = read_text(tmp_path, KVASER + line)
     assert found == [(29_095_270_000, 0, 0, int(ERROR), 8, bytes(8))]
+
+
+def test_kvaser_error_flag_of_a_classic_frame_is_no_error_state_indicator(tmp_path: Path) -> None:
+    text = " 0    00000000  E      0                                4.500000 R\n"
+    text += " 0    00000123  F  E   2  01  02                         5.500000 R\n"
+    found, _ = read_text(tmp_path, KVASER + text)
+    assert found == [
+        (4_500_000_000, 0, 0, int(ERROR), 8, bytes(8)),
+        (5_500_000_000, 0, 0x123, int(FD | ESI), 2, b"\1\2"),
+    ]
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from hypothesis.extra.numpy import arrays
 
 from syncline_analyzer.results import TRACE_FLAGS, BusLoadRow, GapRow, ShaftTrace, Trace
 from syncline_analyzer.views.events import marks
-from syncline_analyzer.views.histogram import bars_of
+from syncline_analyzer.views.histogram import MAX_HISTOGRAMS, bars_of, histograms
 from syncline_analyzer.views.palette import paler
 from syncline_analyzer.views.plots import (
     NODES_APART,
@@ -31,6 +31,7 @@ from tests.analyzer.analysis_builder import (
     bad_day,
     capture_row,
     emcy_row,
+    finding,
     node_row,
     responses,
     series,
@@ -258,9 +259,25 @@ def test_of_many_nodes_those_that_answer_least_evenly_have_a_plot() -> None:
               for n in range(1, 41)]  # fmt: skip
     steady[29] = responses(0x180 + 30, 30, 100)
     found = panels(analysis(responses=steady))
-    kept = shown_at_once(found)
+    kept = shown_at_once(found, analysis())
     assert (len(found), len(kept)) == (40, RESPONSES_APART)
     assert "PDO response [us] of node 30" in [panel.label for panel in kept]
+
+
+def test_of_many_nodes_those_in_trouble_have_a_plot_however_evenly_they_answer() -> None:
+    uneven = [responses(0x180 + n, n, 100) for n in range(1, 41)]
+    uneven[6] = replace(uneven[6], response_us=np.full(100, 500.0))
+    told = analysis(responses=uneven, findings=[finding(node=7, severity="warning")])
+    kept = shown_at_once(panels(told), told)
+    assert len(kept) == RESPONSES_APART
+    assert "PDO response [us] of node 7" in [panel.label for panel in kept]
+
+
+def test_of_many_pdos_those_of_nodes_in_trouble_have_a_histogram() -> None:
+    answers = [responses(0x180 + n, n, 100) for n in range(1, 41)]
+    lost = finding(node=30, severity="error")
+    found = [each.node for each, _ in histograms(analysis(responses=answers, findings=[lost]))]
+    assert found == [*range(1, MAX_HISTOGRAMS), 30]
 
 
 @given(VALUES, st.integers(2, 100))

@@ -12,6 +12,7 @@ from rich.console import Console
 from syncline_analyzer.bundle.place import finding_at
 from syncline_analyzer.results import Analysis
 from syncline_analyzer.session import open_session
+from syncline_analyzer.views.report_html import report
 from syncline_analyzer.views.screen import FEWEST, MOST, print_screen, screen
 from syncline_analyzer.views.text import print_summary
 from syncline_samples.forty_nodes import forty_nodes
@@ -223,3 +224,10 @@ def test_of_several_buses_a_finding_names_its_own() -> None:
         analysis(capture=both.capture, nodes=both.nodes, findings=[lost]), width=120
     )
     assert "can1: Node" not in screen(bad_day(findings=[lost]), width=120)
+
+
+def test_a_note_does_not_hide_that_there_are_no_frames() -> None:
+    blind = finding("capture.gap", severity="info")
+    empty = analysis(capture=capture_row(frames=0), findings=[blind])
+    assert "No frames in this capture, 1 note" in screen(empty, width=80)
+    assert "another protocol" not in report(empty)

@@ -11,23 +11,19 @@ import numpy as np
 from syncline_analyzer.capture import CaptureFacts, CaptureReader
 from syncline_analyzer.merge import Merge
 from syncline_analyzer.redaction import REDACTED_KEY, Redaction
+from syncline_analyzer.writers.carried import NOT_SOCKETCAN, merged_marks, write_marks
 from syncline_schemas.batch import FrameBatch, Gap
 from syncline_schemas.capture.gap_message import gap_message
 from syncline_schemas.capture.layout import (
     GAP_TOPIC,
     LEARNED_METADATA_NAME,
-    MARK_TOPIC,
     Attachment,
     BusInfo,
     CaptureMetadata,
 )
-from syncline_schemas.capture.mark import Mark, mark_message
 from syncline_schemas.capture.message import MessageBlock, schema_of
 from syncline_schemas.capture.writer import CaptureWriter
 from syncline_schemas.proto import syncline_pb2
-
-_FOREIGN = "not SocketCAN"
-"""Interface of a bus whose error frames hold another driver's bytes."""
 
 Rates = Callable[[str], tuple[int | None, int | None]]
 
@@ -111,11 +107,11 @@ def write_capture(
             writer.write_frames(redaction.applied(chosen))
         if progress:
             progress(done.before + done.frames + done.after)
-    marks = [mark for mark in _marks(facts, merge.buses) if stretch.holds(mark.t_ns)]
+    marks = [mark for mark in merged_marks(facts, merge.buses) if stretch.holds(mark.t_ns)]
     if redaction:
         # What made the recorder mark a moment may stand in a payload that is redacted.
         marks = [replace(mark, reason="(redacted)") for mark in marks]
-    _write_marks(writer, marks)
+    write_marks(writer, marks)
     writer.finish()
     return done
 
@@ -167,31 +163,8 @@ def _bus(
         number=number,
         bitrate=bitrate,
         data_bitrate=data_bitrate,
-        interface=_FOREIGN if foreign else "",
+        interface=NOT_SOCKETCAN if foreign else "",
     )
-
-
-def _marks(facts: Sequence[CaptureFacts], buses: Sequence[str]) -> list[Mark]:
-    """The marks of all files in order of time, their buses as they are numbered here."""
-    found = []
-    for each in facts:
-        for mark in each.marks:
-            known = mark.bus is not None and mark.bus < len(each.buses)
-            name = each.buses[mark.bus] if known and mark.bus is not None else None
-            found.append(replace(mark, bus=buses.index(name) if name in buses else None))
-    return sorted(found, key=lambda mark: mark.t_ns)
-
-
-def _write_marks(writer: CaptureWriter, marks: Sequence[Mark]) -> None:
-    if not marks:
-        return
-    payloads = [mark_message(mark).SerializeToString() for mark in marks]
-    channel = writer.add_channel(MARK_TOPIC, schema_of(syncline_pb2.Mark.DESCRIPTOR))
-    times_ns = np.array([mark.t_ns for mark in marks], np.int64)
-    lengths = np.array([len(payload) for payload in payloads], np.int64)
-    data = np.frombuffer(b"".join(payloads), np.uint8)
-    block = MessageBlock(channel, times_ns, times_ns, lengths, data)
-    writer.write_chunk(FrameBatch.empty(), messages=[block])
 
 
 def _write_gap(writer: CaptureWriter, gap: Gap) -> None:

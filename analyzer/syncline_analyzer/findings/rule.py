@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 from syncline_analyzer.context import Context
+from syncline_analyzer.findings.stretch import since_begin
 from syncline_analyzer.folds.control import ControlTables
 from syncline_analyzer.results import Analysis, Finding
 
@@ -43,8 +44,8 @@ class Facts:
         return who[:1].lower() + who[1:]
 
     def moment(self, t_ns: int) -> str:
-        """A moment as seconds into the capture."""
-        return f"{(t_ns - self.analysis.capture.first_ns) / 1e9:+.3f} s"
+        """A moment of the capture as time since its begin."""
+        return since_begin(t_ns - self.analysis.capture.first_ns)
 
     def assumed_remote(self) -> list[str]:
         """What rests on remote frames assumes in a log that does not mark them."""

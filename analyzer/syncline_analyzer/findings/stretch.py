@@ -22,9 +22,32 @@ def seconds(ns: int) -> str:
     return f"{ns / 60e9:.1f} min" if abs(ns) < 7_200_000_000_000 else f"{ns / 3600e9:.1f} h"
 
 
+def milliseconds(us: float) -> str:
+    """A period in milliseconds, also where timers are long.
+
+    >>> milliseconds(25_031.4), milliseconds(65_535_000)
+    ('25.03 ms', '65535 ms')
+    """
+    ms = us / 1000
+    return f"{ms:.0f} ms" if ms >= 9999.5 else f"{ms:.4g} ms"
+
+
 def moment(analysis: Analysis, t_ns: int) -> str:
-    """A moment as seconds into the capture."""
-    return f"+{(t_ns - analysis.capture.first_ns) / 1e9:.3f} s"
+    """A moment of the capture as time since its begin."""
+    return since_begin(t_ns - analysis.capture.first_ns)
+
+
+def since_begin(ns: int) -> str:
+    """A time since the begin of a capture; from an hour on as the views write it.
+
+    >>> since_begin(33_933_000_000), since_begin(-5_000_000), since_begin(49_998_015_000_000)
+    ('+33.933 s', '-0.005 s', '+13:53:18.015')
+    """
+    if abs(ns) < 3_600_000_000_000:
+        return f"{ns / 1e9:+.3f} s"
+    seconds_, ms = divmod((abs(ns) + 500_000) // 1_000_000, 1000)
+    minutes, rest = divmod(seconds_, 60)
+    return f"{'-' if ns < 0 else '+'}{minutes // 60}:{minutes % 60:02}:{rest:02}.{ms:03}"
 
 
 def error_name(code: int, meaning: str) -> str:

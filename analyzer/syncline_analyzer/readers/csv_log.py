@@ -45,8 +45,11 @@ _NAME_OF_FLAG: Final = {
     "brs": re.compile(rb"brs|\xe5\x8a\xa0\xe9\x80\x9f|\xbc\xd3\xcb\xd9", re.IGNORECASE),
 }
 _SENT = re.compile(
-    rb"t|tx|tx.*|transmit.*|sent|send|sending|out|1|true|\xe5\x8f\x91\xe9\x80\x81|\xb7\xa2\xcb\xcd", re.IGNORECASE
+    rb"t|tx|tx.*|transmit.*|sent|send|sending|out|1|true|\xe5\x8f\x91\xe9\x80\x81|\xb7\xa2\xcb\xcd",
+    re.IGNORECASE,
 )
+_SEPARATOR_TOLD: Final = re.compile(rb"(?:\xef\xbb\xbf)?\s*\"?sep=.\"?\s*$", re.IGNORECASE)
+"""First line of a table for Excel."""
 _SELF: Final = re.compile(rb"\btx|\bself\b", re.IGNORECASE)
 _KVASER_REMOTE, _KVASER_EXTENDED, _KVASER_ERROR, _KVASER_TX = 0x01, 0x04, 0x20, 0x40
 _ASKED = re.compile(rb"(?:rtr|remote)\b\D*(?P<n>\d)?", re.IGNORECASE)
@@ -217,7 +220,7 @@ class CsvFormat(LineFormat):
         if row is None:
             stripped = line.strip().lstrip(b"# ")
             plain = stripped == self._columns.header or line.lstrip()[:1] in b"#;"
-            return NoFrame() if plain else None
+            return NoFrame() if plain or _SEPARATOR_TOLD.match(line) else None
         cells = self._columns.cells(line)
         bus = self.bus(row.get("bus") or b"1")
         time = self._time(line, cells)

@@ -52,10 +52,10 @@ def verdict(analysis: Analysis) -> str:
         for severity, name in (("error", "error"), ("warning", "warning"), ("info", "note"))
     }
     told = [f"{n} {name}{'s' if n > 1 else ''}" for name, n in counts.items() if n]
+    if not analysis.capture.frames:
+        return ", ".join(["No frames in this capture", *told])
     if told:
         return ", ".join(told)
-    if not analysis.capture.frames:
-        return "No frames in this capture"
     if not analysis.nodes:
         return "No CANopen node in this capture"
     return "Nothing found"

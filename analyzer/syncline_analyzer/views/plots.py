@@ -140,10 +140,22 @@ def panels(analysis: Analysis, *, nodes_apart: int = NODES_APART) -> list[Panel]
     return sorted(plots, key=lambda panel: _RANK.get(panel.title, len(_RANK) - len(TIMING) - 0.5))
 
 
-def shown_at_once(plotted: list[Panel]) -> list[Panel]:
-    """The plots without those of nodes that answer more evenly than twelve others."""
+def shown_at_once(plotted: list[Panel], analysis: Analysis) -> list[Panel]:
+    """The plots without those of nodes that answer more evenly than twelve others.
+
+    Nodes with a warning or an error are among the twelve.
+    """
+    found = {
+        (each.bus, each.node)
+        for each in analysis.findings
+        if each.node is not None and each.severity != "info"
+    }
+
+    def interest(panel: Panel) -> tuple[bool, float]:
+        return any((line.bus, line.node) in found for line in panel.lines), _spread(panel)
+
     answers = [panel for panel in plotted if panel.title == _RESPONSE]
-    steady = sorted(answers, key=_spread)[: max(len(answers) - RESPONSES_APART, 0)]
+    steady = sorted(answers, key=interest)[: max(len(answers) - RESPONSES_APART, 0)]
     return [panel for panel in plotted if panel not in steady]
 
 

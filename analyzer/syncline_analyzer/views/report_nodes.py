@@ -27,7 +27,12 @@ _WORDS = {"error": "error", "warning": "warning", "info": "note"}
 def nodes_part(analysis: Analysis, moments: Moments, plots: Sequence[Plot]) -> Iterator[Html]:
     """The table of all nodes, then their parts."""
     if not analysis.nodes:
-        yield element("p", "No frame proves a CANopen node; this may be a bus of another protocol.")
+        yield element(
+            "p",
+            "No frame proves a CANopen node; this may be a bus of another protocol."
+            if analysis.capture.frames
+            else "There are no frames in it.",
+        )
         return
     yield _overview(analysis)
     known, lanes = known_lines(analysis), lanes_of(analysis)

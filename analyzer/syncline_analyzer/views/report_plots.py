@@ -62,7 +62,7 @@ class Plot:
 def plots_of(analysis: Analysis) -> list[Plot]:
     """Plots in the order of the page. A capture without times has no plots."""
     moments = Moments.of(analysis)
-    drawn = shown_at_once(panels(analysis)) if moments.clock.timed else []
+    drawn = shown_at_once(panels(analysis), analysis) if moments.clock.timed else []
     lines = max(sum(min(len(panel.lines), MAX_LINES) for panel in drawn), 1)
     points = max(MIN_POINTS, min(MAX_POINTS, POINTS_OF_A_PAGE // lines))
     thinning = _Thinning(points, POINTS_AT_FINDINGS // lines, moments)

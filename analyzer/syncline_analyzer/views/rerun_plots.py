@@ -63,14 +63,14 @@ def load_plots(plotted: list[Panel]) -> list[PlotContent]:
     return [_plot(panel) for panel in plotted if panel.title in LOAD]
 
 
-def timing_plots(plotted: list[Panel]) -> list[PlotContent]:
+def timing_plots(plotted: list[Panel], analysis: Analysis) -> list[PlotContent]:
     """Plots of SYNC periods and PDO responses."""
-    return [_plot(panel) for panel in _timing(plotted)]
+    return [_plot(panel) for panel in _timing(plotted, analysis)]
 
 
-def timing_details(plotted: list[Panel]) -> list[PlotContent]:
+def timing_details(plotted: list[Panel], analysis: Analysis) -> list[PlotContent]:
     """The same with every sample, of those that were thinned."""
-    return [_detail(panel) for panel in _timing(plotted) if _is_thinned(panel)]
+    return [_detail(panel) for panel in _timing(plotted, analysis) if _is_thinned(panel)]
 
 
 def devices_of(analysis: Analysis, plotted: list[Panel]) -> list[Device]:
@@ -119,8 +119,9 @@ def _part(mark: Marks) -> str:
     return f"{rank}_{slug(mark.name)}"
 
 
-def _timing(plotted: list[Panel]) -> list[Panel]:
-    return [p for p in shown_at_once(plotted) if p.is_timing and p.title not in LOAD]
+def _timing(plotted: list[Panel], analysis: Analysis) -> list[Panel]:
+    shown = shown_at_once(plotted, analysis)
+    return [panel for panel in shown if panel.is_timing and panel.title not in LOAD]
 
 
 def _rank(panel: Panel, ranks: dict[NodeKey, int]) -> tuple[int, str, int]:

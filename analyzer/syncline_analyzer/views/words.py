@@ -9,6 +9,8 @@ import numpy as np
 from syncline_analyzer.results import CaptureRow, NodeRow, SdoRow
 
 _SECOND = 1_000_000_000
+_NEARLY = 0.9995
+"""What is written as 1 of a unit with three digits."""
 
 
 def hex_code(value: int | None, digits: int = 4) -> str:
@@ -75,10 +77,12 @@ def number(value: float | None, unit: str = "", digits: int = 4) -> str:
 
     >>> number(10000.123, "us"), number(0.04321), number(None), number(1234567)
     ('10000 us', '0.04321', '-', '1234567')
+    >>> number(999.8, digits=3)
+    '1000'
     """
     if value is None or not math.isfinite(value):
         return "-"
-    whole = value == int(value) or abs(value) >= 10**digits
+    whole = value == int(value) or abs(value) >= 10**digits - 0.5
     text = f"{value:.0f}" if whole else f"{value:.{digits}g}"
     return f"{text} {unit}" if unit else text
 
@@ -88,6 +92,8 @@ def duration(ns: int) -> str:
 
     >>> duration(320_000_000), duration(3_210_000_000), duration(3_723 * 10**9), duration(1_500)
     ('320 ms', '3.21 s', '1 h 2 min 3 s', '1.5 us')
+    >>> duration(999_800_000), duration(999)
+    ('1 s', '999 ns')
     """
     if ns < 0:
         return f"-{duration(-ns)}"
@@ -95,7 +101,7 @@ def duration(ns: int) -> str:
         size, unit = next(
             (size, unit)
             for size, unit in ((_SECOND, "s"), (10**6, "ms"), (1000, "us"), (1, "ns"))
-            if ns >= size or size == 1
+            if ns >= size * _NEARLY or size == 1
         )
         return f"{ns / size:.3g} {unit}"
     seconds = round(ns / _SECOND)

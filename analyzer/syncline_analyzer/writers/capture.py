@@ -6,6 +6,8 @@ from typing import BinaryIO
 
 import numpy as np
 
+from syncline_analyzer.redaction import REDACTED_KEY
+from syncline_analyzer.writers.carried import NOT_SOCKETCAN, write_marks
 from syncline_analyzer.writers.log import LogWriter, Survey
 from syncline_schemas.batch import FrameBatch, Gap
 from syncline_schemas.capture.gap_message import gap_message
@@ -31,9 +33,16 @@ class McapWriter(LogWriter):
             resolution_ns=survey.resolution_ns,
             time_base=survey.time_base,
             source=survey.source,
+            extra={REDACTED_KEY: survey.redacted} if survey.redacted else {},
         )
         buses = [
-            BusInfo(name, number, survey.bitrates.get(name), survey.data_bitrates.get(name))
+            BusInfo(
+                name,
+                number,
+                survey.bitrates.get(name),
+                survey.data_bitrates.get(name),
+                interface=NOT_SOCKETCAN if name in survey.foreign_errors else "",
+            )
             for number, name in enumerate(survey.buses)
         ]
         self._writer = CaptureWriter(stream, metadata, buses, attachments=attachments)
@@ -52,5 +61,6 @@ class McapWriter(LogWriter):
         self._writer.write_chunk(FrameBatch.empty(), messages=[block])
 
     def close(self) -> None:
-        """Write summary and footer."""
+        """Write the marks, summary and footer."""
+        write_marks(self._writer, self._survey.marks)
         self._writer.finish()

@@ -34,7 +34,9 @@ NO_TIMES: Final = "that there are no times"
 NO_DATES: Final = "that the times are no dates"
 BIT_RATES: Final = "bit rates"
 ATTACHED: Final = "attached descriptions and device files"
-_FOREIGN: Final = (GAPS, NO_TIMES, ATTACHED)
+RECORDER_MARKS: Final = "moments that the recorder marked"
+REDACTED: Final = "that payloads are redacted"
+_FOREIGN: Final = (GAPS, NO_TIMES, ATTACHED, RECORDER_MARKS, REDACTED)
 
 WRITE_FORMATS: Final = (
     WriteFormat("mcap", (".mcap",), packed_outside=False),

@@ -10,6 +10,7 @@ import numpy as np
 
 from syncline_analyzer.writers.formats import BUS_NAMES, GAPS, MARKS
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
+from syncline_schemas.capture.mark import Mark
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,6 +24,9 @@ class Survey:
         whole_us: whether all stamps are whole microseconds.
         time_base, clock, resolution_ns: as in `CaptureFacts`.
         source: what was converted, in words.
+        marks: of the recorder, their buses as numbered here.
+        redacted: identifiers whose payload is redacted, as `Redaction.text` has them.
+        foreign_errors: buses whose error frames hold another driver's bytes.
     """
 
     buses: tuple[str, ...]
@@ -35,6 +39,9 @@ class Survey:
     clock: str
     resolution_ns: int
     source: str
+    marks: tuple[Mark, ...] = ()
+    redacted: str = ""
+    foreign_errors: frozenset[str] = frozenset()
 
     @property
     def origin_ns(self) -> int:

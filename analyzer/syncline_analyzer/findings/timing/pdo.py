@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 
 from syncline_analyzer.findings.rule import Facts, Rule
-from syncline_analyzer.findings.stretch import moment, seconds
+from syncline_analyzer.findings.stretch import milliseconds, moment, seconds
 from syncline_analyzer.findings.timing.blame import Why, assumed_window, why_late, why_missed
 from syncline_analyzer.findings.timing.sync import MAX_EVIDENCE, evidence_of, holes_of, together
 from syncline_analyzer.results import Finding, HoleRow, PdoPauseRow, PdoRow, SdoObject
@@ -108,7 +108,7 @@ def _pdo_late(facts: Facts) -> Iterator[Finding]:
             int(t_ns.max()) + 1,
             f"{named(facts, row)} answered {counted(row.late, 'time')} of {row.frames} later than"
             " the synchronous window (1007h) allows; the slowest took"
-            f" {row.response_us.max / 1000:.4g} ms.",
+            f" {milliseconds(row.response_us.max)}.",
             why.cause,
             why.check_next,
             sorted(responses[0].seq[slowest].tolist()),
@@ -232,8 +232,8 @@ def _inhibit_time(facts: Facts) -> Iterator[Finding]:
             _moment_of(facts, row.too_soon_first_ns),
             _moment_of(facts, row.too_soon_last_ns),
             f"{named(facts, row)} came {counted(row.too_soon, 'time')} in less than half of its"
-            f" inhibit time of {row.inhibit_us / 1000:.4g} ms (180xh:3); the shortest time between"
-            f" two was {row.period_us.min / 1000:.4g} ms.",
+            f" inhibit time of {milliseconds(row.inhibit_us)} (180xh:3); the shortest time between"
+            f" two was {milliseconds(row.period_us.min)}.",
             "The device does not keep its inhibit time, or a second device sends the same"
             " identifier.",
             "Read 180xh:3, which some devices take only while the PDO is switched off; look for a"
@@ -254,8 +254,8 @@ def _event_timer(facts: Facts) -> Iterator[Finding]:
             row.node,
             facts.analysis.capture.begin_ns,
             facts.analysis.capture.end_ns,
-            f"{named(facts, row)} comes every {row.period_us.median / 1000:.4g} ms, its event timer"
-            f" (180xh:5) is {row.event_timer_us / 1000:.4g} ms.",
+            f"{named(facts, row)} comes every {milliseconds(row.period_us.median)}, its event timer"
+            f" (180xh:5) is {milliseconds(row.event_timer_us)}.",
             "The device rounds the timer to steps of its own or did not take it, or its inhibit time"
             " is longer.",
             "Read 180xh:5 and 180xh:3; look up the smallest period that the device's manual allows.",

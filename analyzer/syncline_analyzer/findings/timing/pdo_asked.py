@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 from syncline_analyzer.findings.rule import Facts, Rule
+from syncline_analyzer.findings.stretch import milliseconds
 from syncline_analyzer.findings.timing.pdo import named
 from syncline_analyzer.results import Finding, PdoRow
 from syncline_schemas.wording import counted
@@ -63,7 +64,7 @@ def _deadline(facts: Facts) -> Iterator[Finding]:
             for emcy in facts.analysis.emcy
         )
         said = "; the node complains of that with EMCY 8250h" if complains else ""
-        longest = f" at most {row.period_us.max / 1000:.4g} ms" if row.period_us else ""
+        longest = f" at most {milliseconds(row.period_us.max)}" if row.period_us else ""
         yield Finding(
             "pdo.deadline",
             "warning" if complains else "info",
@@ -71,7 +72,7 @@ def _deadline(facts: Facts) -> Iterator[Finding]:
             row.node,
             first_ns,
             last_ns + 1,
-            f"{named(facts, row)} was to come every {row.deadline_us / 1000:.4g} ms at most (140xh:5)"
+            f"{named(facts, row)} was to come every {milliseconds(row.deadline_us)} at most (140xh:5)"
             f" and took longer {counted(row.overdue, 'time')},{longest}{said}.",
             "The sender of the PDO (the controller) paused or sends it only on changes; the node"
             " itself only waits.",

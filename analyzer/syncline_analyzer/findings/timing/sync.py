@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from syncline_analyzer.findings.rule import Facts, Rule
-from syncline_analyzer.findings.stretch import seconds
+from syncline_analyzer.findings.stretch import milliseconds, seconds
 from syncline_analyzer.folds.timing.sync_settings import PERIOD
 from syncline_analyzer.results import Analysis, Finding, HoleRow, PdoRow, SyncJitterRow, SyncRow
 from syncline_schemas.wording import counted
@@ -39,7 +39,7 @@ def _missing_syncs(facts: Facts, row: SyncRow, group: Sequence[HoleRow]) -> Find
         else f"it stayed away for {longest_text}{facts.at(longest.start_ns)}"
     )
     verb = "is" if missing == 1 else "are"
-    period = f"; the period is {row.period_us.median / 1000:.4g} ms" if row.period_us else ""
+    period = f"; the period is {milliseconds(row.period_us.median)}" if row.period_us else ""
     silent = longest.evidence[1] - longest.evidence[0] <= 1
     if silent and longest.end_ns - longest.start_ns >= _LONG_SILENCE_NS:
         cause = "Nothing else was heard either: the bus was interrupted, or the recorder paused."
@@ -87,8 +87,8 @@ def _jitter(rows: Sequence[SyncJitterRow]) -> Finding:
         min(row.start_ns for row in rows),
         max(row.end_ns for row in rows),
         f"SYNC {worst.cob_id:03X}h comes irregularly{stretches}: {off} of {periods} periods are off"
-        f" by more than a tenth of {worst.period_us / 1000:.4g} ms, the worst by"
-        f" {worst.worst_us / 1000:.4g} ms.",
+        f" by more than a tenth of {milliseconds(worst.period_us)}, the worst by"
+        f" {milliseconds(worst.worst_us)}.",
         "The SYNC producer sends it from a task with a low priority, or its host is overloaded; if"
         " the recorder stamps in software, its own delay is in these numbers.",
         "Look at the cycle of the SYNC producer; record with hardware stamps to rule the recorder"
@@ -136,8 +136,8 @@ def _two_producers(facts: Facts) -> Iterator[Finding]:
             first.start_ns,
             last.end_ns,
             f"Two producers sent SYNC {cob_id:03X}h at the same time{often}: between those that come"
-            f" every {first.period_us / 1000:.4g} ms there were"
-            f" {sum(row.pairs for row in rows)} more, the first {first.offset_us / 1000:.4g} ms"
+            f" every {milliseconds(first.period_us)} there were"
+            f" {sum(row.pairs for row in rows)} more, the first {milliseconds(first.offset_us)}"
             " beside one of them.",
             "A second device was set to produce SYNC (1005h bit 30, 1006h), or a second master was"
             " connected.",
@@ -161,8 +161,8 @@ def _sync_period(facts: Facts) -> Iterator[Finding]:
                 node,
                 facts.analysis.capture.begin_ns,
                 facts.analysis.capture.end_ns,
-                f"{facts.who(row.bus, node)} was set to send SYNC every {period_us / 1000:.4g} ms"
-                f" (1006h), but SYNC {row.cob_id:03X}h comes every {found / 1000:.4g} ms.",
+                f"{facts.who(row.bus, node)} was set to send SYNC every {milliseconds(period_us)}"
+                f" (1006h), but SYNC {row.cob_id:03X}h comes every {milliseconds(found)}.",
                 "The device rounds the period to steps of its own, is overloaded, or another node"
                 " sends SYNC.",
                 "Read 1005h and 1006h of all nodes, and look up which periods the producer takes.",

@@ -231,3 +231,10 @@ def test_a_note_does_not_hide_that_there_are_no_frames() -> None:
     empty = analysis(capture=capture_row(frames=0), findings=[blind])
     assert "No frames in this capture, 1 note" in screen(empty, width=80)
     assert "another protocol" not in report(empty)
+
+
+def test_what_was_redacted_is_said() -> None:
+    log = "the payload of 181-1FF was dropped before this analysis (redacted)"
+    told = screen(bad_day(capture=capture_row(notes=[log])), width=120)
+    assert "redacted, nothing is concluded from the payload of 181-1FF" in told
+    assert "redacted" not in screen(bad_day(), width=120)

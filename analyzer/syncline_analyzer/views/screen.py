@@ -9,6 +9,7 @@ from rich.cells import cell_len, set_cell_size
 from rich.console import Console
 from rich.text import Text
 
+from syncline_analyzer.redaction import Redaction
 from syncline_analyzer.results import Analysis, Finding, SyncRow
 from syncline_analyzer.views.lanes import Lanes, cells, lanes_of
 from syncline_analyzer.views.load import bit_rate
@@ -222,6 +223,8 @@ def _bottom(analysis: Analysis, clock: Clock, width: int) -> Iterator[Line]:
     if gaps:
         blind = f" for {duration(sum(g.end_ns - g.start_ns for g in gaps))}" if clock.timed else ""
         told.append(f"the recorder was blind {counted(len(gaps), 'time')}{blind}")
+    if redaction := Redaction.of_analysis(analysis):
+        told.append(f"redacted, nothing is concluded from the payload of {redaction.text}")
     for text in told:
         for line in _rows(text, width):
             yield Text(line)

@@ -7,6 +7,8 @@ from contextlib import contextmanager
 
 import dask.config
 from distributed import Client, LocalCluster
+from distributed.comm.addressing import parse_address, parse_host_port
+from distributed.comm.registry import get_backend
 
 from syncline_schemas.errors import SourceError, UsageError
 from syncline_schemas.processors import processors
@@ -77,6 +79,8 @@ def _preloads() -> list[str]:
 def _client(address: str | LocalCluster) -> Client:
     """A new connection. Raises: SourceError where nobody answers, UsageError for no address."""
     try:
+        if isinstance(address, str):
+            _check_address(address)
         with warnings.catch_warnings():
             # Different versions of packages that do not matter here.
             warnings.simplefilter("ignore")
@@ -87,6 +91,13 @@ def _client(address: str | LocalCluster) -> Client:
         ) from error
     except OSError as error:
         raise SourceError(f"no Dask scheduler answers at {address}") from error
+
+
+def _check_address(address: str) -> None:
+    """Raises: ValueError, it is none; a client that finds out itself leaves a traceback behind."""
+    scheme, where = parse_address(address)
+    get_backend(scheme)
+    parse_host_port(where)
 
 
 @contextmanager

@@ -161,10 +161,18 @@ def _machine(file: File, rule: MachineRule) -> str:
 def _without_copies(files: Sequence[File]) -> tuple[list[File], list[File]]:
     """One file of each segment, and the others: begun at the same moment, they are copies.
 
-    The largest one holds most; of a file that does not tell when it was begun nobody knows.
+    The largest one holds most, and of equal ones the oldest is what was copied; of a file that does
+    not tell when it was begun nobody knows.
     """
     order = sorted(
-        files, key=lambda each: (each.segment, each.created_ns, -each.size_bytes, each.url)
+        files,
+        key=lambda each: (
+            each.segment,
+            each.created_ns,
+            -each.size_bytes,
+            each.modified_ns or 0,
+            each.url,
+        ),
     )
     chosen: list[File] = []
     copies: list[File] = []

@@ -17,6 +17,8 @@ UNDATED = "undated"
 STAGING, FAILURES, REPORTS, RECORDINGS = ".staging", "failures", "reports", "recordings"
 CAPTURES_FILE = "captures.parquet"
 _MAX_NAME = 200
+_HIVE_NULL = "__HIVE_DEFAULT_PARTITION__"
+"""What readers of hive partitions take for no value."""
 _DAY_NS = 86_400 * 10**9
 
 
@@ -72,10 +74,21 @@ def recording_file(capture_id: str) -> str:
     return f"{RECORDINGS}/{capture_id}.rrd"
 
 
+def stored_name(value: str) -> str:
+    """A name as the path of a capture tells it again: one that is too long is cut there.
+
+    >>> stored_name("press 3"), len(stored_name("x" * 300))
+    ('press 3', 29)
+    """
+    return unquote(_quoted(value))
+
+
 def _quoted(value: str) -> str:
     """A value as one part of a path on any file system, percent-encoded and not too long."""
     quoted = quote(value, safe="")
     if len(quoted) > _MAX_NAME:
         mark = hashlib.sha256(value.encode()).hexdigest()[:12]
         quoted = quote(f"{value[:16]}~{mark}", safe="")
+    if quoted == _HIVE_NULL:
+        return quoted.replace("_", "%5F")
     return quoted.replace(".", "%2E") if not quoted.strip(".") else quoted

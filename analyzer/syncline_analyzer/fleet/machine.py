@@ -4,6 +4,7 @@ import re
 from dataclasses import dataclass
 from typing import Literal, Self
 
+from syncline_analyzer.fleet.layout import stored_name
 from syncline_schemas.errors import UsageError
 
 Source = Literal["rule", "recorder", "folder"]
@@ -44,13 +45,17 @@ class MachineRule:
         return cls(pattern)
 
     def machine(self, url: str, *, told: str = "", host: str = "") -> tuple[str, Source]:
-        """Name of the machine, and where it was found.
+        """Name of the machine as the data set has it, and where it was found.
 
         Args:
             url: URL or path of a capture, with `/` between the parts.
             told: what the recorder was told to call it.
             host: name of the gateway that recorded.
         """
+        name, source = self._found(url, told, host)
+        return stored_name(name), source
+
+    def _found(self, url: str, told: str, host: str) -> tuple[str, Source]:
         folder, _, _ = url.rpartition("/")
         if self.pattern is not None:
             match = self.pattern.search(folder) or self.pattern.search(url)

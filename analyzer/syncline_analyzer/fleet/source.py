@@ -71,7 +71,8 @@ def _of(source: str, options: Mapping[str, Any]) -> Iterator[Found]:
         if info.get("type") == "file" and (named or ending in ENDINGS):
             url = absolute(name) if local else str(fs.unstrip_protocol(name))
             yield Found(
-                url,
+                # No table holds a name that is no UTF-8: such a file fails, and is told by this one.
+                url.encode(errors="backslashreplace").decode(),
                 int(info.get("size") or 0),
                 _modified_ns(info),
                 _etag(info),

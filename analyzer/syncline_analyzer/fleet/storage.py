@@ -97,7 +97,10 @@ def open_storage(url: str, options: Mapping[str, Any] | None = None) -> Storage:
     """A folder by its path, or an object store by its URL. Raises: UsageError."""
     fs, path = open_url(url, options or {})
     if isinstance(fs, LocalFileSystem):
-        return Storage(absolute(path).rstrip("/"))
+        folder = absolute(path).rstrip("/")
+        if Path(folder).is_file():
+            raise UsageError(f"{url}: is a file; name the folder of a data set")
+        return Storage(folder)
     return Storage(str(fs.unstrip_protocol(path)).rstrip("/"), options or {})
 
 

@@ -1,5 +1,6 @@
 """Runs on real parts: processes over TCP, an S3 server, and what happens to them meanwhile."""
 
+import gc
 import json
 import os
 import signal
@@ -23,7 +24,7 @@ from syncline_analyzer.fleet.run import run
 from syncline_analyzer.fleet.task import Outcome, Task
 from syncline_analyzer.fleet_command import fleet
 from syncline_samples.fleet import Planted
-from syncline_schemas.errors import SourceError
+from syncline_schemas.errors import SourceError, UsageError
 from tests.analyzer.fleet.dask_processes import VERSION, cluster, kill, preload
 from tests.analyzer.fleet.fleet_builder import analyze, capture, content, order, small_mcap
 
@@ -99,6 +100,15 @@ def test_a_scheduler_that_is_not_there_is_said(tmp_path: Path) -> None:
         address = f"tcp://127.0.0.1:{taken.getsockname()[1]}"
         with pytest.raises(SourceError, match="no Dask scheduler"):
             run(asked, Silent(), scheduler=address)
+
+
+@pytest.mark.filterwarnings("error::pytest.PytestUnraisableExceptionWarning")
+@pytest.mark.parametrize("address", ["nonsense", "foo://host:1", "tcp://host"])
+def test_what_is_no_address_is_said(tmp_path: Path, address: str) -> None:
+    small_mcap(tmp_path / "in" / "a.mcap")
+    with pytest.raises(UsageError, match="is no address"):
+        run(order(tmp_path / "in", tmp_path / "out"), Silent(), scheduler=address)
+    gc.collect()
 
 
 def test_ctrl_c_ends_a_run_and_keeps_what_stands(tmp_path: Path) -> None:

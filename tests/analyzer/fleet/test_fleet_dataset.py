@@ -184,13 +184,26 @@ def test_the_same_content_twice_is_one_capture(tmp_path: Path) -> None:
 
 def test_names_of_machines_are_percent_encoded_and_numbers_stay_text(tmp_path: Path) -> None:
     source, out = tmp_path / "in", tmp_path / "out"
-    names = ["0012", "line 3/press=1".replace("/", "_"), "Пресс", ".."]
+    names = [
+        "0012",
+        "line 3/press=1".replace("/", "_"),
+        "Пресс",
+        "..",
+        "__HIVE_DEFAULT_PARTITION__",
+    ]
     for number, name in enumerate(names):
         small_mcap(source / f"{number}.mcap", recording_id=str(number), machine=name)
     analyze(source, out)
     assert [machine for machine, _, _ in standing(out)] == sorted(names)
     assert rows(out, "captures", "DISTINCT machine") == [(name,) for name in sorted(names)]
     assert {path.name for path in tmp_path.iterdir()} == {"in", "out"}
+
+
+def test_a_name_that_is_too_long_is_the_same_one_each_time(tmp_path: Path) -> None:
+    source, out = tmp_path / "in", tmp_path / "out"
+    small_mcap(source / "a.mcap", recording_id="a", machine="x" * 300)
+    assert statuses(analyze(source, out)) == ["analyzed"]
+    assert analyze(source, out) == []
 
 
 def test_a_log_without_dates_is_undated(tmp_path: Path) -> None:

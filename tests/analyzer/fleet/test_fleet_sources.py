@@ -2,7 +2,9 @@
 
 import gzip
 import io
+import os
 import random
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -113,6 +115,34 @@ def test_copies_of_a_segment_are_read_once_the_largest_one(tmp_path: Path) -> No
     (recording,) = gathered(tmp_path)
     assert [Path(file.url).name for file in recording.files] == ["whole.mcap"]
     assert [Path(file.url).name for file in recording.copies] == ["cut.mcap"]
+
+
+def test_of_equal_copies_the_oldest_is_read(tmp_path: Path) -> None:
+    first = small_mcap(tmp_path / "press-3" / "a.mcap", recording_id="a1")
+    copy = tmp_path / "backup" / "a.mcap"
+    copy.parent.mkdir()
+    copy.write_bytes(first.read_bytes())
+    os.utime(copy, ns=(T0_NS, first.stat().st_mtime_ns + 10**9))
+    [recording] = gathered(tmp_path)
+    assert recording.machine == "press-3"
+    assert [file.url for file in recording.copies] == [copy.as_posix()]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere names are text")
+def test_a_name_that_is_no_utf_8_is_told_as_text(tmp_path: Path) -> None:
+    folder = os.fsencode(tmp_path) + b"/m\xfc"
+    os.mkdir(folder)
+    with open(folder + b"/a.mcap", "wb") as stream:
+        stream.write(b"x")
+    [recording] = gathered(tmp_path)
+    assert recording.files[0].url.endswith("m\\udcfc/a.mcap")
+
+
+def test_a_data_set_is_no_file(tmp_path: Path) -> None:
+    path = tmp_path / "out"
+    path.write_bytes(b"x")
+    with pytest.raises(UsageError, match="is a file"):
+        open_storage(str(path))
 
 
 def test_equal_ids_by_chance_stay_apart(tmp_path: Path) -> None:

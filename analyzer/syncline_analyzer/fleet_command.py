@@ -172,7 +172,7 @@ def analyze(
 @click.option("--after", metavar="DATE", help="Compare what began before with what began after it.")
 @click.option("--machine", metavar="NAME", help="Of this machine; * and ? stand for others.")
 @click.option("--bus", metavar="NAME", help="Of this bus.")
-@click.option("--node", type=int, metavar="ID", help="Of this node.")
+@click.option("--node", type=click.IntRange(1, 127), metavar="ID", help="Of this node.")
 @click.option("--quantity", metavar="NAME", help="For outliers and changes; all by default.")
 @click.option(
     "--every", type=click.Choice(["day", "week", "month"]), help="One value for each; a week."

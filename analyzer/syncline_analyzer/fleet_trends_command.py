@@ -25,7 +25,7 @@ FOUND = 1
     help="Tell of this machine; * and ? stand for others. It is still compared with all.",
 )
 @click.option("--bus", metavar="NAME", help="Of this bus.")
-@click.option("--node", type=int, metavar="ID", help="Of this node.")
+@click.option("--node", type=click.IntRange(1, 127), metavar="ID", help="Of this node.")
 @click.option(
     "--quantity",
     metavar="NAME",

@@ -84,7 +84,7 @@ def _listed(fs: Any, path: str) -> tuple[bool, Iterable[Mapping[str, Any]] | Non
     """What is there, and whether its files were named as captures; None where nothing is."""
     if GLOB_MAGIC & set(path):
         last = path.rsplit("/", 1)[-1]
-        return bool(last.strip("*")), fs.glob(path, detail=True).values()
+        return bool(last.strip("*")), fs.glob(path, detail=True).values() or None
     if fs.isfile(path):
         return True, [fs.info(path)]
     if fs.isdir(path):

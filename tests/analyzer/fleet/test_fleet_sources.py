@@ -62,6 +62,8 @@ def test_folders_globs_and_files_give_captures_by_their_endings(tmp_path: Path) 
         found(f"{root}/missing")
     with pytest.raises(UsageError, match="nosuch://x"):
         found("nosuch://x")
+    with pytest.raises(UsageError, match="is not there"):
+        found(str(tmp_path / "*.nothing"))
 
 
 def test_what_is_surely_a_capture_is_known_by_ending_or_by_name(tmp_path: Path) -> None:

@@ -602,3 +602,21 @@ def test_tables_of_nothing_but_frames(tmp_path: Path, name: str) -> None:
 def test_tables_that_are_no_logs_are_refused(tmp_path: Path, text: str) -> None:
     with pytest.raises(CaptureError, match="no known format"):
         read_text(tmp_path, text)
+
+
+@pytest.mark.parametrize("rate", ["\u00b250000", "9" * 5000, "-1", ""])
+def test_a_clx000_whose_bit_rate_is_no_number_is_read_without_one(
+    tmp_path: Path, rate: str
+) -> None:
+    path = tmp_path / "x.csv"
+    head = CLX_HEAD.format("20231114T221320", 6, ":", ".", "/", " ").replace("250000", rate)
+    row = "Timestamp;Type;ID;Length;Data\n2023/11/14 22:13:20.000;0;123;1;05\n"
+    path.write_bytes((head + row).encode("latin-1"))
+    assert read(path)[1].bitrates == {}
+
+
+def test_times_of_thousands_of_digits_are_none(tmp_path: Path) -> None:
+    path = tmp_path / "x.csv"
+    path.write_text(f"Time,ID,Data\n{'9' * 5000},123,05\n1,123,05\n", encoding="ascii")
+    batch, _, _ = read(path)
+    assert len(batch) <= 2

@@ -124,7 +124,7 @@ def _decoded(
         return None
     bus, service = parts[1], parts[-1]
     number = parts[2].removeprefix("node")
-    node = int(number) if len(parts) == 4 and number.isdigit() else None
+    node = int(number) if len(parts) == 4 and number.isdecimal() else None
     entry = description.node(bus, node) if node is not None else None
     numbers = _numbers(channel, schema) if schema.name.startswith(_PDO_PACKAGE) else ()
     name = entry.name or "" if entry else ""

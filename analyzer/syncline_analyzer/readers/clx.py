@@ -52,8 +52,9 @@ class ClxFormat(CsvFormat):
         super().prepare(head)
         self.facts.remote_lost = True
         self.facts.notes.append("remote frames are not marked in this format")
-        if fields.get("Bit-rate", "").isdigit() and 0 < int(fields["Bit-rate"]) <= 10**6:
-            self.facts.bitrates[self.facts.buses[self.bus(b"1") or 0]] = int(fields["Bit-rate"])
+        rate = fields.get("Bit-rate", "")
+        if re.fullmatch(r"[0-9]{1,7}", rate) and 0 < int(rate) <= 10**6:
+            self.facts.bitrates[self.facts.buses[self.bus(b"1") or 0]] = int(rate)
 
     def _guess_times(self, cells: Sequence[bytes], dates: Sequence[bytes]) -> None:
         digits = [_digits_of(cell) for cell in cells]

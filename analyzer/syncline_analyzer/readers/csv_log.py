@@ -61,6 +61,8 @@ _SOCKETCAN_FLAGS: Final = (
 _HEX_TIME = re.compile(rb"0[xX][0-9A-Fa-f]{1,12}")
 _HEX_TICK_NS: Final = 100_000
 """CANTest and its like: the adapter's stamp, a number of 32 bits, counts 0.1 ms."""
+_MOST_DIGITS = 19
+"""A time of more digits is none."""
 _SAMPLE = 500
 _ASSUMED_FAST = 200
 """A median step above so many units of an unknown kind is no number of milliseconds."""
@@ -190,7 +192,7 @@ class CsvFormat(LineFormat):
         if self._columns.unit_ns is not None:
             self._unit_ns = self._columns.unit_ns
             return
-        values = [int(cell) for cell in cells if cell.isdigit()]
+        values = [int(cell) for cell in cells if cell.isdigit() and len(cell) <= _MOST_DIGITS]
         if fractions or not values:
             if max(_whole(cells), default=0) * SECOND_NS < FIRST_UTC_NS:
                 self.facts.notes.append(

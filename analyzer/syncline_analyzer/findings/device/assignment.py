@@ -191,7 +191,7 @@ def _more_pdos(facts: Facts, row: NodeRow, device: Device) -> Iterator[Contradic
     for sent in facts.analysis.pdos:
         name, _, guess = (sent.pdo or "").partition(" ")
         number = name.removeprefix("TPDO")
-        if (sent.bus, sent.node) != (row.bus, row.node) or not (guess and number.isdigit()):
+        if (sent.bus, sent.node) != (row.bus, row.node) or not (guess and number.isdecimal()):
             continue
         if device.object(0x17FF + int(number), 1) is None:
             yield Contradiction(

@@ -290,7 +290,7 @@ def _nobodys(facts: Facts, pdo: PdoRow) -> bool:
 def _fits(device: Device, pdo: PdoRow) -> bool:
     name = (pdo.pdo or "").split()[0]
     number = name.removeprefix("TPDO")
-    return number.isdigit() and device.object(0x1800 + int(number) - 1, 1) is not None
+    return number.isdecimal() and device.object(0x1800 + int(number) - 1, 1) is not None
 
 
 def _bound_elsewhere(facts: Facts, row: NodeRow, strange: Iterable[PdoRow], owner: int) -> Finding:

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from syncline_analyzer.findings.rule import Facts
+from syncline_analyzer.findings.stretch import milliseconds
 from syncline_analyzer.findings.timing.blame import (
     assumed_window,
     frames_of,
@@ -45,7 +46,7 @@ def joined(ahead: Iterator[Ahead]) -> list[Ahead]:
 def listed(facts: Facts, bus: str, ahead: Sequence[Ahead]) -> str:
     """The frames with their time, the longest first."""
     first = ", ".join(
-        f"{frames_of(facts, bus, each)} {each.us / 1000:.4g} ms in {counted(each.frames, 'frame')}"
+        f"{frames_of(facts, bus, each)} {milliseconds(each.us)} in {counted(each.frames, 'frame')}"
         for each in ahead[:_FEW]
     )
     return f"{first} and others" if len(ahead) > _FEW else first

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from syncline_analyzer.findings.rule import Facts
+from syncline_analyzer.findings.stretch import milliseconds
 from syncline_analyzer.results import Ahead, LatenessRow, PdoRow, WaitRow
 from syncline_schemas.wording import counted
 
@@ -101,7 +102,7 @@ def _late_by_device(facts: Facts, row: PdoRow, found: LatenessRow) -> Why:
 def _late_by_bus(facts: Facts, row: PdoRow, found: LatenessRow) -> Why:
     ahead = named(facts, row.bus, row.node, found.blockers)
     after = f", most of it behind {ahead}" if ahead else ""
-    longest = f" up to {row.waiting_us.max / 1000:.4g} ms" if row.waiting_us else ""
+    longest = f" up to {milliseconds(row.waiting_us.max)}" if row.waiting_us else ""
     return Why(
         f"Frames of others kept the bus busy{_of(found.late_by_bus, found.late)}: each of the"
         f" {found.free:,} times that the bus was idle the PDO was in time, but it waited{longest}"

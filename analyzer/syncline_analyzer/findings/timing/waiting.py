@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 from syncline_analyzer.findings.rule import Facts, Rule
+from syncline_analyzer.findings.stretch import milliseconds
 from syncline_analyzer.findings.timing.ahead import (
     EXACT_STAMPS,
     assumed,
@@ -114,7 +115,7 @@ def _outranked_long(
         row.node,
         min(wait.t_ns for wait in waits),
         max(wait.t_ns for wait in waits) + 1,
-        f"{named_pdo(facts, row)} answers SYNC, but can have waited up to {worst / 1000:.4g} ms for"
+        f"{named_pdo(facts, row)} answers SYNC, but can have waited up to {milliseconds(worst)} for"
         " frames that are not bound to SYNC and go first by their lower identifiers:"
         f" {listed(facts, row.bus, ahead)}.",
         "Identifiers decide who goes first, and by default they follow the node-ID (CiA 301 7.3.5),"
@@ -203,7 +204,7 @@ def _delaying(facts: Facts, delay: DelayRow) -> Finding:
     own = [r for r in facts.analysis.delays if (r.bus, r.node) == (delay.bus, delay.node)]
     frames = [row for row in own if row.cob_id is not None]
     told = ", ".join(
-        f"{row.service.split(' (')[0]} ({row.cob_id:03X}h) {row.us / 1000:.4g} ms"
+        f"{row.service.split(' (')[0]} ({row.cob_id:03X}h) {milliseconds(row.us)}"
         for row in frames[:_FEW]
     )
     guessed = [
@@ -221,8 +222,8 @@ def _delaying(facts: Facts, delay: DelayRow) -> Finding:
         capture.begin_ns,
         capture.end_ns,
         f"{facts.who(delay.bus, delay.node)} delays the synchronous PDOs of others most: they waited"
-        f" up to {delay.us / 1000:.4g} ms in all for its frames ({told}), one of them up to"
-        f" {delay.worst_us / 1000:.4g} ms.",
+        f" up to {milliseconds(delay.us)} in all for its frames ({told}), one of them up to"
+        f" {milliseconds(delay.worst_us)}.",
         *_why_first(delay.frames / delay.delayed, first),
         [delay.worst_seq],
         assumed=[*facts.context.assumed_wire(delay.bus), *guessed],

@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterator
 
 from syncline_analyzer.findings.rule import Facts, Rule
+from syncline_analyzer.findings.stretch import milliseconds
 from syncline_analyzer.findings.timing.ahead import (
     EXACT_STAMPS,
     assumed,
@@ -118,7 +119,7 @@ def _is_sdo(each: Ahead) -> bool:
 
 
 def _median(quantiles: Quantiles | None) -> str:
-    return f"{quantiles.median / 1000:.4g} ms" if quantiles else "unknown time"
+    return milliseconds(quantiles.median) if quantiles else "unknown time"
 
 
 RULES = (

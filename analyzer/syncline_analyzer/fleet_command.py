@@ -6,7 +6,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from syncline_analyzer.fleet_look_command import report, view
-from syncline_analyzer.fleet_options import STORAGE, fleet_extra, storage_options
+from syncline_analyzer.fleet_options import (
+    MACHINE,
+    NO_DATA,
+    STORAGE,
+    fleet_extra,
+    storage_options,
+)
 from syncline_analyzer.fleet_trends_command import trends
 from syncline_schemas.errors import UsageError
 from syncline_schemas.wording import counted
@@ -167,10 +173,12 @@ def analyze(
     help="A ready-made question instead of SQL; without both, questions and tables are listed.",
 )
 @click.option("--code", help="EMCY code, 7320h; x stands for any digit, 73xxh.")
-@click.option("--since", metavar="DATE", help="From this date or time on (ISO, UTC).")
-@click.option("--until", metavar="DATE", help="Before this date or time.")
+@click.option(
+    "--since", metavar="DATE", help="Captures that began, or EMCYs sent, then or later (UTC)."
+)
+@click.option("--until", metavar="DATE", help="Captures that began, or EMCYs sent, before it.")
 @click.option("--after", metavar="DATE", help="Compare what began before with what began after it.")
-@click.option("--machine", metavar="NAME", help="Of this machine; * and ? stand for others.")
+@MACHINE
 @click.option("--bus", metavar="NAME", help="Of this bus.")
 @click.option("--node", type=click.IntRange(1, 127), metavar="ID", help="Of this node.")
 @click.option("--quantity", metavar="NAME", help="For outliers and changes; all by default.")
@@ -234,7 +242,7 @@ def query(
             asked = Query(sql, {})
         opened = Fleet.open(dest, storage_options(storage_pairs))
         if not opened.database.data.captures and not opened.database.data.failures:
-            raise UsageError(f"{dest}: no data set is here; 'syncline fleet analyze' writes one")
+            raise UsageError(NO_DATA.format(dest))
         if asked is None:
             for line in overview_lines(opened.tables):
                 click.echo(line)

@@ -7,12 +7,19 @@ from pathlib import Path
 
 import click
 
-from syncline_analyzer.fleet_options import STORAGE, fleet_extra, storage_options
+from syncline_analyzer.fleet_options import (
+    MACHINE,
+    NO_DATA,
+    SINCE,
+    STORAGE,
+    UNTIL,
+    fleet_extra,
+    storage_options,
+)
 from syncline_schemas.errors import UsageError
 from syncline_schemas.progress_line import progress_line
 from syncline_schemas.wording import counted
 
-NO_DATA = "{}: no data set is here; 'syncline fleet analyze' writes one"
 _LONG_S = 3600.0
 _SHOWN = 3
 
@@ -24,9 +31,9 @@ _SHOWN = 3
     '  syncline fleet view /data/fleet --machine "press-*" --since 2026-11-01 --web',
 )
 @click.argument("dest", metavar="DEST")
-@click.option("--machine", metavar="NAME", help="Of this machine; * and ? stand for others.")
-@click.option("--since", metavar="DATE", help="That began at this date or time or later (UTC).")
-@click.option("--until", metavar="DATE", help="That began before this date or time.")
+@MACHINE
+@SINCE
+@UNTIL
 @click.option(
     "--port",
     type=click.IntRange(1, 65_535),
@@ -112,9 +119,9 @@ def view(
     metavar="FILE",
     help="Write there instead of DEST/report.html.",
 )
-@click.option("--machine", metavar="NAME", help="Of this machine; * and ? stand for others.")
-@click.option("--since", metavar="DATE", help="Captures that began at this date or later (UTC).")
-@click.option("--until", metavar="DATE", help="Captures that began before this date.")
+@MACHINE
+@SINCE
+@UNTIL
 @STORAGE
 def report(
     dest: str,

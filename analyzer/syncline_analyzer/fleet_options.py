@@ -17,6 +17,16 @@ STORAGE = click.option(
     metavar="KEY=VALUE",
     help="Option of the object store, as of 'syncline fleet analyze'.",
 )
+MACHINE = click.option(
+    "--machine", metavar="NAME", help="Captures of this machine; * and ? stand for others."
+)
+SINCE = click.option(
+    "--since", metavar="DATE", help="Captures that began at this date or time or later (UTC)."
+)
+UNTIL = click.option(
+    "--until", metavar="DATE", help="Captures that began before this date or time."
+)
+NO_DATA = "{}: no data set is here; 'syncline fleet analyze' writes one"
 
 
 @contextmanager

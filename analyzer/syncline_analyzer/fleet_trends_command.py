@@ -4,7 +4,14 @@ from typing import Any
 
 import click
 
-from syncline_analyzer.fleet_options import STORAGE, fleet_extra, storage_options
+from syncline_analyzer.fleet_options import (
+    NO_DATA,
+    SINCE,
+    STORAGE,
+    UNTIL,
+    fleet_extra,
+    storage_options,
+)
 from syncline_schemas.errors import UsageError
 from syncline_schemas.progress_line import progress_line
 from syncline_schemas.wording import counted
@@ -32,8 +39,8 @@ FOUND = 1
     help="pdo-latency, sync-jitter, heartbeat, resets, emcy, eeprom-wear, encoder-noise or bus-load;"
     " all by default.",
 )
-@click.option("--since", metavar="DATE", help="Captures that began at this date or later (UTC).")
-@click.option("--until", metavar="DATE", help="Captures that began before this date.")
+@SINCE
+@UNTIL
 @click.option("--min-samples", type=click.IntRange(min=0), help="In a capture; 10.")
 @click.option("--check", is_flag=True, help="Exit with 1 when there is a warning or an error.")
 @click.option(
@@ -71,9 +78,7 @@ def trends(
                 line.say("reading the data set")
             opened = Fleet.open(dest, storage_options(storage_pairs))
             if not opened.database.data.captures:
-                raise UsageError(
-                    f"{dest}: no data set is here; 'syncline fleet analyze' writes one"
-                )
+                raise UsageError(NO_DATA.format(dest))
             found = trend_findings(opened.database, **given)
         write_trends(found, form)
     if opened.undated:

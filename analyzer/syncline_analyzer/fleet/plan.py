@@ -109,12 +109,18 @@ class _Known:
 
 
 def _stands(entry: CaptureEntry, recording: Recording, version: str, order: Order) -> bool:
-    """Whether a capture would come out the same; segments that are gone leave it as it is."""
+    """Whether a capture would come out the same; segments that are gone leave it as it is.
+
+    A copy that came since is of no use to a capture that is whole.
+    """
+    needed = recording.files
+    if entry.values["damage"]:
+        needed += recording.copies
     return (
         entry.version == version
         and entry.partition.machine == recording.machine
         and recording.capture_id in ("", entry.partition.capture_id)
-        and {file.stamp for file in recording.files} <= entry.stamps
+        and {file.stamp for file in needed} <= entry.stamps
         and entry.has(order.settings.extras)
     )
 

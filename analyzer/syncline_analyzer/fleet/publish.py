@@ -5,6 +5,7 @@ no rename: there its `captures.parquet` is written last and removed first.
 """
 
 import shutil
+import time
 import uuid
 from collections.abc import Iterable
 from contextlib import suppress
@@ -16,6 +17,8 @@ from syncline_analyzer.fleet.storage import Storage
 
 _TRIES = 20
 """Twins of a task, after a scheduler was lost, may publish the same capture at the same time."""
+_ABANDONED_S = 7 * 86_400
+"""A run stages something with every capture that it does; none takes a week."""
 
 
 def standing(storage: Storage, partition: Partition) -> CaptureEntry | None:
@@ -78,12 +81,24 @@ def staging_folder(storage: Storage, run: str) -> Path:
 
 
 def remove_staging(storage: Storage, runs: Iterable[str]) -> None:
-    """Remove what these runs left beside the data set, as far as nobody uses it."""
+    """Remove what these runs left beside the data set, and what runs left that were killed."""
     if storage.local:
-        for run in runs:
+        for run in (*runs, *_abandoned(storage)):
             shutil.rmtree(storage.folder(f"{STAGING}/{run}"), ignore_errors=True)
         with suppress(OSError):
             storage.folder(STAGING).rmdir()
+
+
+def _abandoned(storage: Storage) -> list[str]:
+    """Runs that have put nothing beside the data set for so long that they cannot go on."""
+    oldest_s = time.time() - _ABANDONED_S
+    with suppress(FileNotFoundError):
+        return [
+            each.name
+            for each in storage.folder(STAGING).iterdir()
+            if each.stat().st_mtime < oldest_s
+        ]
+    return []
 
 
 def _rename(storage: Storage, staged: Path, place: str) -> None:

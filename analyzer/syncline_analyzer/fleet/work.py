@@ -14,6 +14,7 @@ import pyarrow.parquet as pq
 from syncline_analyzer.collecting import rare_collections
 from syncline_analyzer.fleet.captures import CaptureEntry, capture_values, outcome_of
 from syncline_analyzer.fleet.columns import arrow_table
+from syncline_analyzer.fleet.copies import with_whole_files
 from syncline_analyzer.fleet.cost import Meter
 from syncline_analyzer.fleet.fetch import Fetched, fetched
 from syncline_analyzer.fleet.identity import capture_id
@@ -55,21 +56,22 @@ def analyze_recording(task: Task) -> Outcome:
 
 
 def _done(task: Task, meter: Meter) -> Outcome:
-    recording = task.recording
-    here = task.settings.version(recording.machine)
+    here = task.settings.version(task.recording.machine)
     if task.foreign and here != task.version:
         return Outcome(
             "failed",
             f"this worker has Syncline {here}, {task.version} was asked for:"
             " install the same on all machines of the cluster",
         )
-    with fetched(recording.files, task.options) as found:
+    if task.recording.copies:
+        task = replace(task, recording=with_whole_files(task.recording, task.options))
+    with fetched(task.recording.files, task.options) as found:
         earlier = [entry for each in task.earlier if (entry := standing(task.out, each))]
         same = next((entry for entry in earlier if _is_same(entry, task, found)), None)
         if same is not None:
             refresh(task.out, _with_files(same, task))
             return outcome_of("unchanged", same)
-        if not recording.files[0].sure:
+        if not task.recording.files[0].sure:
             unreadable = _not_a_capture(found.paths)
             if unreadable:
                 reason = _told(unreadable, task.recording.files, found.paths)

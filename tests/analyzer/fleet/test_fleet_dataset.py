@@ -168,6 +168,16 @@ def test_a_bug_of_ours_is_a_failure_of_one_capture(
     assert not (tmp_path / "out" / ".staging").exists()
 
 
+def test_what_a_killed_run_left_is_removed_after_a_week(tmp_path: Path) -> None:
+    small_mcap(tmp_path / "in" / "a.mcap", recording_id="one")
+    staging = tmp_path / "out" / ".staging"
+    for run in ("killed", "running"):
+        (staging / run / "x").mkdir(parents=True)
+    os.utime(staging / "killed", ns=(T0_NS, T0_NS))
+    analyze(tmp_path / "in", tmp_path / "out")
+    assert [each.name for each in staging.iterdir()] == ["running"]
+
+
 def test_the_same_content_twice_is_one_capture(tmp_path: Path) -> None:
     source, out = tmp_path / "in" / "press", tmp_path / "out"
     log = small_log(source / "b.log")
@@ -180,6 +190,31 @@ def test_the_same_content_twice_is_one_capture(tmp_path: Path) -> None:
     small_log(tmp_path / "in" / "winder" / "a.log")
     assert statuses(analyze(tmp_path / "in", out)) == ["analyzed"]
     assert len(Dataset.open(str(out)).captures) == 2
+
+
+def test_a_damaged_copy_does_not_hide_a_whole_one(tmp_path: Path) -> None:
+    source, out = tmp_path / "in", tmp_path / "out"
+    whole = small_mcap(tmp_path / "a.mcap", recording_id="one", frames=5000)
+    damaged = source / "press" / "a.mcap"
+    damaged.parent.mkdir(parents=True)
+    content = bytearray(whole.read_bytes())
+    content[content.index(b"zstd") + 100] ^= 0xFF  # in the first chunk
+    damaged.write_bytes(content)
+    os.utime(damaged, ns=(T0_NS, whole.stat().st_mtime_ns - 10**9))
+    analyze(source, out)
+    (entry,) = Dataset.open(str(out)).captures
+    assert entry.values["damage"]
+    assert entry.values["frames"] < 5000
+    # Found later, and younger.
+    backup = source / "backup" / "a.mcap"
+    backup.parent.mkdir()
+    shutil.copy(whole, backup)
+    assert statuses(analyze(source, out)) == ["analyzed"]
+    (entry,) = Dataset.open(str(out)).captures
+    assert (entry.values["frames"], entry.values["damage"]) == (5000, [])
+    assert [Path(f.url).parent.name for f in (*entry.files, *entry.copies)] == ["backup", "press"]
+    assert entry.partition.machine == "press"
+    assert analyze(source, out) == []
 
 
 def test_names_of_machines_are_percent_encoded_and_numbers_stay_text(tmp_path: Path) -> None:

@@ -1,6 +1,6 @@
 """The rows of `captures` and `failures`: what the data set knows of each recording."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from io import BytesIO
 from typing import Any, Self
@@ -65,7 +65,11 @@ class CaptureEntry:
     @classmethod
     def of_bytes(cls, content: bytes, partition: Partition) -> Self:
         """The entry that a file `captures.parquet` holds."""
-        row = _row(content)
+        return cls.of_row(table_rows(content)[0], partition)
+
+    @classmethod
+    def of_row(cls, row: dict[str, Any], partition: Partition) -> Self:
+        """The entry that a row of it holds, without the columns of the partition."""
         files, copies = _files(row.pop("files")), _files(row.pop("copies"))
         return cls(partition, files, copies, row.pop("content_sha256"), row.pop("version"), row)
 
@@ -96,7 +100,7 @@ class FailureEntry:
     @classmethod
     def of_bytes(cls, content: bytes, key: str) -> Self:
         """The entry that a file of a failure holds."""
-        row = _row(content)
+        row = table_rows(content)[0]
         return cls(key=key, files=_files(row.pop("files")), **row)
 
 
@@ -165,11 +169,25 @@ def _file(name: str, row: Mapping[str, Any]) -> bytes:
     return content
 
 
-def _row(content: bytes) -> dict[str, Any]:
+def table_rows(content: bytes) -> list[dict[str, Any]]:
+    """The rows of a Parquet file; a stamp in ns stays the number that it is."""
     table = pq.ParquetFile(BytesIO(content)).read()
-    # pandas has no part in it: a stamp in ns is read as the number that it is.
-    stamps = [name for name in table.column_names if pa.types.is_timestamp(table[name].type)]
-    row: dict[str, Any] = table.drop_columns(stamps).to_pylist()[0]
-    for name in stamps:
-        row[name] = table[name].cast(pa.int64()).to_pylist()[0]
-    return row
+    # pandas has no part in it.
+    for at, field in enumerate(table.schema):
+        if pa.types.is_timestamp(field.type):
+            table = table.set_column(at, field.name, table[at].cast(pa.int64()))
+    rows: list[dict[str, Any]] = table.to_pylist()
+    return rows
+
+
+def rows_of_captures(entries: Iterable[CaptureEntry]) -> Iterator[dict[str, Any]]:
+    """Rows of the table `captures`, with the columns of the partition."""
+    for entry in entries:
+        yield {
+            **entry.partition._asdict(),
+            **entry.values,
+            "files": _rows(entry.files),
+            "copies": _rows(entry.copies),
+            "content_sha256": entry.content_sha256,
+            "version": entry.version,
+        }

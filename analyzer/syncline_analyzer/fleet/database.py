@@ -8,19 +8,14 @@ import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import reduce
-from operator import and_
 from typing import Any
 
 import duckdb
 import pyarrow as pa
-import pyarrow.dataset as ds
-import pyarrow.fs
 
-from syncline_analyzer.fleet.captures import FailureEntry
 from syncline_analyzer.fleet.dataset import Dataset
-from syncline_analyzer.fleet.layout import Partition
-from syncline_analyzer.fleet.schemas import CAPTURES, FAILURES, PARTITIONS, table_schema, tables
+from syncline_analyzer.fleet.relations import relations
+from syncline_analyzer.fleet.schemas import FAILURES, tables
 from syncline_schemas.errors import UsageError
 
 _ROWS_AT_ONCE = 65_536
@@ -32,7 +27,7 @@ _CONFIG: dict[str, str | bool | int | float | list[str]] = {
     "temp_directory": "",
 }
 _NO_TABLE = re.compile(r"Table with name (\S+) does not exist")
-_UNREAD = "reading the stream"
+_UNREAD = re.compile("reading the (?:stream|Arrow source)")
 """What DuckDB says where Arrow could not read a file of a table."""
 _LISTING = re.compile(r"\b(?:show|describe|information_schema|duckdb_\w+|pg_\w+)\b", re.IGNORECASE)
 
@@ -72,10 +67,18 @@ class Database:
             connection.execute("SET TimeZone = 'UTC'")
             connection.execute("SET lock_configuration = true")
             _one_select(connection, query.sql)
+            kept = []  # DuckDB does not keep what its views are of.
             for name in self._named(query.sql):
-                connection.register(name, self._table(name))
+                kept.append(self._relations(connection, name))
+                kept[-1][-1].create_view(name)
             asked = connection.sql(query.sql, params=dict(query.values))
             yield asked.to_arrow_reader(_ROWS_AT_ONCE)
+            kept.clear()
+
+    def _relations(
+        self, connection: duckdb.DuckDBPyConnection, table: str
+    ) -> list[duckdb.DuckDBPyRelation]:
+        return relations(connection, self.data, table)
 
     @contextmanager
     def _errors(self) -> Iterator[None]:
@@ -93,7 +96,7 @@ class Database:
     def _told(self, error: duckdb.Error) -> str:
         """What is wrong in one line, with what there is."""
         lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-        if _UNREAD in lines[0]:
+        if _UNREAD.search(lines[0]):
             return self._changed(error)
         missing = _NO_TABLE.search(lines[0])
         if missing:
@@ -106,55 +109,6 @@ class Database:
         if _LISTING.search(sql):
             return list(self.names)
         return [name for name in self.names if re.search(rf"\b{name}\b", sql, re.IGNORECASE)]
-
-    def _table(self, name: str) -> pa.Table | ds.Dataset:
-        if name == CAPTURES:
-            return self.data.captures_table()
-        if name == FAILURES:
-            return _failures_table(self.data.failures)
-        return self._files(name)
-
-    def _files(self, name: str) -> pa.Table | ds.Dataset:
-        storage, schema = self.data.storage, self.data.schema(name)
-        if storage.local:
-            filesystem = pyarrow.fs.LocalFileSystem()
-        else:
-            filesystem = pyarrow.fs.PyFileSystem(pyarrow.fs.FSSpecHandler(storage.fs))
-        form = ds.ParquetFileFormat()
-        fragments = [
-            form.make_fragment(
-                storage.path(f"{partition.folder}/{name}.parquet"),
-                filesystem,
-                partition_expression=_is_of(partition),
-            )
-            for partition in self.data.partitions(name)
-        ]
-        if not fragments:
-            return schema.empty_table()
-        return ds.FileSystemDataset(fragments, schema, form, filesystem)
-
-
-def _is_of(partition: Partition) -> ds.Expression:
-    return reduce(and_, (ds.field(name) == getattr(partition, name) for name in PARTITIONS))
-
-
-def _failures_table(failures: Any) -> pa.Table:
-    rows = [_failure_row(entry) for entry in failures]
-    return pa.Table.from_pylist(rows, table_schema(FAILURES))
-
-
-def _failure_row(entry: FailureEntry) -> dict[str, Any]:
-    names = [field.name for field in table_schema(FAILURES) if field.name != "files"]
-    return {name: getattr(entry, name) for name in names} | {
-        "files": [
-            {field.name: getattr(file, field.name) for field in _file_fields()}
-            for file in entry.files
-        ]
-    }
-
-
-def _file_fields() -> pa.StructType:
-    return table_schema(FAILURES).field("files").type.value_type
 
 
 def _one_select(connection: duckdb.DuckDBPyConnection, sql: str) -> None:

@@ -11,23 +11,24 @@ Whoever reads the files by a glob instead may see tables of captures that are be
                params=[files])
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any, Self, TypeVar
 
 import pyarrow as pa
 
-from syncline_analyzer.fleet.captures import CaptureEntry, FailureEntry
+from syncline_analyzer.fleet.captures import CaptureEntry, FailureEntry, rows_of_captures
 from syncline_analyzer.fleet.layout import (
     CAPTURES_FILE,
-    FAILURES,
-    STAGING,
     Partition,
+    failure_file,
     recording_file,
     report_file,
 )
-from syncline_analyzer.fleet.schemas import CAPTURES, PARTITIONS, table_schema
+from syncline_analyzer.fleet.listing import Listing
+from syncline_analyzer.fleet.packs import packed_captures, packed_schema
+from syncline_analyzer.fleet.schemas import CAPTURES
 from syncline_analyzer.fleet.storage import Storage, open_storage
 
 _AT_ONCE = 32
@@ -42,12 +43,15 @@ class Dataset:
         storage: where it is.
         captures: those that stand, by machine, date and id.
         failures: recordings that could not be analyzed, by key.
+        packs: of captures that are in one, its name.
+        listing: what was seen.
     """
 
     storage: Storage
     captures: Sequence[CaptureEntry] = ()
     failures: Sequence[FailureEntry] = ()
-    _tables: Mapping[Partition, frozenset[str]] = field(default_factory=dict, repr=False)
+    packs: Mapping[Partition, str] = field(default_factory=dict, repr=False)
+    listing: Listing = field(default_factory=Listing, repr=False)
 
     @classmethod
     def open(cls, url: str, options: Mapping[str, Any] | None = None) -> Self:
@@ -65,24 +69,25 @@ class Dataset:
     @classmethod
     def of(cls, storage: Storage) -> Self:
         """The data set at a place."""
-        listed = [path for path in storage.files() if not path.startswith(STAGING)]
-        standing = [
-            (path, partition)
-            for path in listed
-            if path.endswith(f"/{CAPTURES_FILE}") and (partition := Partition.of_path(path))
-        ]
-        failed = [
-            (path, path.removeprefix(f"{FAILURES}/").removesuffix(".parquet"))
-            for path in listed
-            if path.startswith(f"{FAILURES}/") and path.endswith(".parquet")
-        ]
-        captures = _entries(storage, standing, CaptureEntry.of_bytes)
-        failures = _entries(storage, failed, FailureEntry.of_bytes)
+        listing = Listing.of(storage)
+        packed = packed_captures(storage, listing)
+        captures = [each.entry for each in packed.values()]
+        captures += _entries(
+            storage,
+            [
+                (f"{partition.folder}/{CAPTURES_FILE}", partition)
+                for partition in listing.captures
+                if partition not in packed
+            ],
+            CaptureEntry.of_bytes,
+        )
+        failed = [(failure_file(key), key) for key in listing.failures]
         return cls(
             storage,
             sorted(captures, key=lambda each: each.partition),
-            sorted(failures, key=lambda each: each.key),
-            _tables_of(listed),
+            sorted(_entries(storage, failed, FailureEntry.of_bytes), key=lambda each: each.key),
+            {partition: each.pack for partition, each in packed.items()},
+            listing,
         )
 
     def files(self, table: str) -> list[str]:
@@ -94,30 +99,15 @@ class Dataset:
 
     def partitions(self, table: str) -> list[Partition]:
         """The captures that stand and have rows of a table."""
-        return [
-            entry.partition
-            for entry in self.captures
-            if table in self._tables.get(entry.partition, ())
-        ]
+        return [entry.partition for entry in self.captures if table in entry.values["tables"]]
 
     def schema(self, table: str) -> pa.Schema:
         """Columns of a table, those of the path first: what a reader of no file at all returns."""
-        return pa.schema([*((name, pa.string()) for name in PARTITIONS), *table_schema(table)])
+        return packed_schema(table)
 
     def captures_table(self) -> pa.Table:
         """The table `captures`, one row a capture."""
-        rows = [
-            {
-                **entry.partition._asdict(),
-                **entry.values,
-                "files": _listed(entry.files),
-                "copies": _listed(entry.copies),
-                "content_sha256": entry.content_sha256,
-                "version": entry.version,
-            }
-            for entry in self.captures
-        ]
-        return pa.Table.from_pylist(rows, self.schema(CAPTURES))
+        return pa.Table.from_pylist(list(rows_of_captures(self.captures)), self.schema(CAPTURES))
 
     def report(self, entry: CaptureEntry) -> str | None:
         """Path or URL of a capture's report, where one was made."""
@@ -128,19 +118,6 @@ class Dataset:
         """Path or URL of a capture's Rerun recording, where one was made."""
         made = entry.values.get("recording")
         return self.storage.url_of(recording_file(entry.partition.capture_id)) if made else None
-
-
-def _tables_of(paths: Iterable[str]) -> dict[Partition, frozenset[str]]:
-    found: dict[str, set[str]] = {}
-    for path in paths:
-        folder, _, name = path.rpartition("/")
-        if name.endswith(".parquet"):
-            found.setdefault(folder, set()).add(name.removesuffix(".parquet"))
-    return {
-        partition: frozenset(names)
-        for folder, names in found.items()
-        if (partition := Partition.of_path(folder))
-    }
 
 
 def _entries(
@@ -157,9 +134,3 @@ def _entries(
 
     with ThreadPoolExecutor(_AT_ONCE) as pool:
         yield from (entry for entry in pool.map(read, places) if entry is not None)
-
-
-def _listed(files: Iterable[Any]) -> list[dict[str, Any]]:
-    from dataclasses import asdict
-
-    return [{key: value for key, value in asdict(file).items() if key != "sure"} for file in files]

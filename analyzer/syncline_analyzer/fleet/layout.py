@@ -2,6 +2,8 @@
 
 machine=press-3/date=2026-11-22/capture_id=c0123456789abcde/captures.parquet
                                                            /nodes.parquet ...
+packs/<name>/captures.parquet           the same rows of many captures, see `packs.py`
+            /nodes.parquet ...
 failures/<key>.parquet
 reports/<capture_id>.html
 recordings/<capture_id>.rrd
@@ -15,6 +17,7 @@ from urllib.parse import quote, unquote
 UNDATED = "undated"
 """Instead of a date: the capture tells none."""
 STAGING, FAILURES, REPORTS, RECORDINGS = ".staging", "failures", "reports", "recordings"
+PACKS = "packs"
 CAPTURES_FILE = "captures.parquet"
 _MAX_NAME = 200
 _HIVE_NULL = "__HIVE_DEFAULT_PARTITION__"
@@ -62,6 +65,11 @@ def date_of(start_utc_ns: int | None) -> str:
 def failure_file(key: str) -> str:
     """Where it is told that a recording could not be analyzed."""
     return f"{FAILURES}/{key}.parquet"
+
+
+def pack_file(name: str, table: str) -> str:
+    """A table of a pack."""
+    return f"{PACKS}/{name}/{table}.parquet"
 
 
 def report_file(capture_id: str) -> str:

@@ -7,9 +7,10 @@ no rename: there its `captures.parquet` is written last and removed first.
 import shutil
 import time
 import uuid
-from collections.abc import Iterable
-from contextlib import suppress
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from syncline_analyzer.fleet.captures import CaptureEntry
 from syncline_analyzer.fleet.layout import CAPTURES_FILE, STAGING, Partition
@@ -31,16 +32,21 @@ def publish(storage: Storage, staged: Path, entry: CaptureEntry) -> None:
     """Make a capture stand; one that stands at its place goes.
 
     Args:
-        staged: folder with its tables and nothing else; of a local storage on the same disk.
+        staged: folder with its tables and nothing else, made by `staging`.
     """
+    (staged / CAPTURES_FILE).write_bytes(entry.to_bytes())
+    put(storage, staged, entry.partition.folder)
+
+
+def put(storage: Storage, staged: Path, place: str) -> None:
+    """Make a staged folder with a `captures.parquet` stand at a place; what stands there goes."""
     if storage.local:
-        (staged / CAPTURES_FILE).write_bytes(entry.to_bytes())
-        _rename(storage, staged, entry.partition.folder)
+        _rename(storage, staged, place)
         return
-    retire(storage, entry.partition)
-    for path in sorted(staged.glob("*.parquet")):
-        storage.fs.put_file(str(path), storage.path(f"{entry.partition.folder}/{path.name}"))
-    storage.write(f"{entry.partition.folder}/{CAPTURES_FILE}", entry.to_bytes())
+    take_away(storage, place)
+    paths = sorted(staged.glob("*.parquet"), key=lambda path: path.name == CAPTURES_FILE)
+    for path in paths:
+        storage.fs.put_file(str(path), storage.path(f"{place}/{path.name}"))
 
 
 def refresh(storage: Storage, entry: CaptureEntry) -> None:
@@ -49,14 +55,19 @@ def refresh(storage: Storage, entry: CaptureEntry) -> None:
 
 
 def retire(storage: Storage, partition: Partition) -> None:
-    """Take a capture away: out of sight at once, then what it held."""
+    """Take a capture away."""
+    take_away(storage, partition.folder)
+
+
+def take_away(storage: Storage, place: str) -> None:
+    """Take a folder away: out of sight at once, then what it held."""
     if not storage.local:
-        storage.remove(f"{partition.folder}/{CAPTURES_FILE}")
-        for relative in storage.files(partition.folder):
+        storage.remove(f"{place}/{CAPTURES_FILE}")
+        for relative in storage.files(place):
             storage.remove(relative)
         return
-    folder = storage.folder(partition.folder)
-    away = staging_folder(storage, "retired")
+    folder = storage.folder(place)
+    away = _new_folder(storage, "retired")
     with suppress(FileNotFoundError):
         folder.rename(away / "capture")
     shutil.rmtree(away, ignore_errors=True)
@@ -73,8 +84,24 @@ def put_beside(storage: Storage, made: Path, relative: str) -> None:
     made.replace(target)
 
 
-def staging_folder(storage: Storage, run: str) -> Path:
-    """A new folder of a run, beside the data set of a local storage, where nobody reads."""
+@contextmanager
+def staging(storage: Storage, run: str) -> Iterator[Path]:
+    """A new folder for the tables of a capture of a run, where nobody reads.
+
+    Beside a data set that has folders, so that a rename makes it stand.
+    """
+    if not storage.local:
+        with TemporaryDirectory(prefix="syncline-fleet-", ignore_cleanup_errors=True) as name:
+            yield Path(name)
+        return
+    staged = _new_folder(storage, run)
+    try:
+        yield staged
+    finally:
+        shutil.rmtree(staged, ignore_errors=True)
+
+
+def _new_folder(storage: Storage, run: str) -> Path:
     folder = storage.folder(f"{STAGING}/{run}/{uuid.uuid4().hex}")
     folder.mkdir(parents=True)
     return folder
@@ -107,7 +134,7 @@ def _rename(storage: Storage, staged: Path, place: str) -> None:
         target.parent.mkdir(parents=True, exist_ok=True)
         try:
             if target.exists():
-                away = staging_folder(storage, "retired")
+                away = _new_folder(storage, "retired")
                 target.rename(away / "capture")
                 shutil.rmtree(away, ignore_errors=True)
             staged.rename(target)

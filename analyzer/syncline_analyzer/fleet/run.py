@@ -4,6 +4,7 @@ import time
 from asyncio import CancelledError
 from collections.abc import Iterable, Iterator
 from concurrent.futures import CancelledError as FutureCancelled
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
@@ -12,6 +13,7 @@ from distributed import Client, Future, KilledWorker, as_completed
 from syncline_analyzer.fleet.captures import FailureEntry, outcome_of
 from syncline_analyzer.fleet.cluster import Connect, cluster
 from syncline_analyzer.fleet.layout import failure_file
+from syncline_analyzer.fleet.packing import pack_captures
 from syncline_analyzer.fleet.plan import Order, Plan, plan
 from syncline_analyzer.fleet.publish import remove_staging
 from syncline_analyzer.fleet.task import Outcome, Task, analyze_task
@@ -125,6 +127,8 @@ def run(
                     tell(task, outcome, planned)
                     summary.take(task, outcome)
                     watcher.done(task, outcome)
+        with suppress(OSError):  # Questions only take longer without.
+            pack_captures(order.out, order.run)
     finally:
         remove_staging(order.out, (order.run, "retired"))
     summary.wall_s = time.monotonic() - begun_s

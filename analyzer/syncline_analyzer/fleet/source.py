@@ -74,8 +74,8 @@ def _of(source: str, options: Mapping[str, Any]) -> Iterator[Found]:
                 # No table holds a name that is no UTF-8: such a file fails, and is told by this one.
                 url.encode(errors="backslashreplace").decode(),
                 int(info.get("size") or 0),
-                _modified_ns(info),
-                _etag(info),
+                modified_ns_of(info),
+                etag_of(info),
                 named or ending not in _LOOSE,
             )
 
@@ -104,13 +104,15 @@ def _ending(name: str) -> str:
     return base[base.rfind(".") :] if "." in base else ""
 
 
-def _modified_ns(info: Mapping[str, Any]) -> int | None:
+def modified_ns_of(info: Mapping[str, Any]) -> int | None:
+    """When a file was changed, as its file system describes it [ns since 1970]."""
     value = next((info[key] for key in _MODIFIED if info.get(key) is not None), None)
     if isinstance(value, datetime):
         value = value.timestamp()
     return round(value * 1e9) if isinstance(value, int | float) else None
 
 
-def _etag(info: Mapping[str, Any]) -> str | None:
+def etag_of(info: Mapping[str, Any]) -> str | None:
+    """What an object store calls this content of a file."""
     value = next((info[key] for key in _ETAG if info.get(key)), None)
     return None if value is None else str(value).strip('"')

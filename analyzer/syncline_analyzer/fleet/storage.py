@@ -85,12 +85,16 @@ class Storage:
 
     def files(self, relative: str = "") -> list[str]:
         """All files below, as they are now; relative to this storage."""
+        return list(self.described(relative))
+
+    def described(self, relative: str = "") -> dict[str, Mapping[str, Any]]:
+        """The same, with what the file system tells of each."""
         self.fs.invalidate_cache()
         try:
-            found = self.fs.find(self.path(relative))
+            found = self.fs.find(self.path(relative), detail=True)
         except FileNotFoundError:
-            return []
-        return [path.removeprefix(f"{self.root}/") for path in map(str, found)]
+            return {}
+        return {str(path).removeprefix(f"{self.root}/"): about for path, about in found.items()}
 
 
 def open_storage(url: str, options: Mapping[str, Any] | None = None) -> Storage:

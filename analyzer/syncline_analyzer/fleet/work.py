@@ -1,12 +1,9 @@
 """What a worker does: fetch a recording, analyze it, write its tables, make the capture stand."""
 
-import shutil
 import threading
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -24,7 +21,7 @@ from syncline_analyzer.fleet.publish import (
     put_beside,
     refresh,
     retire,
-    staging_folder,
+    staging,
     standing,
 )
 from syncline_analyzer.fleet.recording import File
@@ -167,7 +164,7 @@ def _published(
     recording = task.recording
     name = recording.capture_id or capture_id(found.content_sha256, recording.machine)
     partition = Partition(recording.machine, date_of(analysis.capture.start_utc_ns), name)
-    with _staged(task) as staged:
+    with staging(task.out, task.run) as staged:
         extras = _write_beside(analysis, task, partition, staged)
         tables = _write_tables(analysis, staged, samples="samples" in task.settings.extras)
         entry = CaptureEntry(
@@ -192,20 +189,6 @@ def _published(
             _retire_earlier(task, earlier, partition)
             publish(task.out, staged, entry)
     return entry
-
-
-@contextmanager
-def _staged(task: Task) -> Iterator[Path]:
-    """A folder for the tables of a capture; beside the data set where that has folders."""
-    if not task.out.local:
-        with TemporaryDirectory(prefix="syncline-fleet-", ignore_cleanup_errors=True) as name:
-            yield Path(name)
-        return
-    staged = staging_folder(task.out, task.run)
-    try:
-        yield staged
-    finally:
-        shutil.rmtree(staged, ignore_errors=True)
 
 
 def _retire_earlier(task: Task, earlier: Sequence[CaptureEntry], new: Partition) -> None:

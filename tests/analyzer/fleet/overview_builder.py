@@ -5,6 +5,7 @@ from datetime import UTC, datetime, timedelta
 from functools import cache
 from typing import Any
 
+import duckdb
 import numpy as np
 import pyarrow as pa
 
@@ -31,8 +32,10 @@ class Tables(Database):
         super().__init__(Dataset(Storage("/nowhere")))
         self._rows = {name: _arrow(name, list(of)) for name, of in rows.items()}
 
-    def _table(self, name: str) -> pa.Table:
-        return self._rows.get(name, _empty(name))
+    def _relations(
+        self, connection: duckdb.DuckDBPyConnection, table: str
+    ) -> list[duckdb.DuckDBPyRelation]:
+        return [connection.from_arrow(self._rows.get(table, _empty(table)))]
 
 
 @cache

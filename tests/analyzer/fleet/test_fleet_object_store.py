@@ -109,7 +109,7 @@ def test_in_a_store_the_row_of_a_capture_comes_last_and_goes_first(
         noted(name)
     analyze(tmp_path / "in", "s3://fleet/b", options=options)
     assert events[0] == "rm_file captures.parquet"
-    assert events[-1] == "pipe_file captures.parquet"
+    assert events[-1] == "put_file captures.parquet"
     written = [event for event in events if event.startswith("put_file")]
     assert "put_file nodes.parquet" in written
     assert events.index(written[0]) > events.index("rm_file nodes.parquet")

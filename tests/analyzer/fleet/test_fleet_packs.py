@@ -1,0 +1,160 @@
+"""Packs: what questions read of many captures is what stands in the captures' own folders."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("duckdb")
+pytest.importorskip("fsspec")
+
+import duckdb
+import fsspec
+
+from syncline_analyzer.fleet import relations
+from syncline_analyzer.fleet.database import Database, Query
+from syncline_analyzer.fleet.dataset import Dataset
+from syncline_analyzer.fleet.packing import pack_captures
+from syncline_analyzer.fleet.schemas import tables
+from syncline_analyzer.fleet.storage import open_storage
+from syncline_samples.fleet import Planted
+from tests.analyzer.fleet.fleet_builder import T0_NS, analyze, capture, small_mcap
+
+HIVE = "hive_types = {machine: VARCHAR, date: VARCHAR, capture_id: VARCHAR}"
+
+
+def told(out: Path | str, table: str, columns: str = "*") -> list[tuple[object, ...]]:
+    """Rows of a table by our own way."""
+    query = Query(f'SELECT {columns} FROM "{table}" ORDER BY ALL', {})
+    with Database(Dataset.open(str(out))).ask(query) as reader:
+        return [tuple(row.values()) for row in reader.read_all().to_pylist()]
+
+
+def stored(out: Path, table: str, columns: str) -> list[tuple[object, ...]]:
+    """Rows of the captures' own files, as DuckDB reads them by itself."""
+    place = f"{out.as_posix()}/machine=*/*/*/{table}.parquet"
+    query = f"SELECT {columns} FROM read_parquet('{place}', {HIVE}) ORDER BY ALL"
+    with duckdb.connect() as connection:
+        return connection.execute(query).fetchall()
+
+
+@pytest.fixture(scope="module")
+def analyzed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with two machines' captures of two days in `in` and their tables in `out`."""
+    folder = tmp_path_factory.mktemp("packs")
+    for machine in range(2):
+        capture(folder / "in", machine, 0, Planted(emcys=machine, resets=1))
+        capture(folder / "in", machine, 1)
+    analyze(folder / "in", folder / "out")
+    return folder
+
+
+def packs(out: Path) -> list[str]:
+    folder = out / "packs"
+    return sorted(path.name for path in folder.iterdir()) if folder.exists() else []
+
+
+def test_every_table_is_the_same_with_packs(analyzed: Path, tmp_path: Path) -> None:
+    out = shutil.copytree(analyzed / "out", tmp_path / "out")
+    before = {table: told(out, table) for table in tables()}
+    assert pack_captures(open_storage(str(out)), "run", min_loose=3, full=3) == 4
+    assert len(packs(out)) == 2
+    assert set(Dataset.open(str(out)).packs.values()) == set(packs(out))
+    assert {table: told(out, table) for table in tables()} == before
+    columns = "machine, date, capture_id, id, text"
+    assert told(out, "findings", columns) == stored(out, "findings", columns)
+    assert len(before["findings"]) == 3
+
+
+def test_captures_that_changed_or_went_are_not_read_from_a_pack(
+    analyzed: Path, tmp_path: Path
+) -> None:
+    folder = shutil.copytree(analyzed, tmp_path / "copy")
+    source, out = folder / "in", folder / "out"
+    pack_captures(open_storage(str(out)), "run", min_loose=3)
+    first = Dataset.open(str(out)).captures
+    shutil.rmtree(out / first[0].partition.folder)
+    capture(source, 1, 0, Planted(emcys=7, share=2.0))  # Another content under the same name.
+    analyze(source, out)
+    data = Dataset.open(str(out))
+    assert len(data.captures) - len(data.packs) >= 1
+    for table in ("emcy", "nodes", "findings"):
+        columns = "machine, date, capture_id, bus, node"
+        assert told(out, table, columns) == stored(out, table, columns)
+    columns = "machine, date, capture_id, frames"
+    assert told(out, "captures", columns) == stored(out, "captures", columns)
+
+
+def test_few_new_captures_make_no_pack_and_small_packs_become_one(tmp_path: Path) -> None:
+    source, out = tmp_path / "in", tmp_path / "out"
+    storage = open_storage(str(out))
+
+    def more(first: int, count: int) -> None:
+        for number in range(first, first + count):
+            at_ns = T0_NS + number * 10**12
+            small_mcap(source / f"{number}.mcap", recording_id=str(number), created_ns=at_ns)
+        analyze(source, out)
+
+    more(0, 3)
+    assert pack_captures(storage, "run", min_loose=4, full=10) == 0
+    assert packs(out) == []
+    more(3, 1)
+    assert pack_captures(storage, "run", min_loose=4, full=10) == 4
+    assert len(packs(out)) == 1
+    more(4, 7)
+    assert pack_captures(storage, "run", min_loose=4, full=10) == 11
+    sizes = Dataset.open(str(out)).packs
+    assert sorted(map(list(sizes.values()).count, packs(out))) == [1, 10]
+    (full,) = (name for name in packs(out) if list(sizes.values()).count(name) == 10)
+    more(11, 4)
+    assert pack_captures(storage, "run", min_loose=4, full=10) == 5
+    assert full in packs(out)
+    assert len(told(out, "nodes")) == 15
+    assert not (out / ".staging" / "run").exists() or not any((out / ".staging/run").iterdir())
+
+
+def test_a_pack_that_cannot_be_read_is_none(tmp_path: Path) -> None:
+    source, out = tmp_path / "in", tmp_path / "out"
+    small_mcap(source / "a.mcap", recording_id="one")
+    analyze(source, out)
+    pack_captures(open_storage(str(out)), "run", min_loose=1)
+    (name,) = packs(out)
+    (out / "packs" / name / "captures.parquet").write_bytes(b"cut off")
+    assert len(told(out, "nodes")) == 1
+    (out / "packs" / name / "captures.parquet").unlink()
+    assert len(told(out, "captures")) == 1
+
+
+def test_only_the_pack_is_opened(
+    analyzed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = shutil.copytree(analyzed / "out", tmp_path / "out")
+    pack_captures(open_storage(str(out)), "run", min_loose=1)
+    opened: list[str] = []
+    files = relations._files
+
+    def counted(storage: object, schema: object, places: dict[str, object]) -> object:
+        opened.extend(places)
+        return files(storage, schema, places)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(relations, "_files", counted)
+    assert told(out, "nodes")
+    assert [path.split("/")[0] for path in opened] == ["packs"]
+
+
+def test_packs_in_an_object_store(tmp_path: Path) -> None:
+    fs = fsspec.filesystem("memory")
+    fs.store.clear()
+    out = "memory://fleet/a"
+    capture(tmp_path / "in", 1, 0, Planted(emcys=1))
+    small_mcap(tmp_path / "in" / "one.mcap", recording_id="one")
+    analyze(tmp_path / "in", out)
+    before = told(out, "findings")
+    assert pack_captures(open_storage(out), "run", min_loose=1) == 2
+    assert told(out, "findings") == before
+    assert set(Dataset.open(out).packs)
+    small_mcap(tmp_path / "in" / "more.mcap", recording_id="more")
+    analyze(tmp_path / "in", out)
+    assert pack_captures(open_storage(out), "run", min_loose=1) == 3
+    assert len({path.split("/")[3] for path in fs.find("/fleet/a/packs")} - {""}) == 1
+    fs.store.clear()

@@ -16,6 +16,8 @@ import traceback
 import warnings
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import redirect_stdout
+from io import StringIO
 from pathlib import Path
 from random import Random
 
@@ -24,6 +26,8 @@ import numpy as np
 from benchmarks.mutation import TAIL_BYTES, mutated
 from benchmarks.reader_seeds import REBUILT, SEEDS
 from syncline_analyzer.readers import open_capture
+from syncline_analyzer.readers.mf4 import MF4_MAGIC
+from syncline_analyzer.readers.mf4_child import messages
 from syncline_analyzer.session import open_session
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
 from syncline_schemas.devices.check import check_file
@@ -38,6 +42,10 @@ PEAK_BYTES = 800 << 20
 """What a process may hold at most after any case."""
 ANALYZED_EVERY = 40
 """One case of so many is analyzed, not only read."""
+
+
+CHILD_EVERY = 500
+"""One case of MDF of so many is read as users have it read, by a process of its own."""
 
 
 class Broken(Exception):
@@ -58,11 +66,21 @@ def case(kind: str, seed: int, number: int, seeds: list[bytes], others: list[byt
     return mutated(chance, raw, others)
 
 
+def suffix(kind: str, raw: bytes) -> str:
+    """The ending of a case's file, which tells how it is read."""
+    if kind == "eds":
+        return ".xdd" if raw[:1] == b"<" else ".eds"
+    return ".mf4" if kind == "mf4" else ".x"
+
+
 def read_case(path: Path, number: int) -> None:
     """Read a file to its end, or have it refused."""
     try:
         if path.suffix in (".eds", ".xdd"):
             check_file(path)
+            return
+        if path.suffix == ".mf4" and number % CHILD_EVERY:
+            _read_mf4_here(path)
             return
         reader = open_capture(path)
         items: Iterator[FrameBatch | Gap] = reader.batches()
@@ -73,6 +91,16 @@ def read_case(path: Path, number: int) -> None:
     except SynclineError as error:
         if not str(error).strip():
             raise Broken("an error without words") from error
+
+
+def _read_mf4_here(path: Path) -> None:
+    """What the process that reads MDF files does, in this one: to start it takes a second each."""
+    if not path.read_bytes().startswith(MF4_MAGIC):
+        return
+    with redirect_stdout(StringIO()):
+        for message in messages(path):
+            if message.frames is not None and message.facts is not None:
+                _check(message.frames, len(message.facts.buses))
 
 
 def _check(item: FrameBatch | Gap, buses: int) -> None:
@@ -118,8 +146,7 @@ def work(kind: str, seed: int, first: int, seconds: float, out: Path) -> int:
     folder = Path(tempfile.mkdtemp(prefix="fuzz-"))
     while time.monotonic() < end:
         raw = case(kind, seed, number, seeds, others)
-        suffix = (".xdd" if raw[:1] == b"<" else ".eds") if kind == "eds" else ".x"
-        path = folder / f"case{suffix}"
+        path = folder / f"case{suffix(kind, raw)}"
         path.write_bytes(raw)
         (out / f"{kind}.at").write_text(f"{number}", encoding="ascii")
         faulthandler.dump_traceback_later(HANG_S, exit=True)
@@ -127,7 +154,7 @@ def work(kind: str, seed: int, first: int, seconds: float, out: Path) -> int:
         faulthandler.cancel_dump_traceback_later()
         if problem:
             failures += 1
-            (out / f"{kind}-{seed}-{number}{suffix}").write_bytes(raw)
+            (out / f"{kind}-{seed}-{number}{path.suffix}").write_bytes(raw)
             print(f"{kind} {seed} {number}: {problem}", flush=True)
         number += 1
     return failures

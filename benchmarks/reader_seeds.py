@@ -15,7 +15,7 @@ from mcap.writer import CompressionType, Writer
 
 from benchmarks.mutation import mutated
 from syncline_analyzer.bundle.make import Case, make_bundle
-from syncline_schemas.batch import FrameBatch, Gap
+from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
 from syncline_schemas.capture.gap_message import gap_message
 from syncline_schemas.capture.layout import (
     GAP_TOPIC,
@@ -29,7 +29,7 @@ from syncline_schemas.devices.catalog import load_device
 from syncline_schemas.proto import syncline_pb2
 from tests.analyzer import binary_files, text_files
 from tests.analyzer.log_frames import FRAMES
-from tests.analyzer.mf4_files import kind_of, mf4
+from tests.analyzer.mf4_files import canedge, kind_of, listed_mf4, logger_mf4, mf4
 from tests.schemas.test_xdd import XDC
 
 _LOBJ_BYTES = 16
@@ -49,6 +49,8 @@ _ASC_RELATIVE = (
     b" 0.5 1  385 Rx d 2 16 255\n 0.25 1  Statistic: D 0\n 0.25 2  ErrorFrame\n"
     b" 0.1 1  419361537x Tx r 3\n"
 )
+_LOGGED = [frame for frame in FRAMES if not frame[3] & (FrameFlag.FD | FrameFlag.ERROR)]
+"""What the logger that is imitated by hand can hold."""
 
 
 def capture(compression: str = "zstd") -> bytes:
@@ -174,11 +176,20 @@ SEEDS: dict[str, tuple[Callable[[], bytes], ...]] = {
     "mcap": (capture, lambda: capture("none"), lambda: capture("lz4"), lambda: _bare(capture())),
     "ros2": (
         lambda: binary_files.ros2(FRAMES),
+        lambda: _bare(binary_files.ros2(FRAMES, "<>")),
         lambda: _bare(binary_files.ros2(FRAMES)),
         lambda: binary_files.ros2_fd(FRAMES),
         lambda: _bare(binary_files.ros2_fd(FRAMES)),
     ),
-    "mf4": (lambda: mf4(FRAMES), _mf4_by_bus),
+    "mf4": (
+        lambda: mf4(FRAMES),
+        _mf4_by_bus,
+        lambda: canedge([frame for frame in FRAMES if kind_of(frame) == "CAN_DataFrame"]),
+        lambda: logger_mf4(_LOGGED),
+        lambda: logger_mf4(_LOGGED, finished=False),
+        lambda: listed_mf4(_LOGGED, per_block=2, packing=0, list_first=True),
+        lambda: listed_mf4(_LOGGED, per_block=2, packing=1),
+    ),
     "packed": (
         lambda: gzip.compress(text_files.candump(FRAMES), mtime=0),
         lambda: zstandard.compress(text_files.asc(FRAMES)),

@@ -1,7 +1,7 @@
 """The bit rate of every bus, settled before the analyses see its first frame."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from syncline_analyzer.context import BitrateSource, Context
 from syncline_analyzer.folds.timing.bit_rate import Estimate, estimate, stamps_starts
 from syncline_analyzer.preparing import Step
 from syncline_analyzer.spacings import SPACINGS, SPAN_FRAMES, Spacings
+from syncline_schemas.records import dataclass
 from syncline_schemas.wording import counted
 
 HOLD_FRAMES = 1 << 18

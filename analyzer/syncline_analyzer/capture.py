@@ -1,7 +1,7 @@
 """What every reader of captures and logs delivers: batches, gaps, and facts about the file."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Literal, NamedTuple, Protocol
 
@@ -9,6 +9,7 @@ from syncline_schemas.batch import FrameBatch, Gap
 from syncline_schemas.capture.adapter_fit import AdapterFit
 from syncline_schemas.capture.learned import Settings
 from syncline_schemas.capture.mark import Mark
+from syncline_schemas.records import dataclass
 
 TimeBase = Literal["utc", "relative", "none"]
 """Whether stamps are UTC, count from the start of the log, or are not in the log at all."""

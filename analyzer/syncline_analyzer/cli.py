@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Unpack
 
 import click
 
+from syncline_analyzer.collecting import rare_collections
 from syncline_analyzer.command_options import (
     CAPTURES,
     CHECK,
@@ -52,6 +53,7 @@ if TYPE_CHECKING:
 )
 @CHECK
 @click.pass_context
+@rare_collections()
 def analyze(
     ctx: click.Context,
     out: Path | None,

@@ -18,3 +18,16 @@ def rare_collections() -> Iterator[None]:
         yield
     finally:
         gc.set_threshold(*before)
+
+
+@contextmanager
+def settled_objects() -> Iterator[None]:
+    """Leave what there is out of the searches: modules above all, a hundred thousand objects."""
+    if gc.get_freeze_count():
+        yield
+        return
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()

@@ -149,9 +149,10 @@ def reading_progress(captures: Sequence[Path], times: int = 1) -> Iterator[Progr
 
     times: how often each is read.
     """
-    from syncline_analyzer.frame_estimate import frames_expected
 
     def expected() -> int | None:
+        from syncline_analyzer.frame_estimate import frames_expected
+
         count = frames_expected(captures)
         return None if count is None else times * count
 

@@ -1,7 +1,7 @@
 """What every fold is given besides the frames."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, Literal
 
 from syncline_analyzer.folds.nmt.events import KeptWaiting
@@ -9,6 +9,7 @@ from syncline_analyzer.folds.timing.bit_rate import Estimate
 from syncline_analyzer.folds.timing.late_behind import LateBehind
 from syncline_analyzer.shadow import Shadow
 from syncline_schemas.description import BusDescription
+from syncline_schemas.records import dataclass
 
 NEAR = 0.1
 """The spacings know the usual bit rates only: one so near to what is told is the same."""

@@ -3,7 +3,7 @@
 import gzip
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import BinaryIO, cast
 
@@ -14,10 +14,12 @@ from syncline_analyzer.merge import Merge
 from syncline_analyzer.offsets import shifted
 from syncline_analyzer.readers import open_capture
 from syncline_analyzer.redaction import Redaction
-from syncline_analyzer.writers.carried import merged_marks
+from syncline_analyzer.writers.carried import learned_count, merged_learned, merged_marks
 from syncline_analyzer.writers.formats import (
+    ADAPTERS,
     ATTACHED,
     BIT_RATES,
+    LEARNED,
     NO_DATES,
     NO_TIMES,
     RECORDER_MARKS,
@@ -29,6 +31,7 @@ from syncline_analyzer.writers.log import LogWriter, Survey
 from syncline_schemas.batch import Gap
 from syncline_schemas.capture.layout import Attachment, description_attachment, device_attachment
 from syncline_schemas.errors import CaptureError, UsageError
+from syncline_schemas.records import dataclass
 
 Progress = Callable[[int], None]
 """Called with the number of frames read so far."""
@@ -166,8 +169,13 @@ def _lost_facts(form: WriteFormat, survey: Survey, facts: Sequence[CaptureFacts]
         ATTACHED: attached,
         RECORDER_MARKS: len(survey.marks),
         REDACTED: int(bool(survey.redacted)),
+        ADAPTERS: len(survey.adapter_fits),
     }
-    return {what: count for what, count in known.items() if count and what in form.cannot}
+    lost = {what: count for what, count in known.items() if count and what in form.cannot}
+    carried = survey.learned and LEARNED not in form.cannot
+    if (learned := learned_count(facts)) and not carried:
+        lost[LEARNED] = learned
+    return lost
 
 
 def _survey(
@@ -204,6 +212,8 @@ def _survey(
         marks=tuple(merged_marks(facts, merge.buses)),
         redacted=Redaction.of_metadata(each.metadata for each in facts).text,
         foreign_errors=frozenset(name for each in facts for name in each.foreign_errors),
+        learned=merged_learned(facts, merge.buses),
+        adapter_fits={bus: fit for each in facts for bus, fit in each.adapter_fits.items()},
     )
 
 

@@ -1,9 +1,15 @@
 """Statistics of a quantity in bounded memory: exact while few, a histogram with a stated error then."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
-from syncline_analyzer.results import Jitter, Quantiles
+from syncline_schemas import native
+
+# The process that reads has distributions too, and no need of the rows.
+if TYPE_CHECKING:
+    from syncline_analyzer.results import Jitter, Quantiles
 
 EXACT_LIMIT = 8192
 """Values kept one by one; quantiles of no more than these are exact."""
@@ -111,8 +117,10 @@ class Distribution:
         """Largest relative error of a quantile: none while all values are kept."""
         return 0.0 if self._bins is None else RELATIVE_ERROR
 
-    def quantiles(self, unit_ns: float, *, std: bool = False) -> Quantiles | None:
+    def quantiles(self, unit_ns: float, *, std: bool = False) -> "Quantiles | None":
         """Row of the tables in units of `unit_ns` [ns]; None without values."""
+        from syncline_analyzer.results import Quantiles
+
         if not self.count:
             return None
         return Quantiles(
@@ -125,12 +133,14 @@ class Distribution:
 
     def jitter(
         self, unit_ns: float, resolution_ns: int, below_ns: float = float("inf")
-    ) -> Jitter | None:
+    ) -> "Jitter | None":
         """Row of the tables, without what is smaller than a step of the stamps; None without values.
 
         Only values less than `below_ns` count; where some do not, what is left may be off by the
         `relative_error`.
         """
+        from syncline_analyzer.results import Jitter
+
         if not self.count or self.minimum >= below_ns:
             return None
         std, width = self.std, self.quantile(0.99) - self.quantile(0.01)
@@ -208,16 +218,16 @@ class Distribution:
         self._waiting, self._held, self._fresh = [], 0, _NO_LIMITS
         if self._bins is None:
             self._bins = _Bins(new)
-        above = np.subtract(new, self._bins.low, dtype=np.float64)
         if self._moments:
-            self._add_moments(self._bins.low, above)
-        self._bins.add(new, above, low, high)
+            self._add_moments(self._bins.low, new)
+        self._bins.add(new, low, high)
 
-    def _add_moments(self, low: float, above: Floats) -> None:
-        """Mean and squares of values that lie so far `above` a low one.
+    def _add_moments(self, low: float, values: Values) -> None:
+        """Mean and squares of values by how far they lie above a low one.
 
         Those of two parts are joined as Chan et al. do (1979).
         """
+        above = np.subtract(values, low, dtype=np.float64)
         more, total = len(above), float(np.add.reduce(above))
         whole = float(np.square(above).sum())
         squares = whole - total * total / more
@@ -280,10 +290,16 @@ class _Bins:
         self._cumulated: tuple[Floats, NDArray[np.int64]] | None = None
         """Middles of the bins, and how many values lie up to each, while nothing is added."""
 
-    def add(self, values: Values, above: Floats, low: float, high: float) -> None:
-        """Take in values between `low` and `high`; (n,) `above` the first bin, which is used up."""
+    def add(self, values: Values, low: float, high: float) -> None:
+        """Take in (n,) values between `low` and `high`."""
         self._cumulated = None
-        place = np.divide(above, self._width, out=above)
+        if native.available():
+            outside = native.histogram(values, self.low, self._width, self._fine)
+            if len(outside):
+                self._add_coarse(values[outside])
+            return
+        place = np.subtract(values, self.low, dtype=np.float64)
+        place /= self._width
         if low < self.low or (high - self.low) / self._width >= FINE_BINS:
             off = place >= FINE_BINS
             if low < self.low:
@@ -291,10 +307,13 @@ class _Bins:
             outside = np.flatnonzero(off)
             place[outside] = 0
             self._fine[0] -= len(outside)
-            if self._coarse is None:
-                self._coarse = np.zeros(_COARSE_BINS, np.int64)
-            self._coarse += np.bincount(_coarse_keys(values[outside]), minlength=_COARSE_BINS)
+            self._add_coarse(values[outside])
         self._fine += np.bincount(place.astype(np.int32), minlength=FINE_BINS)
+
+    def _add_coarse(self, values: Values) -> None:
+        if self._coarse is None:
+            self._coarse = np.zeros(_COARSE_BINS, np.int64)
+        self._coarse += np.bincount(_coarse_keys(values), minlength=_COARSE_BINS)
 
     def value(self, number: float) -> float:
         """Middle of the bin in which the value of this number, counted from 0, lies."""

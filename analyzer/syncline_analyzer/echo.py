@@ -1,7 +1,7 @@
 """Frames that a recorder wrote down twice, recognised before the analyses count them twice."""
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.grouping import BUS_SHIFT, REMOTE_KEY, Grouping, key_of
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
+from syncline_schemas.records import dataclass
 
 COPY = np.uint16(1 << 15)
 """Bit of the `flags` column, within the analyses only: the frame stands in the capture twice."""

@@ -97,7 +97,12 @@ def analyze_prepared(
     controls = control.finish(end_ns)
     unread = [place for each in facts for place in each.unread]
     timings = timing.finish(
-        end_ns, controls.nmt.states, controls.nmt.commands, unread, controls.nmt.nodes
+        end_ns,
+        controls.nmt.states,
+        controls.nmt.commands,
+        unread,
+        controls.nmt.nodes,
+        prepared.silence,
     )
     starts = [(boot.bus, boot.node, boot.t_ns) for boot in controls.nmt.boot_ups]
     lost = [

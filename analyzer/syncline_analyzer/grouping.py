@@ -1,11 +1,11 @@
 """The 11-bit frames of a batch put in order by bus and identifier: one sort for all analyses."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
+from syncline_schemas import native
 from syncline_schemas.batch import FrameBatch, FrameFlag
+from syncline_schemas.records import dataclass
 
 REMOTE_KEY = 1 << 11
 """Bit of a key: remote frames."""
@@ -39,6 +39,11 @@ class Grouping:
     @classmethod
     def of(cls, frames: FrameBatch, but: int = 0) -> "Grouping":
         """The 11-bit frames that are no errors, and have none of some further flags."""
+        counted = _counted(frames, _OTHER | but) if native.available() else None
+        return cls._by_sorting(frames, but) if counted is None else cls(*counted)
+
+    @classmethod
+    def _by_sorting(cls, frames: FrameBatch, but: int) -> "Grouping":
         unwanted = np.uint16(_OTHER | but)
         if not int(np.bitwise_or.reduce(frames.flags, initial=0)) & int(unwanted):
             return cls._sorted(key_of(frames))
@@ -67,6 +72,22 @@ class Grouping:
     def last(self) -> NDArray[np.intp]:
         """(g,) last row of each group."""
         return self.rows[self.edges[1:] - 1] if len(self.rows) else self.rows
+
+
+def _counted(
+    frames: FrameBatch, unwanted: int
+) -> tuple[NDArray[np.intp], NDArray[np.uint32], NDArray[np.intp]] | None:
+    """The `Grouping` of frames without some flags, where their keys are few enough to be counted."""
+    keys = _keys(frames)
+    if keys is None:
+        return None
+    return native.grouping(frames.can_id, frames.bus, frames.flags, unwanted, keys)
+
+
+def _keys(frames: FrameBatch) -> int | None:
+    """How many keys there can be; None if too many."""
+    buses = int(frames.bus.max(initial=0)) + 1
+    return buses << BUS_SHIFT if buses << BUS_SHIFT <= native.MOST_KEYS else None
 
 
 def _stable_order(

@@ -1,7 +1,7 @@
 """What device a node is, who says so and why; and what its PDOs look like where nobody does."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Literal
 
 from syncline_analyzer.context import Context
@@ -18,6 +18,7 @@ from syncline_schemas.devices import (
 )
 from syncline_schemas.devices.catalog import hallmarks
 from syncline_schemas.devices.factory import FactoryPdo
+from syncline_schemas.records import dataclass
 
 Source = Literal["--device", "bus description", "objects"]
 Key = tuple[int, int]

@@ -1,7 +1,7 @@
 """What is in a capture, and whether it is whole."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,7 @@ from syncline_analyzer.redaction import Redaction
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
 from syncline_schemas.capture.adapter_fit import AdapterFit
 from syncline_schemas.capture.mark import Mark
+from syncline_schemas.records import dataclass
 
 
 @dataclass(slots=True)

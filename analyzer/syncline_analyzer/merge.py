@@ -1,7 +1,7 @@
 """Several captures as one stream: files in time order, buses told apart, gaps between segments."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from itertools import chain
 
 import numpy as np
@@ -14,6 +14,7 @@ from syncline_schemas.batch import FrameBatch, Gap
 from syncline_schemas.capture.gap_message import DID_NOT_RUN
 from syncline_schemas.capture.layout import AFTER_KEY
 from syncline_schemas.errors import UsageError
+from syncline_schemas.records import dataclass
 
 BETWEEN_FILES = "between two files of the session"
 

@@ -1,10 +1,10 @@
 """Moments as users write them: seconds into the capture, or UTC."""
 
 import re
-from dataclasses import dataclass
 from datetime import UTC, datetime
 
 from syncline_schemas.errors import UsageError
+from syncline_schemas.records import dataclass
 
 _DURATION = re.compile(r"(?:(\d+)d)?(?:(\d+)h)?(?:(\d+)m(?!s))?(?:(\d+(?:\.\d+)?)s)?(?:(\d+)ms)?")
 _PRINTED = re.compile(

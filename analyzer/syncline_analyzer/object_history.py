@@ -2,8 +2,10 @@
 
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Literal, NamedTuple
+
+from syncline_schemas.records import dataclass
 
 Source = Literal["sdo-read", "sdo-write", "bus-description", "eds-default"]
 Cause = Literal["sdo-read", "sdo-write", "side effect", "reset", "factory reset"]

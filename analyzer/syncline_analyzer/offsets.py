@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from syncline_analyzer.capture import CaptureReader
@@ -10,6 +10,7 @@ from syncline_analyzer.clock_repair import repair_clocks
 from syncline_analyzer.moments import parse_moment
 from syncline_schemas.batch import FrameBatch, Gap
 from syncline_schemas.errors import UsageError
+from syncline_schemas.records import dataclass
 
 _SECONDS = re.compile(r"(?P<sign>[+-]?)(?P<whole>\d{1,9})(?:\.(?P<part>\d{1,9}))?s?")
 _SIGNED = re.compile(r"(?P<sign>[+-])(?P<length>.+)")

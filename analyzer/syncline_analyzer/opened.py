@@ -1,13 +1,13 @@
 """Captures opened for a pass over their frames."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 
 from syncline_analyzer.capture import CaptureFacts
 from syncline_analyzer.deafness import Numbered
 from syncline_analyzer.redaction import Redaction
 from syncline_schemas.description import BusDescription
 from syncline_schemas.devices import Device
+from syncline_schemas.records import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,7 +2,6 @@
 
 from bisect import bisect_right
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Literal
 
 from syncline_analyzer.service_ids import FRAME_29_BIT, OFF, cob_id, sync_id
@@ -10,6 +9,7 @@ from syncline_analyzer.shadow import Known, Shadow
 from syncline_schemas.canopen.services import predefined_pdo
 from syncline_schemas.decoder import PdoMapping
 from syncline_schemas.devices import Device, quirks
+from syncline_schemas.records import dataclass
 
 Kind = Literal["tpdo", "rpdo"]
 

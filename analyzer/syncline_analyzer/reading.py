@@ -1,7 +1,6 @@
 """Captures opened as one stream of frames, in this process."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
@@ -20,6 +19,7 @@ from syncline_analyzer.redaction import Redaction, Veil
 from syncline_analyzer.segments import in_segment_order
 from syncline_schemas.batch import FrameBatch, Gap
 from syncline_schemas.errors import UsageError
+from syncline_schemas.records import dataclass
 
 _EARLIEST_NS, _LATEST_NS = int(np.iinfo(np.int64).min), int(np.iinfo(np.int64).max)
 

@@ -13,6 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Literal, Self, cast
 
+from syncline_analyzer.collecting import YOUNG
 from syncline_analyzer.reading_request import Request
 from syncline_schemas.errors import CaptureError
 from syncline_schemas.processors import processors
@@ -27,7 +28,7 @@ LEAST_BYTES = 16 << 20
 """Captures of fewer bytes together are read in the process that analyzes them."""
 _PIPE_BYTES = 1 << 20
 _START = (
-    "import json, sys; sys.path[:] = json.loads(sys.argv[1]);"
+    "import gc, json, sys; gc.set_threshold(int(sys.argv[2])); sys.path[:] = json.loads(sys.argv[1]);"
     " from syncline_analyzer.reading_process import main; main()"
 )
 
@@ -65,7 +66,7 @@ class ReadingChild:
         path = json.dumps(list(map(str, sys.path)))
         try:
             process = subprocess.Popen(
-                [sys.executable, "-P", "-c", _START, path],
+                [sys.executable, "-P", "-c", _START, path, str(YOUNG)],
                 bufsize=0,
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,

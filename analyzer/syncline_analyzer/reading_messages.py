@@ -3,15 +3,16 @@
 First `Opened`, then a `SentStep` for every step, then `End`; or `Failed` in place of what is left.
 """
 
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from syncline_analyzer.batch_transfer import PackedBatch
 from syncline_analyzer.capture import CaptureFacts
 from syncline_analyzer.census import Census
 from syncline_analyzer.echo import Doubling
+from syncline_analyzer.folds.timing.silence import SilenceFold
 from syncline_analyzer.preparing import Step
 from syncline_analyzer.redaction import Veil
+from syncline_schemas.records import dataclass
 
 
 class News(NamedTuple):
@@ -47,6 +48,7 @@ class End:
     news: News
     census: Census
     doubled: dict[int, Doubling]
+    silence: SilenceFold
     veil: Veil
 
 

@@ -50,7 +50,8 @@ def _read(request: Request, writer: MessageWriter) -> None:
     for step in reading.steps():
         batches = [packed(batch) for batch in step.batches]
         writer.put(SentStep(replace(step, batches=[]), batches, watch.news(_AT_ONCE)))
-    writer.put(End(watch.news(_ALL), reading.census, reading.doubled, reading.veil))
+    news = watch.news(_ALL)
+    writer.put(End(news, reading.census, reading.doubled, reading.silence, reading.veil))
 
 
 class _Watch:

@@ -1,10 +1,11 @@
 """What is to be read of which captures."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 
 from syncline_analyzer.moments import Moment
+from syncline_schemas.records import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,12 +1,12 @@
 """Reads of one object as columns."""
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.object_history import Known, Value
+from syncline_schemas.records import dataclass
 
 _LOW = 0xFFFFFFFF
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
 from syncline_schemas.canopen.services import SERVICE_OF_ID, Service
 from syncline_schemas.errors import UsageError
+from syncline_schemas.records import dataclass
 
 if TYPE_CHECKING:
     from syncline_analyzer.results import Analysis, Finding

@@ -7,6 +7,7 @@ from syncline_analyzer.batch_transfer import unpacked
 from syncline_analyzer.capture import CaptureFacts
 from syncline_analyzer.census import Census
 from syncline_analyzer.echo import Doubling
+from syncline_analyzer.folds.timing.silence import SilenceFold
 from syncline_analyzer.preparing import Step
 from syncline_analyzer.reading_child import ReadingChild
 from syncline_analyzer.reading_messages import End, News, Opened
@@ -22,6 +23,7 @@ class RemoteReading:
         self.origin_ns = opened.origin_ns
         self.census = Census()
         self.doubled: dict[int, Doubling] = {}
+        self.silence = SilenceFold()
         self.veil = opened.veil
         self._child = child
 
@@ -33,6 +35,7 @@ class RemoteReading:
             yield replace(message.step, batches=[unpacked(each) for each in message.batches])
         self._learn(message.news)
         self.census, self.doubled, self.veil = message.census, message.doubled, message.veil
+        self.silence = message.silence
 
     def _learn(self, news: News) -> None:
         self.buses[:] = news.buses

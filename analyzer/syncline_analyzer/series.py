@@ -5,6 +5,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from syncline_schemas import native
+
 Columns = dict[str, NDArray[Any]]
 _AT_ONCE = 4096
 """Rows that wait until they are thinned together."""
@@ -39,7 +41,7 @@ class Thinner:
         return not self._added
 
     def add(self, columns: Columns) -> None:
-        """Append rows; the arrays are not copied."""
+        """Append rows; no array is held on to."""
         count = len(columns[self._key])
         room = self._limit * self.stride - self._added
         if count > room:
@@ -50,10 +52,12 @@ class Thinner:
         if not count:
             return
         self._added += count
-        self._waiting.append(columns)
         self._waits += count
         if self._waits >= max(_AT_ONCE, 2 * self.stride):
+            self._waiting.append(columns)
             self._settle()
+        else:
+            self._waiting.append(_copied(columns))
 
     def columns(self) -> Columns:
         """All rows that are kept, in order; no columns at all when nothing was added."""
@@ -78,7 +82,7 @@ class Thinner:
         waiting, count = self._waiting, self._waits
         if self.stride == 1:
             self._waiting, self._waits = [], 0
-            self._blocks.append(_joined(waiting))
+            self._blocks.append(_copied(waiting[0]) if len(waiting) == 1 else _joined(waiting))
             return
         run = 2 * self.stride
         whole = count - count % run
@@ -87,7 +91,19 @@ class Thinner:
         kept = extreme_rows(key.astype(np.float64, copy=False), run)
         self._blocks.append(_rows_of(waiting, kept))
         self._waits = count - whole
-        self._waiting = [_rows_of(waiting, np.arange(whole, count))] if self._waits else []
+        self._waiting = [_last_of(waiting, self._waits)] if self._waits else []
+
+
+def _copied(columns: Columns) -> Columns:
+    return {name: column.copy() for name, column in columns.items()}
+
+
+def _last_of(blocks: list[Columns], count: int) -> Columns:
+    """A copy of the last rows of several blocks."""
+    last = blocks[-1]
+    if len(next(iter(last.values()))) < count:
+        last = _joined(blocks)
+    return {name: column[-count:].copy() for name, column in last.items()}
 
 
 def _rows_of(blocks: list[Columns], rows: NDArray[np.intp]) -> Columns:
@@ -130,6 +146,8 @@ def extreme_rows(value: NDArray[np.float64], run: int) -> NDArray[np.intp]:
     >>> extreme_rows(np.array([0.0, 9.0, 1.0, 2.0, -5.0, 3.0]), 3).tolist()
     [0, 1, 4, 5]
     """
+    if native.available():
+        return native.extremes(value, run)
     if len(value) % run:
         value = np.concatenate([value, np.full(-len(value) % run, np.nan)])
     padded = value.reshape(-1, run)

@@ -8,7 +8,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from syncline_analyzer.collecting import rare_collections
+from syncline_analyzer.collecting import rare_collections, settled_objects
 from syncline_analyzer.moments import Moment, parse_moment
 from syncline_analyzer.reading_child import begun
 from syncline_analyzer.reading_request import Request
@@ -125,16 +125,17 @@ class Session:
             # Imported while another process begins to read.
             from syncline_analyzer.engine import analyze_prepared
 
-            reading = opened()
-            analysis = analyze_prepared(
-                reading,
-                description=self._description_of(reading.facts),
-                devices=self._devices,
-                bitrate=self._bitrate,
-                data_bitrate=self._data_bitrate,
-                origin_ns=reading.origin_ns,
-                progress=progress,
-            )
+            with settled_objects():
+                reading = opened()
+                analysis = analyze_prepared(
+                    reading,
+                    description=self._description_of(reading.facts),
+                    devices=self._devices,
+                    bitrate=self._bitrate,
+                    data_bitrate=self._data_bitrate,
+                    origin_ns=reading.origin_ns,
+                    progress=progress,
+                )
         limited = self._start is not None or self._end is not None
         if limited and reading.origin_ns is not None and not analysis.capture.frames:
             raise UsageError("no frame lies between --from and --to of these captures")

@@ -1,9 +1,10 @@
 """The `syncline` command."""
 
+import gc
+import os
 import sys
 import traceback
 from collections.abc import Sequence
-from importlib.metadata import version
 
 import click
 
@@ -50,7 +51,7 @@ OWN_COMMANDS = {
     context_settings={"help_option_names": ["-h", "--help"]},
     epilog="\b\nExamples:\n  syncline demo\n  syncline record -i socketcan -c can0 -b 500000",
 )
-@click.version_option(version("syncline"), prog_name="syncline")
+@click.version_option(package_name="syncline", prog_name="syncline")
 @click.option("--debug", is_flag=True, help="Show the traceback of an error.")
 def cli(debug: bool) -> None:
     """Record CANopen buses and find out what happened on them."""
@@ -58,6 +59,8 @@ def cli(debug: bool) -> None:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Run the command line and exit: the one place where errors become words and exit codes."""
+    # Numpy starts a thread of linear algebra for each processor, and nothing here needs one.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     words = list(sys.argv[1:] if argv is None else argv)
     try:
         code = cli.main(words, prog_name="syncline", standalone_mode=False)
@@ -71,6 +74,8 @@ def main(argv: Sequence[str] | None = None) -> None:
         code = FAILED
     except Exception as error:  # noqa: BLE001 - the last place where it can become words
         code = _explain(error, words)
+    # Python would search all modules for cycles once more, though the process ends.
+    gc.freeze()
     sys.exit(code if isinstance(code, int) else 0)
 
 

@@ -3,11 +3,14 @@
 import importlib
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.metadata import EntryPoint, entry_points
+from typing import TYPE_CHECKING
 
 import click
 
 from syncline_schemas.errors import MissingExtraError
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint, EntryPoints
 
 PLUGIN_GROUP = "syncline.commands"
 """Entry points of this group become subcommands; each names a click command."""
@@ -57,7 +60,8 @@ class LazyGroup(click.Group):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """The imported command, None when there is none of this name."""
-        lazy = self.lazy_commands.get(cmd_name)
+        lazy = self._own.get(cmd_name) or of_our_extras(cmd_name)
+        lazy = lazy or self.lazy_commands.get(cmd_name)
         return lazy.command(cmd_name) if lazy else None
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -77,19 +81,60 @@ def import_from(target: str) -> Callable[[], object]:
     return load
 
 
-SHORT_HELP = {
-    "analyze": "Reconstruct what happened on a bus from captures.",
-    "bundle": "Make one file for the supplier: capture, report, EDS, hashes.",
-    "compare": "Say what differs from a healthy capture of the same machine.",
-    "convert": "Convert between everything that can be read and written.",
-    "decode": "Print frames as people read CANopen.",
-    "demo": "Run the whole chain on a simulated bus.",
-    "fleet": "Analyze the captures of many machines and ask about all of them.",
-    "info": "Say what is in a capture and whether it is whole.",
-    "layout": "Write a layout for Foxglove or Rerun that fits a capture.",
-    "view": "Analyze captures and open the Rerun viewer on them.",
+OF_OUR_EXTRAS = {
+    "analyze": (
+        "syncline_analyzer.cli:analyze",
+        "Reconstruct what happened on a bus from captures.",
+    ),
+    "bundle": (
+        "syncline_analyzer.bundle_command:bundle",
+        "Make one file for the supplier: capture, report, EDS, hashes.",
+    ),
+    "compare": (
+        "syncline_analyzer.compare_command:compare",
+        "Say what differs from a healthy capture of the same machine.",
+    ),
+    "convert": (
+        "syncline_analyzer.cli:convert",
+        "Convert between everything that can be read and written.",
+    ),
+    "decode": (
+        "syncline_analyzer.decode_command:decode",
+        "Print frames as people read CANopen.",
+    ),
+    "demo": ("syncline_samples.demo:demo", "Run the whole chain on a simulated bus."),
+    "fleet": (
+        "syncline_analyzer.fleet_command:fleet",
+        "Analyze the captures of many machines and ask about all of them.",
+    ),
+    "info": ("syncline_analyzer.cli:info", "Say what is in a capture and whether it is whole."),
+    "layout": (
+        "syncline_analyzer.layout_command:layout",
+        "Write a layout for Foxglove or Rerun that fits a capture.",
+    ),
+    "view": ("syncline_analyzer.cli:view", "Analyze captures and open the Rerun viewer on them."),
 }
-"""Of the plug-ins of our own distribution; a foreign one shows its distribution's summary."""
+"""Target and help of the plug-ins of our own distribution, as its entry points name them.
+
+To look through all that is installed takes longer than all that is imported before a command. A
+foreign plug-in shows the summary of its distribution.
+"""
+_EXTRA = 'pip install "syncline[analyzer]"'
+
+
+def of_our_extras(name: str) -> LazyCommand | None:
+    """A subcommand of our own distribution, found without a look at what is installed."""
+    if name not in OF_OUR_EXTRAS:
+        return None
+    target, short_help = OF_OUR_EXTRAS[name]
+    return LazyCommand(short_help, import_from(target), _EXTRA)
+
+
+def entry_points(group: str) -> "EntryPoints":
+    """Those of all installed distributions."""
+    from importlib import metadata
+
+    return metadata.entry_points(group=group)
 
 
 def plugin_commands() -> dict[str, LazyCommand]:
@@ -97,7 +142,7 @@ def plugin_commands() -> dict[str, LazyCommand]:
     return {entry.name: _plugin(entry) for entry in entry_points(group=PLUGIN_GROUP)}
 
 
-def _plugin(entry: EntryPoint) -> LazyCommand:
+def _plugin(entry: "EntryPoint") -> LazyCommand:
     metadata = entry.dist.metadata if entry.dist else None
     if metadata is None:
         return LazyCommand("", entry.load, "")
@@ -106,8 +151,9 @@ def _plugin(entry: EntryPoint) -> LazyCommand:
     own = name == "syncline"
     extras = "analyzer" if own else ",".join(metadata.get_all("Provides-Extra") or ())
     requirement = f'"{name}[{extras}]"' if extras else name
-    short_help = SHORT_HELP.get(entry.name, summary) if own else summary
-    return LazyCommand(short_help, entry.load, f"pip install {requirement}")
+    if own and entry.name in OF_OUR_EXTRAS:
+        summary = OF_OUR_EXTRAS[entry.name][1]
+    return LazyCommand(summary, entry.load, f"pip install {requirement}")
 
 
 def missing_extra(name: str, error: ModuleNotFoundError, install: str) -> MissingExtraError:

@@ -27,6 +27,9 @@ class FrameFlag(IntFlag):
     """The log states a length that its data bytes contradict; `dlc` is the number of bytes kept."""
 
 
+_REMOTE = int(FrameFlag.REMOTE)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameBatch:
     """Frames as numpy columns, one row per frame, in arrival order.
@@ -117,7 +120,7 @@ class FrameBatch:
 
     def is_remote(self, row: int) -> bool:
         """Whether one row is a remote frame."""
-        return bool(self.flags[row] & FrameFlag.REMOTE)
+        return bool(int(self.flags[row]) & _REMOTE)
 
 
 def _widened(data: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:

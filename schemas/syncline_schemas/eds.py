@@ -10,7 +10,7 @@ import re
 import struct
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +18,7 @@ from syncline_schemas.canopen.datatypes import DATA_TYPES, UNICODE_STRING
 from syncline_schemas.eds_repair import Entry, Objects, number, objects_of
 from syncline_schemas.eds_text import EdsText, EdsWarning, Section, parse
 from syncline_schemas.errors import DescriptionError
+from syncline_schemas.records import dataclass
 from syncline_schemas.xdd import looks_like_xml, parse_xdd
 
 if TYPE_CHECKING:

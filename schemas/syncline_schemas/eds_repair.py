@@ -1,10 +1,11 @@
 """Sections of an EDS or DCF put into the form that an importer expects (CiA 306 4.6)."""
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from syncline_schemas.canopen.datatypes import DATA_TYPES
 from syncline_schemas.eds_text import EdsText, Section
+from syncline_schemas.records import dataclass
 
 VAR, ARRAY, RECORD = 0x7, 0x8, 0x9
 DEFTYPE, DEFSTRUCT = 0x5, 0x6

@@ -1,7 +1,9 @@
 """The text of an EDS or DCF file as sections and keys, whatever is wrong with it (CiA 306 4)."""
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import field
+
+from syncline_schemas.records import dataclass
 
 _HEADER = re.compile(r"\[([^\]]*)\]?\s*(.*)")
 _COMMENT = re.compile(r"(?<=\s);")

@@ -5,13 +5,14 @@ The rules are the device sheets' section 6; which objects hold the scale is data
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from syncline_schemas.devices import Device, standard_device, standard_of
+from syncline_schemas.records import dataclass
 from syncline_schemas.tilt import Angles, angles_of_geometry
 
 Lookup = Callable[[int, int], tuple[int, bool] | None]

@@ -22,7 +22,8 @@ class ProgressLine:
 
     Args:
         stream: the terminal.
-        expected: how many frames there are in all, about; None where nobody knows.
+        expected: how many frames there are in all, about, or what tells it when the line is first
+            written; None where nobody knows.
         clock: seconds that only grow.
         columns: width of the terminal.
     """
@@ -30,7 +31,7 @@ class ProgressLine:
     def __init__(
         self,
         stream: TextIO,
-        expected: int | None = None,
+        expected: Callable[[], int | None] | int | None = None,
         clock: Callable[[], float] = time.monotonic,
         columns: int = 80,
     ) -> None:
@@ -51,6 +52,8 @@ class ProgressLine:
         self._frames = frames
         if now >= self._due:
             self._due = now + PERIOD_S
+            if callable(self._expected):
+                self._expected = self._expected()
             self._write(progress_text(frames, now - self._begun, self._expected))
 
     def say(self, text: str) -> None:
@@ -110,14 +113,12 @@ def progress_line(
 ) -> Iterator[ProgressLine | None]:
     """A line on stderr for as long as the block runs; None where stderr is no terminal.
 
-    expected: tells how many frames there are in all; asked on a terminal only.
+    expected: tells how many frames there are in all; asked on a terminal only, after a second.
     """
     if not sys.stderr.isatty():
         yield None
         return
-    line = ProgressLine(
-        sys.stderr, expected() if expected else None, columns=get_terminal_size().columns
-    )
+    line = ProgressLine(sys.stderr, expected, columns=get_terminal_size().columns)
     try:
         yield line
     finally:

@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from syncline_schemas import native
 from syncline_schemas.batch import FrameBatch, FrameFlag
 
 INTERMISSION_BITS = 3
@@ -63,24 +64,10 @@ def wire_bits(batch: FrameBatch, *, intermission: bool = True) -> NDArray[np.int
 
     Returns: (n,) int64 [bit].
     """
-    bits = np.zeros(len(batch), np.int64)
-    shape = _shapes(batch)
-    words = np.ascontiguousarray(batch.data[:, :8]).view(np.uint64)[:, 0]
-    for kind in np.flatnonzero(np.bincount(shape, minlength=_ERROR + 1)[:_FD]).tolist():
-        rows = _rows(shape, kind)
-        bits[rows] = _classic_bits(
-            _taken(batch.can_id, rows),
-            kind & 15,
-            _taken(words, rows),
-            bool(kind & _REMOTE),
-            bool(kind & _EXTENDED),
-        )
-    fd = np.flatnonzero(shape == _FD)
+    between = INTERMISSION_BITS if intermission else 0
+    bits, fd = (_native_bits if native.available() else _numpy_bits)(batch, between)
     if len(fd):
-        bits[fd] = _fd_nominal_bits(batch[fd])
-    if intermission:
-        bits += INTERMISSION_BITS
-        bits[shape == _ERROR] = 0
+        bits[fd] = _fd_nominal_bits(batch[fd]) + between
     return bits
 
 
@@ -145,6 +132,35 @@ def longest_bits(length: int, *, extended: bool = False, fd: bool = False) -> in
         stuffed = header + 8 * length + CRC_BITS
         places, fixed = stuffed, 0
     return stuffed + (places - 1) // 4 + fixed + TRAILER_BITS + INTERMISSION_BITS
+
+
+def _native_bits(batch: FrameBatch, between: int) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
+    """Bits of the classic frames with those between two frames, and the rows of CAN FD frames."""
+    bits, fd = native.wire_bits(
+        batch.can_id, batch.flags, batch.dlc, batch.data, _native_tables(), between
+    )
+    if not fd:
+        return bits, np.zeros(0, np.intp)
+    kind = batch.flags & (FrameFlag.FD | FrameFlag.ERROR)
+    return bits, np.flatnonzero(kind == FrameFlag.FD)
+
+
+def _numpy_bits(batch: FrameBatch, between: int) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
+    """The same as `_native_bits`."""
+    bits = np.zeros(len(batch), np.int64)
+    shape = _shapes(batch)
+    words = np.ascontiguousarray(batch.data[:, :8]).view(np.uint64)[:, 0]
+    for kind in np.flatnonzero(np.bincount(shape, minlength=_ERROR + 1)[:_FD]).tolist():
+        rows = _rows(shape, kind)
+        classic = _classic_bits(
+            _taken(batch.can_id, rows),
+            kind & 15,
+            _taken(words, rows),
+            bool(kind & _REMOTE),
+            bool(kind & _EXTENDED),
+        )
+        bits[rows] = classic + between
+    return bits, np.flatnonzero(shape == _FD)
 
 
 def _shapes(batch: FrameBatch) -> NDArray[np.uint8]:
@@ -409,3 +425,13 @@ def _stuff_table_16() -> NDArray[np.uint8]:
     high = byte[index >> 8]
     low = byte[(high & 7).astype(np.uint32) << 8 | (index & 0xFF)]
     return np.asarray((low & 7) | ((low >> 3) + (high >> 3)) << 3, np.uint8)
+
+
+@cache
+def _native_tables() -> NDArray[np.uint16]:
+    """(5444,) what `native/wire_length.c` looks up: CRC with bytes behind, steps, both prefixes."""
+    crc = [_crc_table()]
+    for _ in range(_EXTENDED_HEADER_BITS // 8 + 8):
+        crc.append((crc[-1] << np.uint16(8)) & np.uint16(0x7FFF) ^ crc[0][crc[-1] >> np.uint16(7)])
+    step = np.concatenate([_stuff_table(8), _prefix_table(3), _prefix_table(7)]).astype(np.uint16)
+    return np.concatenate([*crc, (step & _STATE) << np.uint16(8) | step >> np.uint16(3)])

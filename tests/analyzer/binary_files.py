@@ -3,6 +3,7 @@
 import struct
 from collections.abc import Callable, Sequence
 from io import BytesIO
+from itertools import cycle
 
 from mcap.writer import CompressionType, Writer
 
@@ -133,20 +134,23 @@ def _bag(frames: Sequence[Row], schema: str, payload: Callable[[Row], bytes]) ->
     return stream.getvalue()
 
 
-def _header(frame: Row) -> bytes:
+def _header(frame: Row, order: str) -> bytes:
     name = b"can\0" if frame[2] % 2 else b"can_link\0"
-    stamp = struct.pack("<iI", frame[0] // 10**9, frame[0] % 10**9)
-    return stamp + struct.pack("<I", len(name)) + name + bytes(-len(name) % 4)
+    stamp = struct.pack(f"{order}iI", frame[0] // 10**9, frame[0] % 10**9)
+    told = b"\0\1\0\0" if order == "<" else bytes(4)
+    return told + stamp + struct.pack(f"{order}I", len(name)) + name + bytes(-len(name) % 4)
 
 
-def ros2(frames: Sequence[Row]) -> bytes:
-    """A bag of `can_msgs/msg/Frame`."""
+def ros2(frames: Sequence[Row], orders: str = "<") -> bytes:
+    """A bag of `can_msgs/msg/Frame`, its messages in these byte orders by turns."""
+    order_of = dict(zip(map(id, frames), cycle(orders), strict=False))
 
     def payload(frame: Row) -> bytes:
         flags = flags_of(frame)
         marks = (REMOTE in flags, EXTENDED in flags, ERROR in flags)
-        fields = struct.pack("<I???B", frame[2], *marks, frame[4])
-        return b"\0\1\0\0" + _header(frame) + fields + frame[5].ljust(8, b"\0")
+        order = order_of[id(frame)]
+        fields = struct.pack(f"{order}I???B", frame[2], *marks, frame[4])
+        return _header(frame, order) + fields + frame[5].ljust(8, b"\0")
 
     return _bag([f for f in frames if not f[3] & FD], "can_msgs/msg/Frame", payload)
 
@@ -156,13 +160,15 @@ def ros2_keeps(frame: Row) -> Row | None:
     return None if frame[3] & FD else without_direction(frame)
 
 
-def ros2_fd(frames: Sequence[Row]) -> bytes:
+def ros2_fd(frames: Sequence[Row], order: str = "<") -> bytes:
     """A bag of `ros2_socketcan_msgs/msg/FdFrame`."""
 
     def payload(frame: Row) -> bytes:
         flags = flags_of(frame)
-        fields = struct.pack("<I??BB", frame[2], EXTENDED in flags, ERROR in flags, frame[4], 0)
-        return b"\0\1\0\0" + _header(frame) + fields + struct.pack("<I", len(frame[5])) + frame[5]
+        marks = (EXTENDED in flags, ERROR in flags)
+        fields = struct.pack(f"{order}I??BB", frame[2], *marks, frame[4], 0)
+        count = struct.pack(f"{order}I", len(frame[5]))
+        return _header(frame, order) + fields + count + frame[5]
 
     return _bag([f for f in frames if f[3] & FD], "ros2_socketcan_msgs/msg/FdFrame", payload)
 

@@ -2,6 +2,7 @@
 
 import struct
 import tempfile
+import zlib
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -153,14 +154,45 @@ class _Blocks:
         return self.add(b"##TX", (), words.encode() + b"\0")
 
     def channel(
-        self, name: str, kind: int, at: int, bits: int, *, following: int = 0, parts: int = 0
+        self,
+        name: str,
+        kind: int,
+        at: int,
+        bits: int,
+        *,
+        following: int = 0,
+        parts: int = 0,
+        values: int = 0,
     ) -> int:
+        """`values`: where a channel has them that has only their places in the records."""
         master = name == "Timestamp"
-        data = struct.pack("<BBBBIIIIBBH6d", 2 * master, master, kind, 0, at, bits, *[0] * 11)
-        links = (following, parts, self.text(name), 0, 0, 0, 0, 0)
+        form = 1 if values else 2 * master
+        data = struct.pack("<BBBBIIIIBBH6d", form, master, kind, 0, at, bits, *[0] * 11)
+        links = (following, parts, self.text(name), 0, 0, values, 0, 0)
         return self.add(b"##CN", links, data)
 
+    def data(self, records: bytes, packing: int | None) -> int:
+        """A block of records, plain or packed."""
+        if packing is None:
+            return self.add(b"##DT", (), records)
+        rows = len(records) // RECORD_BYTES
+        flat = np.frombuffer(records, np.uint8).reshape(rows, RECORD_BYTES)
+        packed = zlib.compress(flat.T.tobytes() if packing else records)
+        width = RECORD_BYTES if packing else 0
+        head = struct.pack("<2sBxIQQ", b"DT", packing, width, len(records), len(packed))
+        return self.add(b"##DZ", (), head + packed)
 
+    def file(self, unfinished: int) -> bytes:
+        """All of it behind the block that tells what it is, with the flags of what is not finished."""
+        mark = b"UnFinMF " if unfinished else b"MDF     "
+        self.raw[:64] = struct.pack(
+            "<8s8s8s4xH30xHH", mark, b"4.11    ", b"CE      ", 411, unfinished, 0
+        )
+        return bytes(self.raw)
+
+
+RECORD_BYTES = 26
+"""Of a logger's record, its number before it."""
 _LOGGED = (
     ("BusChannel", 0, 0, 8),
     ("ID", 0, 1, 32),
@@ -178,6 +210,72 @@ def logger_mf4(frames: Sequence[Row], *, finished: bool = True, start_ns: int = 
 
     Where it is not finished, counts and the length of the data are 0 and the file says so.
     """
+    out, group = _described(frames, start_ns, counted=finished)
+    out.raw[group + 40 : group + 48] = struct.pack("<Q", len(out.raw))
+    records = b"".join(_record(frame, start_ns) for frame in frames)
+    out.raw += struct.pack("<4sIQQ", b"##DT", 0, 24 + len(records) * finished, 0) + records
+    return out.file(0 if finished else 0x5)
+
+
+def canedge_unsorted(frames: Sequence[Row], *, finished: bool = True) -> bytes:
+    """Data frames as a CANedge writes them: the bytes of each are a record of their own before it."""
+    out, head = _Blocks(), struct.pack("<QhhBBBBdd", T0_NS, 0, 0, 0, 0, 0, 0, 0.0, 0.0)
+    out.add(b"##HD", [0] * 6, head)
+    size, count = sum(4 + len(frame[5]) for frame in frames), len(frames)
+    told = (count, 0x1, 0, 0, size, 0) if finished else (0, 0x1, 0, 0, 0, 0)
+    apart = out.add(b"##CG", [0] * 6, struct.pack("<QQHHIII", 2, *told))
+    parts = 0
+    for name, form, at, bits in reversed(_LOGGED):
+        values = apart if name == "DataBytes" else 0
+        name = f"CAN_DataFrame.{name}"
+        parts = out.channel(name, form, 8 + at, bits, following=parts, values=values)
+    whole = out.channel("CAN_DataFrame", 10, 8, 17 * 8, parts=parts)
+    stamp = out.channel("Timestamp", 4, 0, 64, following=whole)
+    told = (count * finished, 0x2, 46, 0, RECORD_BYTES - 1, 0)
+    group = out.add(b"##CG", (apart, stamp, 0, 0, 0, 0), struct.pack("<QQHHIII", 1, *told))
+    group = out.add(b"##DG", (0, group, 0, 0), struct.pack("<B7x", 1))
+    out.raw[64 + 24 : 64 + 32] = struct.pack("<Q", group)
+    out.raw[group + 40 : group + 48] = struct.pack("<Q", len(out.raw))
+    records, place = bytearray(), 0
+    for frame in frames:
+        records += struct.pack("<BI", 2, len(frame[5])) + frame[5]
+        records += _record(frame, T0_NS)[:-8] + struct.pack("<Q", place)
+        place += 4 + len(frame[5])
+    out.raw += struct.pack("<4sIQQ", b"##DT", 0, 24 + len(records) * finished, 0) + records
+    return out.file(0 if finished else 0x25)
+
+
+def listed_mf4(
+    frames: Sequence[Row], *, per_block: int, packing: int | None = None, list_first: bool = False
+) -> bytes:
+    """The same with its records in a list of blocks, each packed by itself.
+
+    Args:
+        per_block: records in a block.
+        packing: None, 0 deflated, 1 turned about and deflated.
+        list_first: whether the list stands before the blocks it names, or behind them.
+    """
+    out, group = _described(frames, T0_NS, counted=True)
+    parts = [
+        b"".join(_record(frame, T0_NS) for frame in frames[at : at + per_block])
+        for at in range(0, len(frames), per_block)
+    ]
+    offsets = np.cumsum([0, *map(len, parts[:-1])]).astype("<u8").tobytes()
+    head = struct.pack("<B3xI", 0, len(parts)) + offsets
+    listed = out.add(b"##DL", [0] * (1 + len(parts)), head) if list_first else 0
+    places = [out.data(part, packing) for part in parts]
+    if listed:
+        out.raw[listed + 32 : listed + 32 + 8 * len(parts)] = struct.pack(
+            f"<{len(parts)}Q", *places
+        )
+    else:
+        listed = out.add(b"##DL", (0, *places), head)
+    out.raw[group + 40 : group + 48] = struct.pack("<Q", listed)
+    return out.file(0)
+
+
+def _described(frames: Sequence[Row], start_ns: int, *, counted: bool) -> tuple[_Blocks, int]:
+    """What describes the records of data and remote frames; where the block of the data group is."""
     out, groups = _Blocks(), 0
     kinds = ("CAN_DataFrame", "CAN_RemoteFrame")
     out.add(b"##HD", [0] * 6, struct.pack("<QhhBBBBdd", start_ns, 0, 0, 0, 0, 0, 0, 0.0, 0.0))
@@ -188,29 +286,23 @@ def logger_mf4(frames: Sequence[Row], *, finished: bool = True, start_ns: int = 
         whole = out.channel(kind, 10, 8, 17 * 8, parts=parts)
         stamp = out.channel("Timestamp", 4, 0, 64, following=whole)
         count = sum(kinds.index(kind_of(frame)) + 1 == number for frame in frames)
-        data = struct.pack("<QQHHIII", number, count * finished, 0x2, 46, 0, 25, 0)
+        data = struct.pack("<QQHHIII", number, count * counted, 0x2, 46, 0, 25, 0)
         groups = out.add(b"##CG", (groups, stamp, 0, 0, 0, 0), data)
     group = out.add(b"##DG", (0, groups, 0, 0), struct.pack("<B7x", 1))
-    place = len(out.raw)
-    out.raw[group + 40 : group + 48] = struct.pack("<Q", place)
     out.raw[64 + 24 : 64 + 32] = struct.pack("<Q", group)
-    records = b"".join(
-        struct.pack(
-            "<BdBIBBBB8s",
-            kinds.index(kind_of(frame)) + 1,
-            (frame[0] - start_ns) / 1e9,
-            frame[1] + 1,
-            frame[2],
-            bool(frame[3] & EXTENDED),
-            frame[4],
-            len(frame[5]),
-            bool(frame[3] & TX),
-            frame[5],
-        )
-        for frame in frames
+    return out, group
+
+
+def _record(frame: Row, start_ns: int) -> bytes:
+    return struct.pack(
+        "<BdBIBBBB8s",
+        ("CAN_DataFrame", "CAN_RemoteFrame").index(kind_of(frame)) + 1,
+        (frame[0] - start_ns) / 1e9,
+        frame[1] + 1,
+        frame[2],
+        bool(frame[3] & EXTENDED),
+        frame[4],
+        len(frame[5]),
+        bool(frame[3] & TX),
+        frame[5],
     )
-    out.raw += struct.pack("<4sIQQ", b"##DT", 0, 24 + len(records) * finished, 0) + records
-    mark = b"MDF     " if finished else b"UnFinMF "
-    flags = 0 if finished else 0x5
-    out.raw[:64] = struct.pack("<8s8s8s4xH30xHH", mark, b"4.11    ", b"CE      ", 411, flags, 0)
-    return bytes(out.raw)

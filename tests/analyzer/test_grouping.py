@@ -1,6 +1,7 @@
 """A batch indexed once, against plain loops over its frames."""
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -9,6 +10,8 @@ from syncline_analyzer.grouping import Grouping, key_of
 from syncline_schemas.batch import FrameBatch, FrameFlag
 from syncline_schemas.canopen.services import SERVICE_OF_ID, Service
 from syncline_schemas.wire_length import wire_bits
+
+pytestmark = pytest.mark.usefixtures("both_ways")
 
 _FLAGS = st.sampled_from(
     [0, 0, 0, FrameFlag.REMOTE, FrameFlag.EXTENDED, FrameFlag.ERROR, FrameFlag.FD, FrameFlag.TX]

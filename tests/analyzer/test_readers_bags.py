@@ -64,6 +64,30 @@ def test_any_frames_come_out_as_they_went_in(tmp_path: Path, frames: list[Row]) 
     assert found == [binary_files.ros2_keeps(frame) for frame in frames]
 
 
+@pytest.mark.parametrize("orders", [">", "<>"])
+def test_messages_may_be_big_endian(tmp_path: Path, orders: str) -> None:
+    frames = [frame for frame in FRAMES if not frame[3] & FrameFlag.FD]
+    batch, facts, _ = read(_written(tmp_path, binary_files.ros2(frames, orders)))
+    buses = [int(name[4]) for name in facts.buses]
+    found = [(t, buses[bus], *rest) for t, bus, *rest in rows(batch)]
+    assert found == [binary_files.ros2_keeps(frame) for frame in frames]
+    assert facts.unparsed_count == 0
+
+
+def test_fd_messages_may_be_big_endian(tmp_path: Path) -> None:
+    batch, facts, _ = read(_written(tmp_path, binary_files.ros2_fd(FRAMES, ">")))
+    assert rows(batch) == rows(read(_written(tmp_path, binary_files.ros2_fd(FRAMES)))[0])
+    assert len(batch)
+    assert facts.unparsed_count == 0
+
+
+def test_a_message_of_zeros_or_of_an_unknown_form_is_no_frame(tmp_path: Path) -> None:
+    unknown = b"\0\x0b" + _frame()[2:]
+    batch, facts, _ = read(_written(tmp_path, _bag(_frame(), bytes(36), unknown, b"\0")))
+    assert len(batch) == 1
+    assert facts.unparsed_count == 3
+
+
 @pytest.mark.parametrize("name", [b"\0", b"a\0", b"can0\0", b"/vehicle/can_interface_0\0"])
 def test_the_length_of_the_frame_id_does_not_matter(tmp_path: Path, name: bytes) -> None:
     batch, facts, _ = read(_written(tmp_path, _bag(_frame(name=name))))

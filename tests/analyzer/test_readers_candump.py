@@ -7,6 +7,8 @@ import pytest
 from syncline_schemas.batch import FrameFlag, Gap
 from tests.analyzer.log_builder import T0_NS, read, read_text, row
 
+pytestmark = pytest.mark.usefixtures("both_ways")
+
 EXTENDED, REMOTE, ERROR, FD = (
     FrameFlag.EXTENDED,
     FrameFlag.REMOTE,

@@ -99,7 +99,9 @@ def test_a_file_cut_anywhere_in_its_last_kilobyte_gives_what_is_there(
         found = rows(batch)
         # The last line of a text may be cut where nobody can see it.
         trusted = max(0, len(found) - (log.corrupt is not None))
-        assert found[:trusted] == whole[:trusted]
+        # Where a group of frames is missing, those of the others are still read.
+        expected = whole if log.ordered else [each for each in whole if each in found]
+        assert found[:trusted] == expected[:trusted]
         if log.corrupt is None and len(found) < len(whole):
             ends_with_packet = log.name in ("pcap", "pcapng") and not facts.damage
             assert facts.damage or ends_with_packet

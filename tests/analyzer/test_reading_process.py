@@ -205,7 +205,11 @@ def child_that(code: str) -> str:
 def test_a_process_that_dies_is_told(small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     code = child_that("""
         put = rp.MessageWriter.put
-        rp.MessageWriter.put = lambda to, m: put(to, m) if type(m) is rp.Opened else os._exit(7)
+        def die(writer):
+            writer._waiting.put(None)
+            writer._thread.join()
+            os._exit(7)
+        rp.MessageWriter.put = lambda to, m: put(to, m) if type(m) is rp.Opened else die(to)
         """)
     monkeypatch.setattr(reading_child, "_START", code)
     with pytest.raises(CaptureError, match=r"ended before their end \(exit code 7\)"):

@@ -8,6 +8,7 @@ from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.folds.angle.fold import AngleFold
 from syncline_analyzer.folds.control import ControlFold
 from syncline_analyzer.folds.timing.fold import TimingFold
+from syncline_analyzer.folds.timing.silences import Silences
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
 from tests.analyzer.timing_builder import T0, context
 
@@ -54,8 +55,9 @@ def test_noise(seed: int) -> None:
     rng = np.random.default_rng(seed)
     ctx = any_context(rng)
     block = int(rng.integers(1, 300))
-    folds = (ControlFold(ctx), TimingFold(ctx, block), AngleFold(ctx, block))
-    _, timing, angle = folds
+    silences = Silences(timed=ctx.timed, block_frames=block)
+    folds = (ControlFold(ctx), TimingFold(ctx, block), AngleFold(ctx, block), silences)
+    _, timing, angle, _ = folds
     seq = 0
     for _ in range(4):
         frames = noise(rng, int(rng.integers(0, 200)))
@@ -64,7 +66,7 @@ def test_noise(seed: int) -> None:
             if rng.random() < 0.1:
                 fold.gap(Gap(T0, T0 + 1, "overrun", bus=int(rng.integers(0, 2))))
         seq += len(frames)
-    tables, angles = timing.finish(T0), angle.finish(T0)
+    tables, angles = timing.finish(T0, silence=silences.found), angle.finish(T0)
     for row in tables.pdos:
         for quantiles in (row.period_us, row.response_us, row.device_us_low, row.device_us_high):
             assert quantiles is None or 0 <= quantiles.min <= quantiles.median <= quantiles.max

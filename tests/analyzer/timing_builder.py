@@ -8,6 +8,7 @@ from syncline_analyzer.context import Context
 from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.folds.angle.fold import AngleFold, AngleTables
 from syncline_analyzer.folds.timing.fold import TimingFold
+from syncline_analyzer.folds.timing.silences import Silences
 from syncline_analyzer.folds.timing.tables import TimingTables
 from syncline_analyzer.results import NmtStateRow
 from syncline_analyzer.shadow import Known, Shadow, Source
@@ -91,17 +92,24 @@ def timing(
     block_frames: int = 1 << 16,
 ) -> TimingTables:
     """The timing tables of frames and gaps in order."""
-    fold = TimingFold(ctx, block_frames)
+    fold, silences = (
+        TimingFold(ctx, block_frames),
+        Silences(timed=ctx.timed, block_frames=block_frames),
+    )
     seq = end_ns = 0
     for part in parts:
         if isinstance(part, Gap):
             fold.gap(part)
+            silences.gap(part)
             continue
         for batch in batches(part, size, timed=ctx.timed):
-            fold.update(IndexedBatch(batch.frames, seq, timed=ctx.timed))
+            indexed = IndexedBatch(batch.frames, seq, timed=ctx.timed)
+            fold.update(indexed)
+            silences.update(indexed)
             seq += len(batch)
         end_ns = int(part.t_ns[-1]) if len(part) else end_ns
-    return fold.finish(end_ns, states)
+    silences.close()
+    return fold.finish(end_ns, states, silence=silences.found)
 
 
 def angles(

@@ -134,12 +134,10 @@ def plugin(monkeypatch: pytest.MonkeyPatch, *entries: EntryPoint) -> None:
 def test_a_missing_extra_is_told_with_the_pip_line(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def load(_: EntryPoint) -> Any:
+    def load(_: str) -> Any:
         raise ModuleNotFoundError("No module named 'pandas'", name="pandas")
 
-    # Of the class that is found, which a library may have loaded anew.
-    for found in entry_points(group=lazy_group.PLUGIN_GROUP):
-        monkeypatch.setattr(type(found), "load", load)
+    monkeypatch.setattr("importlib.import_module", load)
     with pytest.raises(SystemExit) as exit_info:
         main(["analyze", "x.mcap"])
     assert exit_info.value.code == 2
@@ -147,6 +145,25 @@ def test_a_missing_extra_is_told_with_the_pip_line(
         "syncline: 'syncline analyze' needs the package 'pandas', which is not installed;"
         ' type: pip install "syncline[analyzer]"\n'
     )
+
+
+def test_our_commands_are_those_of_the_entry_points() -> None:
+    ours = [each for each in entry_points(group=lazy_group.PLUGIN_GROUP) if _is_ours(each)]
+    targets = {name: target for name, (target, _) in lazy_group.OF_OUR_EXTRAS.items()}
+    assert {each.name: each.value for each in ours} == targets
+
+
+def _is_ours(found: EntryPoint) -> bool:
+    return found.dist is not None and found.dist.name == "syncline"
+
+
+def test_a_command_of_ours_looks_through_nothing_that_is_installed() -> None:
+    code = (
+        "import sys\nfrom syncline_logger.cli import main\n"
+        "try: main(['analyze', '--help'])\nexcept SystemExit: pass\n"
+        "sys.exit('importlib.metadata' in sys.modules)"
+    )
+    subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)
 
 
 def test_a_plugin_cannot_replace_an_own_command(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,6 +17,8 @@ from syncline_schemas.capture.scan import BusStatusSample, CaptureScan
 from syncline_schemas.capture.writer import CaptureWriter
 from syncline_schemas.proto import syncline_pb2
 
+pytestmark = pytest.mark.usefixtures("both_ways")
+
 T0 = 1_760_000_000_000_000_000
 MS = 1_000_000
 

@@ -205,6 +205,7 @@ TRIGGERS: list[tuple[str, str, str]] = [
     ("node_id", r"\$NODEID\+0x80", "$NODEID*2"),
     ("node_id_form", r"\$NODEID\+0x80", "0x80+$NODEID"),
     ("node_id_form", r"\$NODEID\+0x80", "$NodeId+0x80"),
+    ("node_id_form", r"\$NODEID\+0x80", "$NODEID+0x70+0x10"),
     ("cob_id_node", r"\$NODEID\+0x200", "0x200"),
     ("cob_id_node", r"\$NODEID\+0x40000180", "0x40000180"),
     ("cob_id_node", r"\$NODEID\+0x80", "0x80"),
@@ -252,6 +253,22 @@ CONSEQUENCES = {
     "name_missing", "no_subs", "mapping_direction", "object_type", "duplicate_key", "mapping_granularity",
 }  # fmt: skip
 """Kinds that may come with another fault because they follow from it."""
+
+
+@pytest.mark.parametrize(
+    ("written", "why"),
+    [
+        ("0x80+$NODEID", "$NODEID does not stand first"),
+        ("$NodeId+0x80", "$NODEID is not written in capitals"),
+        ("NODEID+0x80", "NODEID has no $ before it"),
+        ("$NODEID+0x7F+1", "what follows $NODEID is not + and one number"),
+        ("$NODEID-0x10+0x90", "what follows $NODEID is not + and one number"),
+    ],
+)
+def test_what_is_unusual_about_an_expression_is_told(written: str, why: str) -> None:
+    text = SOUND.replace("$NODEID+0x80", written)
+    [fault] = [each for each in faults(text) if each.kind == "node_id_form"]
+    assert fault.text == f"'{written}': {why}"
 
 
 def test_faults_of_encodings() -> None:

@@ -4,9 +4,8 @@ A bond states place and time; that two things stand side by side is not enough. 
 gathers events of a long time, only frames that both rest on join them.
 """
 
-from dataclasses import dataclass
-
 from syncline_analyzer.results import Finding
+from syncline_schemas.records import dataclass
 
 _S = 1_000_000_000
 _FOREVER = 1 << 62

@@ -1,13 +1,14 @@
 """A rule: how one kind of finding is found, and what a reader may know of it."""
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Any, TypeVar
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.findings.stretch import since_begin
 from syncline_analyzer.folds.control import ControlTables
 from syncline_analyzer.results import Analysis, Finding
+from syncline_schemas.records import dataclass
 
 _T = TypeVar("_T")
 _REMOTE_FRAMES = "empty data frames are remote frames, which the log does not mark"

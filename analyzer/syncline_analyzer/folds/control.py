@@ -1,6 +1,6 @@
 """The control side of a bus in one pass: SDO transfers, NMT states, EMCY and the clock."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.fold import IndexedBatch
@@ -15,6 +15,7 @@ from syncline_analyzer.folds.nmt.table import NmtTable
 from syncline_analyzer.folds.sdo.fold import SdoFold, SdoTable
 from syncline_analyzer.folds.timing.pdo_length import PdoLengthFold, WrongLength
 from syncline_schemas.batch import Gap
+from syncline_schemas.records import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ from syncline_analyzer.readers.lines import (
     OddFrame,
     Parsed,
     bit_flags,
+    note_requests,
 )
 from syncline_analyzer.readers.times import SECOND_NS, date_ns, decimal_times, seconds_ns
 from syncline_schemas.batch import FrameFlag
@@ -45,6 +46,9 @@ _HEADER = re.compile(
     rb"|previous\s+log\s+file)",
     re.IGNORECASE,
 )
+_UNSET = re.compile(rb"\b19\d\d\b")
+_REQUEST = re.compile(rb"\sTxRq\s", re.IGNORECASE)
+"""What a node was asked to send; it stands there again when it was on the bus."""
 _DATE = re.compile(rb"\s*date\s+(?P<text>.+)", re.IGNORECASE)
 _TRIGGER = re.compile(rb"\s*begin\s+triggerblock\s+(?P<text>.+)", re.IGNORECASE)
 _BASE = re.compile(
@@ -53,6 +57,7 @@ _BASE = re.compile(
 _FIRST_TIME = re.compile(rb"^[ \t]*(\d+)[.,](\d+)\s", re.MULTILINE)
 _TAIL_NUMBER = re.compile(rb"=\s*(\d+)")
 _SYMBOLIC_ID = re.compile(rb"\bID\s*=\s*(?P<id>\d+)(?P<x>x?)", re.IGNORECASE)
+_HEADER_LINES = 500
 _FD_EDL, _FD_REMOTE = 1 << 12, 1 << 4
 
 
@@ -66,17 +71,29 @@ class AscFormat(LineFormat):
         self._base = 16
         self._date_ns: int | None = None
         self._trigger_ns: int | None = None
+        self._requests = 0
 
     def prepare(self, head: bytes) -> None:
         """Whether the log has a date, and which."""
-        for whole in head.split(b"\n"):
-            line = whole[:MAX_PARSED_LINE]
-            found = _DATE.match(line) or _TRIGGER.match(line)
-            if found and _date_ns(found) is not None:
-                self.facts.time_base = "utc"
-                self.facts.notes.append("the log's date names no time zone; it is taken as UTC")
-                return
-        self.facts.notes.append("the log has no date that can be read")
+        lines = [
+            line[:MAX_PARSED_LINE] for line in head.split(b"\n", _HEADER_LINES)[:_HEADER_LINES]
+        ]
+        # A block's date counts before the header's, which may be when the log was written.
+        dates = [
+            found
+            for kind in (_TRIGGER, _DATE)
+            if (found := next(filter(None, map(kind.match, lines)), None))
+        ]
+        unset = bool(dates) and _UNSET.search(dates[0]["text"]) is not None
+        if not unset and any(map(_date_ns, dates)):
+            self.facts.time_base = "utc"
+            self.facts.notes.append("the log's date names no time zone; it is taken as UTC")
+            return
+        self.facts.notes.append(
+            "the log's date is before 2000, of a clock that was not set: it is taken for none"
+            if unset
+            else "the log has no date that can be read"
+        )
 
     def control(self, part: bytes) -> bool:
         """Take in a header line or the start of a trigger block."""
@@ -97,6 +114,8 @@ class AscFormat(LineFormat):
             self.origin_ns = self._date_ns or 0
         elif trigger := _TRIGGER.match(line):
             self._trigger_ns = _date_ns(trigger)
+            if _UNSET.search(trigger["text"]):
+                self.origin_ns = 0
         else:
             return False
         return True
@@ -132,7 +151,12 @@ class AscFormat(LineFormat):
         found = _EVENT.match(line)
         if found is None or (_FRAME_LIKE.search(line) and not _ASSEMBLED.match(found["what"])):
             return None
+        self._requests += _REQUEST.search(line) is not None
         return NoFrame(seconds_ns(found["s"], found["f"]))
+
+    def finish(self, last_ns: int | None) -> None:
+        """Say how many lines are of what was only asked to be sent."""
+        note_requests(self.facts, self._requests)
 
     def _classic(self, found: re.Match[bytes]) -> Parsed:
         can_id, extended = self._identifier(found)

@@ -26,6 +26,8 @@ _PARTS_MS: Final = (*_PARTS, (2, SECOND_NS), (3, MILLISECOND_NS))
 """Digits of year, month, day, hour, minute, second and ms, and what one is worth."""
 _DIGITS: Final = {17: 0, 13: 1, 11: 2, 9: 3, 7: 4, 5: 5, 3: 6}
 """By the number of digits of a stamp: its first part."""
+_EPOCH: Final = re.compile(rb"1[3-9]\d{8}[.,]?\d{3}")
+"""Seconds since 1970 with ms: no month is the 13th."""
 _SET_NS: Final = 978_307_200 * SECOND_NS
 """2001-01-01: a CL1000 has no clock and begins in 2000."""
 _TYPES: Final = {b"0": (False, False), b"1": (True, False), b"8": (False, True), b"9": (True, True)}
@@ -39,6 +41,7 @@ class ClxFormat(CsvFormat):
         super().__init__(path, replace(columns, id_base=16, data_base=16))
         self.facts.format = "clx"
         self._start: tuple[int, ...] = ()
+        self._epoch = False
 
     def prepare(self, head: bytes) -> None:
         """Date, bit rate and spelling of times from the head."""
@@ -59,7 +62,8 @@ class ClxFormat(CsvFormat):
     def _guess_times(self, cells: Sequence[bytes], dates: Sequence[bytes]) -> None:
         digits = [_digits_of(cell) for cell in cells]
         first = next((each for each in digits if len(each) in _DIGITS), None)
-        if first is None:
+        self._epoch = any(map(_EPOCH.fullmatch, cells))
+        if first is None or self._epoch:
             super()._guess_times(cells, dates)
             return
         start_ns = utc_ns(*self._start) if self._start else None
@@ -89,7 +93,7 @@ class ClxFormat(CsvFormat):
         at = self._at.get("time", len(cells))
         start, end = cells[at] if at < len(cells) else (0, 0)
         places = [place for place in range(start, end) if 48 <= line[place] <= 57]
-        begin = _DIGITS.get(len(places))
+        begin = None if self._epoch else _DIGITS.get(len(places))
         if begin is None:
             return super()._time(line, cells)
         base_ns, times = 0, []

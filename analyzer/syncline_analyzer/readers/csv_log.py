@@ -104,6 +104,10 @@ class CsvFormat(LineFormat):
             self.facts.notes.append(
                 "remote frames are not marked in this format; they appear as empty data frames"
             )
+        if not {"way", "rx", "kind", "flags"} & set(self._at):
+            self.facts.notes.append(
+                "the log does not tell the direction of frames; all are taken as received"
+            )
         if self._columns.header is None:
             said = ", ".join(role for role in self._columns.roles if role not in ("byte", "other"))
             more = " and one for each byte" if self._bytes else ""
@@ -171,6 +175,11 @@ class CsvFormat(LineFormat):
         if clock is not None:
             self._clock = clock
             self.wraps_ns = 0 if clock.dated or self.differences else _DAY_NS
+            if clock.dated and self._unset(cells, dates):
+                self.facts.notes.append(
+                    "the log's dates are before 2000, of a clock that was not set: there is no date"
+                )
+                return
             if clock.dated:
                 self.facts.time_base = "utc"
             if clock.dated and not clock.zoned:
@@ -182,6 +191,15 @@ class CsvFormat(LineFormat):
             self.facts.time_base = "utc"
         if self.differences:
             self.facts.notes.append("times are differences; their sum is used")
+
+    def _unset(self, cells: Sequence[bytes], dates: Sequence[bytes]) -> bool:
+        """Whether the first date is one that no log can have."""
+        for cell, date in zip(cells, dates, strict=True):
+            line = cell + b"|" + date
+            found = self._clock.read(line, (0, len(cell)), (len(cell) + 1, len(line)))
+            if found is not None:
+                return found.base_ns < FIRST_UTC_NS - _DAY_NS
+        return False
 
     def _guess_unit(self, cells: Sequence[bytes]) -> None:
         fractions = any(b"." in cell or b"," in cell or b"e" in cell.lower() for cell in cells)

@@ -32,7 +32,7 @@ READ_FORMATS: Final = (
     ReadFormat(
         "ros2",
         (".mcap",),
-        "ROS 2 bags with `can_msgs/msg/Frame`, `ros2_socketcan_msgs/msg/Frame` or `FdFrame`",
+        "ROS 2 bags with `can_msgs/msg/Frame`, `ros2_socketcan_msgs/msg/Frame` or `FdFrame`, of either byte order",
         ("direction", "BRS and ESI of CAN FD", "gaps", "that two topics are one bus"),
         ("messages without a stamp take the time of recording, with a note",),
     ),
@@ -51,6 +51,10 @@ READ_FORMATS: Final = (
         (".asc",),
         "Vector ASC: hexadecimal or decimal, absolute or relative times, CAN FD, dates in English, German or ISO",
         (_ERROR_CONTENTS, _NAMES, _NO_ZONE),
+        (
+            "requests to send (`TxRq`) are counted in a note",
+            "a date before 2000 is none, with a note",
+        ),
     ),
     ReadFormat("blf", (".blf",), "Vector BLF, also cut off", (_NAMES, _NO_ZONE)),
     ReadFormat(
@@ -107,6 +111,7 @@ READ_FORMATS: Final = (
         ("whatever has no column: remote frames, direction, extended identifiers, buses",),
         (
             "every guess is a note: columns without names, decimal numbers, the unit of times, times that are differences",
+            "that nothing tells the direction, and dates before 2000, which are none, are notes",
             "without a column for them remote frames are empty data frames, with a note and `remote_lost`",
         ),
     ),
@@ -127,10 +132,13 @@ READ_FORMATS: Final = (
     ReadFormat(
         "mf4",
         (".mf4",),
-        "ASAM MDF 4 bus logs, also cut off or never finished where the records are one block, as CANedge"
-        " writes them; needs `pip install 'syncline[mf4]'`",
+        "ASAM MDF 4 bus logs, in one block of records or lists of them, plain or packed; also cut off or"
+        " never finished; needs `pip install 'syncline[mf4]'`",
         ("times finer than its floating-point numbers", _NAMES),
-        ("what the library that reads it cannot is damage: it runs in a process of its own",),
+        (
+            "what stands of a cut file is read and counted, but not without what describes its records",
+            "what the library that reads it cannot is damage: it runs in a process of its own",
+        ),
     ),
 )
 """All that `open_capture` opens, each also within .gz and .zst."""

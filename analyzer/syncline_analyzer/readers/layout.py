@@ -6,9 +6,10 @@ whose fields hold digits in the same places, is then read without looking at it 
 """
 
 import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import pairwise
+from itertools import chain, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ from syncline_analyzer.readers.columns import (
     hex_number,
     spaced_bytes,
 )
+from syncline_schemas import native
 
 Row = tuple[int, int, int, int, int, bytes]
 """(t_ns, bus, can_id, flags, dlc, data) of one frame, as `FrameBatch.from_rows` takes it."""
@@ -35,6 +37,8 @@ _EFFECTIVE_DIGITS = 8
 MAX_DATA_STEP = 8
 _BYTE = re.compile(rb"(?<![0-9A-Fa-f])[0-9A-Fa-f]{2}(?![0-9A-Fa-f])")
 _ROWS = re.compile(rb"[0-9A-Fa-f]+")
+_ALIKE = re.compile(rb"[\x00-\x08\x0a-\x0c\x0e-\x1f]")
+"""Characters that `TRANSLATION` makes the same."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,17 +90,17 @@ class FrameLayout:
 
 @dataclass(slots=True)
 class LineBatch:
-    """Translated lines of one block, and the columns read so far.
+    """Lines of one block, and the columns read so far.
 
     Attributes:
-        text: the block, eight spare bytes before and enough behind each line.
+        plain: the block.
         starts: (n,) where each line starts in `text`.
         read: (n,) whether the line was read as a frame.
         timed: (n,) whether the line has a time of its own.
         words: (n, 1) or (n, 8) data bytes.
     """
 
-    text: bytes
+    plain: bytes
     starts: NDArray[np.intp]
     t_ns: NDArray[np.int64]
     bus: NDArray[np.uint8]
@@ -106,6 +110,15 @@ class LineBatch:
     words: Words
     read: NDArray[np.bool_]
     timed: NDArray[np.bool_]
+    _text: bytes = b""
+
+    @property
+    def text(self) -> bytes:
+        """The block translated, eight spare bytes before and enough behind each line."""
+        if not self._text:
+            room = bytes(MAX_LINE + 4 * _WORD)
+            self._text = b"".join((room[:_WORD], self.plain.translate(TRANSLATION), room))
+        return self._text
 
     def put_row(self, line: int, row: Row, *, timed: bool) -> None:
         """Put in one frame that was read by itself."""
@@ -136,6 +149,8 @@ class LineMatcher:
     _digit_tests: list[tuple[int, int]] = field(default_factory=list)
     _times: list[tuple[Span, int]] = field(default_factory=list)
     _t_constant: int = 0
+    numbers: list[int] | None = None
+    """The layout as `native/lines.c` takes it; None where it cannot."""
 
     @classmethod
     def learn(cls, layout: FrameLayout, line: bytes) -> "LineMatcher | None":
@@ -147,6 +162,7 @@ class LineMatcher:
         for span, worth in layout.times:
             matcher._split_time(line, span, worth)
         matcher._compile(line)
+        matcher.numbers = matcher._native_numbers(line)
         return matcher
 
     def _split_time(self, line: bytes, span: Span, worth: int) -> None:
@@ -183,6 +199,32 @@ class LineMatcher:
         self._digit_tests = [
             (k, int(word) * 0x0F) for k, word in enumerate(decimal.view(np.uint64)) if word
         ]
+
+    def _native_numbers(self, line: bytes) -> list[int] | None:
+        """The same for the characters themselves."""
+        if _ALIKE.search(line):
+            return None
+        layout = self.layout
+        codes, masks = bytearray(_padded(self.length)), bytearray(_padded(self.length))
+        codes[: self.length], masks[: self.length] = line, b"\xff" * self.length
+        digits = [piece for span in layout.digits for piece in _pieces(span)]
+        times = [(*span, worth) for span, worth in self._times]
+        spans = [layout.id_span, *digits, *(span for span, _ in self._times)]
+        for start, end in [*spans, *self._hex_spans(), *layout.anything]:
+            codes[start:end] = masks[start:end] = bytes(end - start)
+        tests = [
+            (at // _WORD, _signed(codes[at : at + _WORD]), _signed(masks[at : at + _WORD]))
+            for at in range(0, len(codes), _WORD)
+            if any(masks[at : at + _WORD])
+        ]
+        head = (
+            *(len(tests), len(digits), len(times)),
+            *(layout.bus, layout.flags, layout.dlc),
+            *(*layout.id_span, int(layout.id_base == 16)),
+            *(layout.id_limit, layout.id_least, layout.id_constant),
+            *(layout.data_start, layout.data_step, layout.data_count, self._t_constant),
+        )
+        return [*head, *chain.from_iterable((*tests, *digits, *times))]
 
     def _hex_spans(self) -> list[Span]:
         layout = self.layout
@@ -264,6 +306,16 @@ class LineMatcher:
         return word
 
 
+def _pieces(span: Span) -> list[Span]:
+    """A field in parts of at most eight characters."""
+    start, end = span
+    return [(at, min(at + _WORD, end)) for at in range(start, end, _WORD)]
+
+
+def _signed(word: bytes | bytearray) -> int:
+    return int.from_bytes(word, "little", signed=True)
+
+
 def _padded(length: int) -> int:
     return -(-length // _WORD) * _WORD
 
@@ -290,24 +342,17 @@ def regular_bytes(text: bytes, count: int) -> tuple[int, int]:
     return (places[0], step) if even and step <= MAX_DATA_STEP else (0, 0)
 
 
-def lines_of(text: bytes) -> tuple[bytes, NDArray[np.intp], NDArray[np.intp]]:
-    """Translated text with room around it, and (n,) start and length of each line in it."""
+def lines_of(text: bytes) -> tuple[LineBatch, NDArray[np.intp]]:
+    """The lines of a block, none of which is read yet, and (n,) the length of each."""
     raw = np.frombuffer(text, np.uint8)
     ends = np.flatnonzero(raw == 10)
     if text and text[-1] != 10:
         ends = np.append(ends, len(text))
     starts = np.concatenate((np.zeros(1, np.intp), ends[:-1] + 1)) if len(ends) else ends
-    room = bytes(MAX_LINE + 4 * _WORD)
-    padded = b"".join((room[:_WORD], text.translate(TRANSLATION), room))
-    return padded, starts + _WORD, ends - starts
-
-
-def empty_batch(text: bytes, starts: NDArray[np.intp]) -> LineBatch:
-    """Columns for every line of a block, none of which is read yet."""
     n = len(starts)
-    return LineBatch(
+    batch = LineBatch(
         text,
-        starts,
+        starts + _WORD,
         np.zeros(n, np.int64),
         np.zeros(n, np.uint8),
         np.zeros(n, np.uint32),
@@ -317,3 +362,40 @@ def empty_batch(text: bytes, starts: NDArray[np.intp]) -> LineBatch:
         np.zeros(n, np.bool_),
         np.zeros(n, np.bool_),
     )
+    return batch, ends - starts
+
+
+def known_lines(
+    text: bytes, matchers: Mapping[int, Sequence[LineMatcher]]
+) -> tuple[LineBatch, NDArray[np.intp], list[int]] | None:
+    """The same with the frames of all lines that a matcher of their length knows.
+
+    They are tried in order, and those of lengths that occur count their `hits`; third the lengths
+    that occur. None where the library cannot do it.
+    """
+    tried = [matcher for length in sorted(matchers) for matcher in matchers[length]]
+    numbers = [matcher.numbers for matcher in tried]
+    known = [each for each in numbers if each is not None]
+    if not native.available() or len(known) < len(tried):
+        return None
+    sizes = np.array([len(each) for each in known], np.int64)
+    lengths = np.array([matcher.length for matcher in tried], np.int64)
+    layouts = np.fromiter(chain.from_iterable(known), np.int64, int(sizes.sum()))
+    found = native.lines(text, layouts, np.cumsum(sizes) - sizes, lengths)
+    for matcher, hits in zip(tried, found.hits.tolist(), strict=True):
+        if found.of_length[matcher.length]:
+            matcher.hits = hits
+            matcher.idle = 0 if hits else matcher.idle + 1
+    batch = LineBatch(
+        text,
+        found.starts + _WORD,
+        found.t_ns,
+        found.bus,
+        found.can_id,
+        found.flags,
+        found.dlc,
+        found.words,
+        found.read,
+        found.timed,
+    )
+    return batch, found.lengths, np.flatnonzero(found.of_length).tolist()

@@ -17,7 +17,7 @@ from syncline_analyzer.readers.layout import (
     LineBatch,
     LineMatcher,
     Row,
-    empty_batch,
+    known_lines,
     lines_of,
 )
 from syncline_analyzer.readers.resolution import Resolution
@@ -197,13 +197,19 @@ class TextReader:
                 self._carry_ns = 0
 
     def _part(self, part: bytes) -> Iterator[FrameBatch | Gap]:
-        text, starts, lengths = lines_of(part)
-        batch = empty_batch(text, starts)
-        left = self._read_known(batch, lengths)
+        known = known_lines(part, self._matchers)
+        if known is None:
+            batch, lengths = lines_of(part)
+            left = self._read_known(batch, lengths)
+        else:
+            batch, lengths, present = known
+            left = np.flatnonzero(~batch.read)
+            for length in present:
+                self._keep_useful(length)
         lost = self._read_singly(part, batch, lengths, left)
         self._finish_times(batch)
         self._place_unread(batch)
-        self._line_number += len(starts)
+        self._line_number += len(lengths)
         yield from self._deliver(batch, lost)
 
     def _read_known(self, batch: LineBatch, lengths: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -229,11 +235,16 @@ class TextReader:
                 matcher.hits = int(np.count_nonzero(good))
                 lines = lines[~good] if matcher.hits else lines
             matcher.idle = 0 if matcher.hits else matcher.idle + 1
+        self._keep_useful(length)
+        return lines
+
+    def _keep_useful(self, length: int) -> None:
+        """The layouts of a line length that fitted lately, those that fitted most first."""
+        matchers = self._matchers.get(length)
         if matchers:
             kept = [matcher for matcher in matchers if matcher.idle <= MAX_IDLE_BLOCKS]
             kept.sort(key=lambda matcher: -matcher.hits)
             self._matchers[length] = kept[:MAX_MATCHERS]
-        return lines
 
     def _read_singly(
         self,
@@ -318,7 +329,8 @@ class TextReader:
         else:
             self._fill_times(batch)
         own = batch.read & batch.timed
-        self._resolution.sample(batch.t_ns[own], batch.bus[own], batch.can_id[own])
+        rows = slice(None) if own.all() else own
+        self._resolution.sample(batch.t_ns[rows], batch.bus[rows], batch.can_id[rows])
         if self.facts.time_base != "none":
             batch.t_ns += self._form.origin_ns
 
@@ -399,6 +411,14 @@ def _line_text(text: bytes, batch: LineBatch, line: int, length: int) -> bytes:
 
 def _shown(line: bytes) -> str:
     return line.rstrip(b"\r").decode("utf-8", "replace")
+
+
+def note_requests(facts: CaptureFacts, count: int) -> None:
+    """Say how many lines tell what was only asked to be sent (`TxRq`), which is no frame on the bus."""
+    if count:
+        facts.notes.append(
+            f"{count} line(s) tell what was asked to be sent (TxRq); they are no frames on the bus"
+        )
 
 
 def bit_flags(

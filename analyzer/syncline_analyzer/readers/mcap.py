@@ -8,8 +8,10 @@ from syncline_analyzer.capture import CaptureFacts, TimeBase
 from syncline_analyzer.readers.possible import possible
 from syncline_schemas.batch import FrameBatch, Gap
 from syncline_schemas.can_errors import SOCKETCAN_INTERFACES
+from syncline_schemas.capture.adapter_fit import fits_of
 from syncline_schemas.capture.clock_history import ClockHistory, ClockRepair
 from syncline_schemas.capture.layout import (
+    ADAPTERS_METADATA_NAME,
     CLOCK_TOPIC,
     DESCRIPTION_ATTACHMENT,
     DESCRIPTION_MEDIA_TYPE,
@@ -115,6 +117,8 @@ class McapReader:
         self.facts.marks = list(scanned.marks)
         learned = scanned.metadata_records.get(LEARNED_METADATA_NAME, {})
         self.facts.learned = learned_settings(learned)
+        adapters = scanned.metadata_records.get(ADAPTERS_METADATA_NAME, {})
+        self.facts.adapter_fits = {**fits_of(adapters), **self.facts.adapter_fits}
         for attachment in scanned.attachments:
             if attachment.name == DESCRIPTION_ATTACHMENT:
                 self.facts.description_toml = attachment.data.decode(errors="replace")

@@ -8,8 +8,16 @@ import re
 from pathlib import Path
 
 from syncline_analyzer.capture import CaptureFacts
+from syncline_analyzer.readers.csv_columns import csv_columns
 from syncline_analyzer.readers.layout import FrameLayout, regular_bytes
-from syncline_analyzer.readers.lines import LineFormat, NoFrame, OddFrame, Parsed, bit_flags
+from syncline_analyzer.readers.lines import (
+    LineFormat,
+    NoFrame,
+    OddFrame,
+    Parsed,
+    bit_flags,
+    note_requests,
+)
 from syncline_analyzer.readers.times import SECOND_NS, date_ns, decimal_times, seconds_ns
 from syncline_schemas.batch import FrameFlag
 
@@ -38,6 +46,7 @@ class MemoratorFormat(LineFormat):
         super().__init__(CaptureFacts(path, "kvaser", time_base="relative"))
         self._id_base = self._data_base = 16
         self._overruns = 0
+        self._requests = 0
 
     def prepare(self, head: bytes) -> None:
         """The bases of numbers, and the date of the log, where it has one."""
@@ -72,7 +81,10 @@ class MemoratorFormat(LineFormat):
                 (seconds_ns(found["s"], found["f"]), bus, 0, int(FrameFlag.ERROR), 8, bytes(8))
             )
         # What the logger was asked to send is on the bus when it says so in another line.
-        return NoFrame() if found["way"] == b"TxRq" else self._frame(found, bus)
+        if found["way"] == b"TxRq":
+            self._requests += 1
+            return NoFrame()
+        return self._frame(found, bus)
 
     def _frame(self, found: re.Match[bytes], bus: int) -> Parsed:
         marks, extended = found["flags"], bool(found["x"])
@@ -130,15 +142,22 @@ class MemoratorFormat(LineFormat):
         return bytes(int(byte, self._data_base) for byte in shown)
 
     def finish(self, last_ns: int | None) -> None:
-        """Say it when the logger lost frames."""
+        """Say it when the logger lost frames, or was asked to send some."""
+        note_requests(self.facts, self._requests)
         if self._overruns:
             self.facts.notes.append(f"the logger lost frames before {self._overruns} of those here")
 
 
 def is_memorator(lines: list[bytes]) -> bool:
-    """Whether these lines are of a Memorator log: its title, the head of its columns, or frames."""
-    if any(_TITLE.match(line) or _HEAD.match(line) for line in lines[:60]):
+    """Whether these lines are of a Memorator log: the head of its columns, or frames, or its title alone.
+
+    Below the title there may be a table with commas: another of the forms that Kvaser's tools write.
+    """
+    if any(_HEAD.match(line) for line in lines[:60]):
         return True
     filled = [line for line in lines if line.strip()][:50]
     framed = sum(_LINE.match(line) is not None for line in filled)
-    return framed > 0 and 2 * framed >= len(filled)
+    if framed > 0 and 2 * framed >= len(filled):
+        return True
+    titled = any(_TITLE.match(line) for line in lines[:60])
+    return titled and (framed > 0 or csv_columns(lines) is None)

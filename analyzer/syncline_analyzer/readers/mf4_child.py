@@ -14,6 +14,7 @@ from typing import BinaryIO, Final
 
 from syncline_analyzer.readers.mf4 import Message
 from syncline_analyzer.readers.mf4_repair import is_whole, mend
+from syncline_schemas.errors import CaptureError, SynclineError
 
 _LEAST_BYTES: Final = 2 << 30
 """Address space beside three times the file."""
@@ -31,9 +32,9 @@ def main(name: str) -> None:
     path = Path(name)
     with suppress(BrokenPipeError):
         try:
-            with _readable(path) as whole:
-                for message in _messages(path, whole):
-                    _tell(out, message)
+            _bound_memory(path)
+            for message in messages(path):
+                _tell(out, message)
         except MemoryError:
             _tell(
                 out,
@@ -54,25 +55,30 @@ def _end_with(parent: int) -> None:
 
 
 def _said(path: Path, error: Exception) -> str:
-    from syncline_schemas.errors import SynclineError
-
     if isinstance(error, SynclineError):
         return str(error)
     return f"{path}: cannot be read as ASAM MDF: {str(error) or type(error).__name__}"
 
 
-def _messages(path: Path, whole: tuple[Path, str | None]) -> Iterator[Message]:
+def messages(path: Path) -> Iterator[Message]:
+    """What this process tells of a file.
+
+    Raises:
+        CaptureError: the file cannot be read, or it holds no CAN frames.
+    """
     from syncline_analyzer.readers.mf4_library import Mf4Frames
 
-    readable, damage = whole
-    _bound_memory(path)
-    reader = Mf4Frames(readable, path)
-    reader.facts.damage = reader.facts.damage or damage
-    yield Message(reader.facts)
-    for frames in reader.batches():
+    with _readable(path) as (readable, damage):
+        try:
+            reader = Mf4Frames(readable, path)
+        except CaptureError as error:
+            raise CaptureError(f"{error}; {damage}" if damage else str(error)) from None
         reader.facts.damage = reader.facts.damage or damage
-        yield Message(reader.facts, frames)
-    yield Message(reader.facts, ends=True)
+        yield Message(reader.facts)
+        for frames in reader.batches():
+            reader.facts.damage = reader.facts.damage or damage
+            yield Message(reader.facts, frames)
+        yield Message(reader.facts, ends=True)
 
 
 def _tell(out: BinaryIO, message: Message) -> None:
@@ -93,7 +99,7 @@ def _readable(path: Path) -> Iterator[tuple[Path, str | None]]:
         with path.open("rb") as source, copy.open("w+b") as target:
             while block := source.read(1 << 20):
                 target.write(block)
-            damage = mend(target)
+            damage = mend(target, path)
         yield copy, damage
 
 

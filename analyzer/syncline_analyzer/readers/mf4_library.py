@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from syncline_analyzer.capture import CaptureFacts
 from syncline_analyzer.readers.mf4_chains import has_endless_chain
+from syncline_analyzer.readers.mf4_values import values_at
 from syncline_analyzer.readers.possible import possible
 from syncline_analyzer.readers.resolution import Resolution
 from syncline_analyzer.readers.times import FIRST_UTC_NS, SECOND_NS
@@ -27,9 +28,20 @@ _KINDS: Final = {
     "CAN_RemoteFrame": FrameFlag.REMOTE,
     "CAN_ErrorFrame": FrameFlag.ERROR,
 }
+_NEEDED: Final[dict[int, tuple[str, ...]]] = {
+    0: ("ID", "DLC", "DataBytes"),
+    FrameFlag.REMOTE: ("ID", "DLC"),
+    FrameFlag.ERROR: (),
+}
+"""Fields without which records of a kind would be read as other frames than there were."""
+_LENGTHS: Final = np.array([*range(9), 12, 16, 20, 24, 32, 48, 64], np.int64)
+"""By DLC: data bytes."""
 _MAX_BUSES: Final = 256
 _MOST_BYTES: Final = 1 << 16
 """No record of a CAN frame is longer."""
+_APART: Final = 1
+"""Type of channels whose values are apart from the records, in which only their places stand."""
+_DATA_BYTES: Final = 64
 _VIRTUAL: Final = (3, 6)
 """Types of channels that have no bytes in the records."""
 _LOCAL_TIME: Final = 1
@@ -64,18 +76,33 @@ def _opened(path: Path, file: BinaryIO, library: Any) -> Any:
     try:
         return library(file, __internal__=True, original_name=None, process_bus_logging=False)
     except Exception as error:  # noqa: BLE001  whatever a damaged file makes of asammdf
-        problem = str(error) or type(error).__name__
+        # What is read may be a mended copy.
+        problem = str(error).replace(file.name, path.name) or type(error).__name__
     raise CaptureError(f"{path}: cannot be read as ASAM MDF: {problem}")
 
 
 def _fits(group: Any) -> bool:
     """Whether all fields lie within the records: asammdf reads whatever memory they point to."""
     size = int(group.channel_group.samples_byte_nr)
-    return size <= _MOST_BYTES and all(
+    whole = size + int(group.channel_group.invalidation_bytes_nr)
+    return whole <= _MOST_BYTES and all(
         each.byte_offset + (each.bit_offset + each.bit_count + 7) // 8 <= size
         for each in group.channels
         if each.channel_type not in _VIRTUAL
     )
+
+
+def _places_only(group: Any) -> dict[str, int]:
+    """Let asammdf read only the places of values apart from the records, by number; their channels.
+
+    The native code by which it reads the values themselves follows places and lengths wherever they lead.
+    """
+    apart = {}
+    for number, channel in enumerate(group.channels):
+        if channel.channel_type == _APART:
+            channel.channel_type = channel.data_type = 0
+            apart[str(channel.name)] = number
+    return apart
 
 
 def _closed(mdf: Any, file: BinaryIO) -> None:
@@ -104,6 +131,8 @@ class Mf4Frames:
             file.close()
             raise
         self._close = weakref.finalize(self, _closed, self._mdf, file)
+        self._apart: dict[int, dict[str, int]] = {}
+        self._outside = 0
         self._groups = list(self._can_groups())
         if not self._groups:
             why = f" that can be read: {self.facts.damage}" if self.facts.damage else ""
@@ -124,6 +153,7 @@ class Mf4Frames:
                 if kind not in names or not group.channel_group.cycles_nr:
                     continue
                 if _fits(group):
+                    self._apart[index] = _places_only(group)
                     yield index, kind, int(group.channel_group.cycles_nr)
                 else:
                     self.facts.damage = f"the fields of {kind} lie outside of its records"
@@ -136,8 +166,7 @@ class Mf4Frames:
         while True:
             for number, (_, _, count) in enumerate(self._groups):
                 if not len(pending[number]) and at[number] < count:
-                    pending[number] = self._frames(number, at[number])
-                    at[number] += _RECORDS_AT_ONCE
+                    pending[number], at[number] = self._frames(number, at[number])
             filled = [each for each in pending if len(each)]
             if not filled:
                 break
@@ -155,23 +184,61 @@ class Mf4Frames:
             self.facts.resolution_ns = resolution.step_ns
             yield possible(frames, self.facts)
 
-    def _frames(self, number: int, at: int) -> FrameBatch:
-        index, name, _ = self._groups[number]
+    def _frames(self, number: int, at: int) -> tuple[FrameBatch, int]:
+        """The frames of a group from a record on, and the record behind them."""
+        index, name, count = self._groups[number]
+        wanted = min(_RECORDS_AT_ONCE, count - at)
         try:
             signal = self._mdf.get(
                 name, index, record_offset=at, record_count=_RECORDS_AT_ONCE, raw=True
             )
             seconds = np.nan_to_num(np.asarray(signal.timestamps, np.float64))
             stamps = np.rint(np.clip(seconds, -_MOST_S, _MOST_S) * SECOND_NS).astype(np.int64)
-            return self._batch(name, stamps + self._start_ns, signal.samples)
+            fits, samples = self._complete(index, name, signal.samples)
+            frames = self._batch(name, stamps + self._start_ns, samples)[fits]
         except Exception as error:  # noqa: BLE001  whatever a damaged file makes of asammdf
             self.facts.damage = f"the frames of {name} cannot be read: {error}"
-            return FrameBatch.empty()
+            return FrameBatch.empty(), count
+        if len(samples) < wanted:
+            missing = count - at - len(samples)
+            self.facts.damage = f"{missing} of {count} records of {name} are missing"
+            return frames, count
+        return frames, at + wanted
+
+    def _complete(
+        self, index: int, name: str, samples: NDArray[np.void]
+    ) -> tuple[NDArray[np.bool_], NDArray[np.void]]:
+        """Records with their data bytes where those are apart, and whether each has them."""
+        fits, field = np.ones(len(samples), np.bool_), f"{name}.DataBytes"
+        channel = self._apart[index].get(field)
+        if channel is None or samples.ndim != 1 or field not in (samples.dtype.names or ()):
+            return fits, samples
+        places = samples[field].astype(np.uint64).reshape(len(samples))
+        first, last = (int(places.min()), int(places.max())) if len(places) else (0, 0)
+        group = self._mdf.groups[index]
+        raw = self._mdf._load_signal_data(group=group, index=channel, offsets=(first, last))
+        data, fits = values_at(raw, places - np.uint64(first), _DATA_BYTES)
+        if outside := int(np.count_nonzero(~fits)):
+            self._outside += outside
+            self.facts.damage = f"the data bytes of {self._outside} frame(s) are missing"
+        kind = [
+            (each, samples.dtype[each])
+            for each in samples.dtype.names or ()
+            if each.startswith(f"{name}.") and each != field
+        ]
+        out = np.zeros(len(samples), [*kind, (field, np.uint8, (_DATA_BYTES,))])
+        for each, _ in kind:
+            out[each] = samples[each]
+        out[field] = data
+        return fits, out
 
     def _batch(self, name: str, t_ns: NDArray[np.int64], samples: NDArray[np.void]) -> FrameBatch:
         fields = samples.dtype.names or ()
         if samples.ndim != 1 or not fields:
             raise ValueError("its records have no fields")
+        needed = _NEEDED[_KINDS[name]]
+        if missing := [field for field in needed if f"{name}.{field}" not in fields]:
+            raise ValueError(f"its records have no {' and no '.join(missing)}")
 
         def column(field: str) -> NDArray[np.int64]:
             wanted = f"{name}.{field}"
@@ -196,7 +263,10 @@ class Mf4Frames:
             (FrameFlag.ESI, fd & (column("ESI") != 0)),
         ):
             flags |= np.where(given, flag, 0).astype(np.uint16)
-        stated = column("DataLength" if _KINDS[name] != FrameFlag.REMOTE else "DLC")
+        stated = column("DLC")
+        if _KINDS[name] != FrameFlag.REMOTE:
+            told = f"{name}.DataLength" in fields
+            stated = column("DataLength") if told else _LENGTHS[np.clip(stated, 0, 15)]
         dlc = np.clip(stated, 0, 8 if _KINDS[name] == FrameFlag.REMOTE else 64)
         data = np.zeros((len(samples), 64 if bool(np.any(dlc > 8)) else 8), np.uint8)
         if f"{name}.DataBytes" in fields and _KINDS[name] != FrameFlag.REMOTE:

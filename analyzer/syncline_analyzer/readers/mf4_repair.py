@@ -1,146 +1,129 @@
-"""ASAM MDF 4 files that were never finished, or cut off: lengths and counts brought to what stands.
+"""ASAM MDF 4 files that were never finished, or cut off: links, lengths and counts brought to what stands.
 
-Loggers write what describes the records first and the records after it, as CANedge does; until a file
-is closed its counts are not true. Source: ASAM MDF 4.1, "Unfinalized files", "Data block", "Record layout".
+Loggers write what describes the records first and the records after it, as CANedge does; other tools
+write the records first, in lists of blocks. Until a file is closed its counts are not true. Source:
+ASAM MDF 4.1, "Unfinalized files", "Data block", "Record layout".
 """
 
-import os
-import struct
-from collections.abc import Iterator
-from typing import BinaryIO, Final, NamedTuple
+from pathlib import Path
+from typing import BinaryIO, Final
 
-_HD: Final = 64
-_HEAD: Final = 24
+from syncline_analyzer.readers.mf4_blocks import HEAD_BYTES, Blocks
+from syncline_analyzer.readers.mf4_data import Data, Piece
+from syncline_analyzer.readers.mf4_mended_data import counted, mended, unlisted, with_values
+from syncline_analyzer.readers.mf4_survey import Group, Records, Survey, survey
+from syncline_schemas.errors import CaptureError
+
 _FLAGS_AT: Final = 60
-_MOST_BLOCKS: Final = 100_000
-_VLSD: Final = 1
-"""Flag of a channel group: its records are of variable length, each after its length."""
-_READ_BYTES: Final = 1 << 20
-
-
-class _Group(NamedTuple):
-    """A channel group: where its block is, and how long its records are; 0 where each tells."""
-
-    at: int
-    record_id: int
-    cycles: int
-    record_bytes: int
+_LENGTH_AT: Final = 8
+_DATA_LINK_AT: Final = HEAD_BYTES + 2 * 8
+_CYCLES_AT: Final = 80
+_SIZES_AT: Final = 96
 
 
 def is_whole(file: BinaryIO) -> bool:
-    """Whether a file was finished and no data block ends behind it; the file's place is kept."""
+    """Whether a file was finished and no block ends behind it; the file's place is kept."""
     place = file.tell()
     try:
-        file.seek(0)
-        if file.read(8) == b"UnFinMF ":
-            return False
-        size = _size(file)
-        return all(at + length <= size for _, at, length in _data(file))
+        return survey(Blocks(file)).whole
     finally:
         file.seek(place)
 
 
-def mend(file: BinaryIO) -> str | None:
-    """Make lengths and counts those of the records that stand; what was missing, None if nothing."""
-    size, cut = _size(file), False
-    for group, at, length in list(_data(file)):
-        unknown = length <= _HEAD
-        if not unknown and at + length <= size:
-            continue
-        cut |= not unknown
-        kept, counts = _counted(file, group, at + _HEAD, size)
-        _write(file, at + 8, kept - at)
-        for each in _groups(file, group):
-            _write(file, each.at + 80, counts.get(each.record_id, 0))
-    file.seek(0)
-    file.write(b"MDF     ")
-    file.seek(_FLAGS_AT)
-    file.write(bytes(4))
+def mend(file: BinaryIO, path: Path) -> str | None:
+    """Make links, lengths and counts those of what stands; what was missing, None if nothing.
+
+    Raises:
+        CaptureError: nothing tells how the records are laid out; `path` is what the file is called.
+    """
+    blocks = Blocks(file)
+    found = survey(blocks)
+    if not found.described:
+        raise CaptureError(_undescribed(path, blocks))
+    for block, number in found.dangling:
+        blocks.write_link(block, number, 0)
+    left_out = _adopt(found)
+    kept, stated = 0, 0
+    for records in found.records:
+        stated += sum(each.cycles for each in records.groups.values() if each.record_bytes)
+        kept += _mend_records(blocks, records, unfinished=found.unfinished)
+    blocks.write(0, int.from_bytes(b"MDF     ", "little"))
+    blocks.write(_FLAGS_AT, 0, "<I")
     file.flush()
-    return "the file is cut off" if cut else "the file was never finished; what stands is read"
+    return _damage(found, kept, stated, left_out)
 
 
-def _size(file: BinaryIO) -> int:
-    return file.seek(0, os.SEEK_END)
+def _undescribed(path: Path, blocks: Blocks) -> str:
+    pieces = list(unlisted(blocks, set(), b"##DT"))
+    size = sum(each.stored for each in pieces)
+    stands = (
+        f"{len(pieces)} block(s) with {size} bytes of them stand, which nothing tells how to read"
+    )
+    return (
+        f"{path}: an ASAM MDF file cut off after {blocks.size} bytes, before what describes its"
+        f" records: {stands if pieces else 'none of them stand'}"
+    )
 
 
-def _links(file: BinaryIO, at: int, count: int) -> tuple[int, ...]:
-    raw = _at(file, at + _HEAD, 8 * count)
-    return struct.unpack(f"<{count}Q", raw) if len(raw) == 8 * count else (0,) * count
+def _damage(found: Survey, kept: int, stated: int, left_out: int) -> str | None:
+    said = []
+    if found.unfinished:
+        said.append(f"the file was never finished; what stands is read: {kept} records")
+    elif stated:
+        said.append(f"the file is cut off: {kept} of {stated} records stand")
+    else:
+        said.append("the file is cut off")
+    if found.undescribed:
+        said.append(f"what describes {'some of ' if stated else ''}its records is missing")
+    if left_out:
+        said.append(f"{left_out} block(s) of records are left out that no list names")
+    return "; ".join(said)
 
 
-def _at(file: BinaryIO, at: int, count: int) -> bytes:
-    try:
-        file.seek(at)
-    except (OSError, ValueError, OverflowError):  # further than any file reaches
-        return b""
-    return file.read(count)
+def _adopt(found: Survey) -> int:
+    """Add blocks that no list names where only one can have named them; how many are left out."""
+    missing = [each for each in found.records if each.data.unlisted]
+    if not missing:
+        return 0
+    known = {piece.at for each in found.records for piece in each.data.pieces}
+    open_end = found.blocks.size if found.unfinished else 0
+    pieces = list(unlisted(found.blocks, known, b"##DT", open_end))
+    if len(missing) > 1:
+        return len(pieces)
+    records = missing[0]
+    ends = next((number for number, each in enumerate(pieces) if not each.whole), len(pieces))
+    data = Data((*records.data.pieces, *pieces[: ends + 1]), whole=False)
+    found.records[found.records.index(records)] = records._replace(data=data)
+    return 0
 
 
-def _write(file: BinaryIO, at: int, value: int) -> None:
-    file.seek(at)
-    file.write(struct.pack("<Q", value))
+def _mend_records(blocks: Blocks, records: Records, *, unfinished: bool) -> int:
+    """Let a data group end with what stands of it; how many records do."""
+    cut = [each for each in records.signals if not each.data.whole]
+    if not records.data.known or (records.data.whole and not cut and not unfinished):
+        return sum(each.cycles for each in records.groups.values() if _frames(each))
+    pieces: tuple[Piece, ...] = records.data.pieces
+    if not records.data.whole:
+        pieces = mended(blocks, records.at + _DATA_LINK_AT, records.data)
+    size, counts = counted(blocks, pieces, records.groups, records.id_bytes)
+    if len(pieces) == 1 and pieces[0].packing is None:
+        blocks.write(pieces[0].at + _LENGTH_AT, HEAD_BYTES + size)
+    cut = [each._replace(data=Data(mended(blocks, each.link_at, each.data))) for each in cut]
+    kept = 0
+    for group in records.groups.values():
+        count = counts.get(group.record_id)
+        if count is None:
+            continue
+        most = count.records if unfinished else min(count.records, group.cycles)
+        for signal in cut if not records.id_bytes else ():
+            most = with_values(blocks, pieces, group.record_bytes, signal, most)
+        blocks.write(group.at + _CYCLES_AT, most)
+        kept += most if _frames(group) else 0
+        if not group.record_bytes:
+            blocks.write(group.at + _SIZES_AT, count.bytes)
+    return kept
 
 
-def _data(file: BinaryIO) -> Iterator[tuple[int, int, int]]:
-    """Of each data group with one plain data block: where it is, where the block is, its length."""
-    group = _links(file, _HD, 1)[0]
-    for _ in range(_MOST_BLOCKS):
-        if not group:
-            return
-        following, _, data = _links(file, group, 3)
-        head = _at(file, data, 16) if data else b""
-        if head[:4] == b"##DT" and len(head) == 16:
-            yield group, data, struct.unpack("<Q", head[8:])[0]
-        group = following
-
-
-def _groups(file: BinaryIO, data_group: int) -> Iterator[_Group]:
-    at = _links(file, data_group, 2)[1]
-    for _ in range(_MOST_BLOCKS):
-        raw = _at(file, at + 72, 32) if at else b""
-        if len(raw) < 32:
-            return
-        record_id, cycles, flags, _, _, size, invalid = struct.unpack("<QQHHIII", raw)
-        yield _Group(at, record_id, cycles, 0 if flags & _VLSD else size + invalid)
-        at = _links(file, at, 1)[0]
-
-
-def _counted(file: BinaryIO, data_group: int, start: int, end: int) -> tuple[int, dict[int, int]]:
-    """Where the last whole record ends, and how many records each group has."""
-    groups = {each.record_id: each for each in _groups(file, data_group)}
-    id_bytes = (_at(file, data_group + _HEAD + 32, 1) or b"\0")[0]
-    if not id_bytes:
-        sizes = [each.record_bytes for each in groups.values()]
-        if len(sizes) != 1 or not sizes[0]:
-            return start, {}
-        count = (end - start) // sizes[0]
-        return start + count * sizes[0], dict.fromkeys(groups, count)
-    return _walked(file, groups, id_bytes, (start, end))
-
-
-def _walked(
-    file: BinaryIO, groups: dict[int, _Group], id_bytes: int, span: tuple[int, int]
-) -> tuple[int, dict[int, int]]:
-    """The same for records of several groups, each after its number."""
-    counts = dict.fromkeys(groups, 0)
-    at, end = span
-    block, begin = b"", at
-    while at < end:
-        if at + id_bytes + 4 > begin + len(block):
-            begin, block = at, _at(file, at, min(_READ_BYTES, end - at))
-        place = at - begin
-        group = groups.get(int.from_bytes(block[place : place + id_bytes], "little"))
-        if group is None:
-            break
-        size = group.record_bytes
-        if not size:
-            told = block[place + id_bytes : place + id_bytes + 4]
-            if len(told) < 4:
-                break
-            size = 4 + int.from_bytes(told, "little")
-        if at + id_bytes + size > end:
-            break
-        at += id_bytes + size
-        counts[group.record_id] += 1
-    return at, counts
+def _frames(group: Group) -> bool:
+    """Whether the records of a group are ones that can be read, and no values of other ones."""
+    return group.described and group.record_bytes > 0

@@ -46,9 +46,9 @@ class _Clock:
         distances = np.diff(t_ns)
         if self._shared < _SHARED:
             # A recorder may write down the same frame twice.
-            other = can_id[1:] != can_id[:-1]
-            soon = (distances >= 0) & (distances < _SOONER_NS) & other
-            self._shared += int(np.count_nonzero(soon))
+            # A negative distance is a large unsigned one.
+            soon = np.flatnonzero(distances.view(np.uint64) < _SOONER_NS)
+            self._shared += int(np.count_nonzero(can_id[soon + 1] != can_id[soon]))
         if len(self._distances) < _DISTANCES:
             self._distances.update(np.unique(distances)[:_DISTANCES].tolist())
 
@@ -92,6 +92,9 @@ class Resolution:
 
     def sample(self, t_ns: Ints, bus: NDArray[np.uint8], can_id: NDArray[np.uint32]) -> None:
         """Look at some of the times, with the bus and the identifier of each frame."""
+        if len(bus) and bool((bus == bus[0]).all()):
+            self._clocks[int(bus[0])].sample(t_ns, can_id)
+            return
         for number in np.flatnonzero(np.bincount(bus)).tolist():
             rows = bus == number
             self._clocks[number].sample(t_ns[rows], can_id[rows])

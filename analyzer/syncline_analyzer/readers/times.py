@@ -98,16 +98,20 @@ _ISO = re.compile(
 def date_ns(text: str) -> int | None:
     """A date in one of the spellings of log headers, taken as UTC; None when it is none.
 
+    One before 2000 is that of a clock that was never set, or of a tool that had none: no date either.
     A fraction of fewer than three digits is a number of milliseconds: the makers write three, and
     python-can's writer leaves out their leading zeros.
 
     >>> date_ns("Mon Mar 30 02:51:58.002 pm 2009") == date_ns("Mon Mar 30 14:51:58.2 2009")
     True
+    >>> date_ns("Thu Jan 1 01:00:00 1970") is None
+    True
     """
     for pattern in (_ENGLISH, _NUMERIC, _ISO):
         found = pattern.search(text[:_MAX_DATE])
         if found:
-            return _date_of(found)
+            t_ns = _date_of(found)
+            return t_ns if t_ns is not None and t_ns >= FIRST_UTC_NS else None
     return None
 
 
@@ -138,17 +142,23 @@ def _date_of(found: re.Match[str]) -> int | None:
     return None if whole is None else whole + part_ns
 
 
-def ole_date_ns(text: str) -> int | None:
-    """Days since 1899-12-30 as ns since the UNIX epoch, rounded to 1 ns; None when no number.
+_FIRST_DAY: Final = 36_526
+"""2000-01-01, as `FIRST_UTC_NS`."""
 
-    >>> ole_date_ns("25569.5") == 12 * 3600 * SECOND_NS
+
+def ole_date_ns(text: str) -> int | None:
+    """Days since 1899-12-30 as ns since the UNIX epoch, rounded to 1 ns; None when no number, or before 2000.
+
+    >>> ole_date_ns("36526.5") - FIRST_UTC_NS == 12 * 3600 * SECOND_NS
+    True
+    >>> ole_date_ns("25569.5") is None
     True
     """
     try:
         days = Decimal(text.strip().replace(",", "."))
         return (
             round((days - 25569) * 86400 * SECOND_NS)
-            if days.is_finite() and 0 <= days < 100_000
+            if days.is_finite() and _FIRST_DAY <= days < 100_000
             else None
         )
     except ArithmeticError:

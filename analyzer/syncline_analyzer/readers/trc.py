@@ -44,6 +44,7 @@ _COLUMNS = {
 }
 _DEFAULT_COLUMNS = {"2.0": "N,O,T,I,d,l,D", "2.1": "N,O,T,B,I,d,R,L,D"}
 _SETTING = re.compile(rb"\s*;\$(?P<key>FILEVERSION|STARTTIME|COLUMNS)=(?P<value>[^\r\n]*)")
+_START_SETTING = re.compile(rb"^[ \t]*;\$STARTTIME=(?P<value>[^\r\n]{0,100})", re.MULTILINE)
 _START_COMMENT = re.compile(rb"^[ \t]*;[ \t]*Start time:[ \t]*(?P<text>[^\r\n]+)", re.MULTILINE)
 _COMMENT = re.compile(rb"\s*;")
 _RULER = re.compile(rb"\s*;-+\+-")
@@ -79,8 +80,14 @@ class TrcFormat(LineFormat):
 
     def prepare(self, head: bytes) -> None:
         """The start time, from the setting or else from the comment that older versions have."""
-        if b";$STARTTIME=" in head:
+        setting = _START_SETTING.search(head)
+        if setting and ole_date_ns(setting["value"].decode("latin-1")) is not None:
             self.facts.time_base = "utc"
+        elif setting:
+            self.facts.notes.append(
+                "the log's start time is none, or before 2000: it is taken for none"
+            )
+            return
         else:
             comment = _START_COMMENT.search(head)
             start_ns = _comment_ns(comment["text"].decode("latin-1")) if comment else None
@@ -97,10 +104,7 @@ class TrcFormat(LineFormat):
             return False
         value = found["value"].decode("latin-1").strip()
         if found["key"] == b"STARTTIME":
-            start_ns = ole_date_ns(value)
-            if start_ns is None:
-                self.facts.notes.append(f"the start time {value!r} cannot be read")
-            self.origin_ns = start_ns or 0
+            self.origin_ns = ole_date_ns(value) or 0
         elif found["key"] == b"FILEVERSION":
             self._version = value
             self.facts.metadata["version"] = value

@@ -1,6 +1,6 @@
 """Everything one pass over a capture tells."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +47,7 @@ from syncline_analyzer.results.timing import (
     WorstRow,
 )
 from syncline_analyzer.results.waiting import DelayRow, LatenessRow, WaitRow
+from syncline_schemas.records import dataclass
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,10 +1,12 @@
 """Traces of position-like objects."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
+from syncline_schemas.records import dataclass
 
 EventKind = Literal[
     "jump",

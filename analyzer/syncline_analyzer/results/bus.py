@@ -1,7 +1,9 @@
 """The bus itself: load, error frames, clock, LSS, TIME."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Literal
+
+from syncline_schemas.records import dataclass
 
 
 @dataclass(frozen=True, slots=True)

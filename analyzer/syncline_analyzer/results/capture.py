@@ -1,6 +1,8 @@
 """The capture as a whole and its gaps."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
+
+from syncline_schemas.records import dataclass
 
 
 @dataclass(frozen=True, slots=True)

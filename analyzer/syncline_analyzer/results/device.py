@@ -1,7 +1,8 @@
 """What was changed in the devices, and how they are."""
 
-from dataclasses import dataclass
 from typing import Literal
+
+from syncline_schemas.records import dataclass
 
 ChangeCause = Literal[
     "sdo-write", "side effect", "reset", "factory reset", "seen by a read", "order", "lss"

@@ -1,7 +1,9 @@
 """EMCY messages, errors, their context and history."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, Literal
+
+from syncline_schemas.records import dataclass
 
 
 @dataclass(frozen=True, slots=True)

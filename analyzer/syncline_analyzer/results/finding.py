@@ -1,7 +1,9 @@
 """Findings and the links of their stories."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Literal
+
+from syncline_schemas.records import dataclass
 
 Severity = Literal["error", "warning", "info"]
 SEVERITY_RANK: dict[Severity, int] = {"error": 0, "warning": 1, "info": 2}

@@ -1,9 +1,10 @@
 """Nodes, their NMT states and the commands."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Literal
 
 from syncline_analyzer.results.quantiles import Quantiles
+from syncline_schemas.records import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,6 @@
 """Spread of a quantity."""
 
-from dataclasses import dataclass
+from syncline_schemas.records import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,8 @@
 """SDO transfers and what they tell of the objects."""
 
-from dataclasses import dataclass
 from typing import Literal
+
+from syncline_schemas.records import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,6 @@
 """SDO transfers as records of fixed size, and the rows that they stand for."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -10,6 +9,7 @@ from numpy.typing import NDArray
 from syncline_analyzer.results.sdo import SdoRow
 from syncline_schemas.canopen.datatypes import DATA_TYPES, decode_value
 from syncline_schemas.canopen.sdo import abort_meaning
+from syncline_schemas.records import dataclass
 
 DIRECTIONS = ("upload", "download")
 KINDS = ("expedited", "segmented", "block")

@@ -1,9 +1,11 @@
 """Tilts: both axes of an inclinometer taken together."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 from numpy.typing import NDArray
+
+from syncline_schemas.records import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,12 +1,13 @@
 """SYNC and PDOs."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.results.quantiles import Jitter, Quantiles
+from syncline_schemas.records import dataclass
 
 
 @dataclass(frozen=True, slots=True)

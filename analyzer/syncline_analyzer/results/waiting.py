@@ -1,8 +1,9 @@
 """What synchronous PDOs waited for, and whether bus or device made them late."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from syncline_analyzer.results.quantiles import Quantiles
+from syncline_schemas.records import dataclass
 
 
 @dataclass(frozen=True, slots=True)

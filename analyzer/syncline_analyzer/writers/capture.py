@@ -10,8 +10,17 @@ from syncline_analyzer.redaction import REDACTED_KEY
 from syncline_analyzer.writers.carried import NOT_SOCKETCAN, write_marks
 from syncline_analyzer.writers.log import LogWriter, Survey
 from syncline_schemas.batch import FrameBatch, Gap
+from syncline_schemas.capture.adapter_fit import fits_record
 from syncline_schemas.capture.gap_message import gap_message
-from syncline_schemas.capture.layout import GAP_TOPIC, Attachment, BusInfo, CaptureMetadata
+from syncline_schemas.capture.layout import (
+    ADAPTERS_METADATA_NAME,
+    GAP_TOPIC,
+    LEARNED_METADATA_NAME,
+    Attachment,
+    BusInfo,
+    CaptureMetadata,
+)
+from syncline_schemas.capture.learned import learned_record
 from syncline_schemas.capture.message import MessageBlock, schema_of
 from syncline_schemas.capture.writer import CaptureWriter
 from syncline_schemas.proto import syncline_pb2
@@ -46,6 +55,10 @@ class McapWriter(LogWriter):
             for number, name in enumerate(survey.buses)
         ]
         self._writer = CaptureWriter(stream, metadata, buses, attachments=attachments)
+        if learned := learned_record(survey.learned):
+            self._writer.add_metadata(LEARNED_METADATA_NAME, learned)
+        if adapters := fits_record(survey.adapter_fits):
+            self._writer.add_metadata(ADAPTERS_METADATA_NAME, adapters)
 
     def write(self, batch: FrameBatch) -> None:
         """Write frames."""

@@ -36,7 +36,9 @@ BIT_RATES: Final = "bit rates"
 ATTACHED: Final = "attached descriptions and device files"
 RECORDER_MARKS: Final = "moments that the recorder marked"
 REDACTED: Final = "that payloads are redacted"
-_FOREIGN: Final = (GAPS, NO_TIMES, ATTACHED, RECORDER_MARKS, REDACTED)
+LEARNED: Final = "what the recorder had learned of devices"
+ADAPTERS: Final = "how well clocks of adapters were known"
+_FOREIGN: Final = (GAPS, NO_TIMES, ATTACHED, RECORDER_MARKS, REDACTED, LEARNED, ADAPTERS)
 
 WRITE_FORMATS: Final = (
     WriteFormat("mcap", (".mcap",), packed_outside=False),

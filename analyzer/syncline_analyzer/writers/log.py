@@ -3,13 +3,16 @@
 import re
 from abc import ABC, abstractmethod
 from collections import Counter
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import BinaryIO
 
 import numpy as np
 
 from syncline_analyzer.writers.formats import BUS_NAMES, GAPS, MARKS
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
+from syncline_schemas.capture.adapter_fit import AdapterFit
+from syncline_schemas.capture.learned import Settings
 from syncline_schemas.capture.mark import Mark
 
 
@@ -27,6 +30,8 @@ class Survey:
         marks: of the recorder, their buses as numbered here.
         redacted: identifiers whose payload is redacted, as `Redaction.text` has them.
         foreign_errors: buses whose error frames hold another driver's bytes.
+        learned: by (bus as numbered here, node): what segments before the first file revealed.
+        adapter_fits: by bus name, of adapters with a clock of their own.
     """
 
     buses: tuple[str, ...]
@@ -42,6 +47,8 @@ class Survey:
     marks: tuple[Mark, ...] = ()
     redacted: str = ""
     foreign_errors: frozenset[str] = frozenset()
+    learned: Mapping[tuple[int, int], Settings] = field(default_factory=dict)
+    adapter_fits: Mapping[str, AdapterFit] = field(default_factory=dict)
 
     @property
     def origin_ns(self) -> int:

@@ -1,5 +1,7 @@
 """How well the stamps of an adapter's own clock were mapped onto UTC."""
 
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Self
 
@@ -32,3 +34,25 @@ class AdapterFit:
             max(before.worst_residual_ns if before else 0, sample.residual_ns),
             sample.rate_ppb,
         )
+
+
+def fits_record(fits: Mapping[str, AdapterFit]) -> dict[str, str]:
+    """The metadata record of fits by bus name, for a capture that has no clock samples of its own.
+
+    >>> fits_record({"can0": AdapterFit(9, 2_000, 80_000, -350)})
+    {'can0': '9 2000 80000 -350'}
+    """
+    return {
+        bus: f"{fit.samples} {fit.residual_ns} {fit.worst_residual_ns} {fit.rate_ppb}"
+        for bus, fit in fits.items()
+    }
+
+
+def fits_of(record: Mapping[str, str]) -> dict[str, AdapterFit]:
+    """Fits by bus name of a record; what cannot be read is left out."""
+    found = {}
+    for bus, text in record.items():
+        if re.fullmatch(r"[0-9]{1,18} [0-9]{1,18} [0-9]{1,18} -?[0-9]{1,18}", text):
+            samples, residual_ns, worst_ns, rate_ppb = map(int, text.split(" "))
+            found[bus] = AdapterFit(samples, residual_ns, worst_ns, rate_ppb)
+    return found

@@ -67,7 +67,7 @@ class ChunkContent:
 
 def open_chunk(raw: RawChunk) -> ChunkContent | str:
     """The content of a chunk, or in words why none of it can be believed."""
-    plain = _plain(raw)
+    plain = unpacked(raw)
     if isinstance(plain, str):
         return plain
     joined = None if raw.index is None else _by_index([plain], [raw.index])
@@ -96,7 +96,7 @@ def open_joined(raws: Sequence[RawChunk]) -> JoinedChunks | None:
     """
     plains, indexes = [], []
     for raw in raws:
-        plain = None if raw.index is None else _plain(raw)
+        plain = None if raw.index is None else unpacked(raw)
         if raw.index is None or not isinstance(plain, bytes):
             return None
         plains.append(plain)
@@ -104,7 +104,8 @@ def open_joined(raws: Sequence[RawChunk]) -> JoinedChunks | None:
     return _by_index(plains, indexes)
 
 
-def _plain(raw: RawChunk) -> bytes | str:
+def unpacked(raw: RawChunk) -> bytes | str:
+    """The plain bytes of a chunk, or in words why they cannot be believed."""
     plain = decompress(raw.data, raw.compression, raw.uncompressed_size)
     if isinstance(plain, bytes) and raw.crc not in (0, crc32(plain)):
         return "its checksum is wrong"
@@ -138,13 +139,12 @@ def _by_index(plains: Sequence[bytes], indexes: Sequence[MessageIndex]) -> Joine
 
 def _ascending(indexes: Sequence[MessageIndex], begins: NDArray[np.int64]) -> NDArray[np.int64]:
     """Offsets of all messages; each chunk counts from where it begins."""
-    offset = np.concatenate(
-        [
-            entries[:, 1] + begin
-            for index, begin in zip(indexes, begins.view(np.uint64), strict=True)
-            for entries in index.values()
-        ]
-    ).view(np.int64)
+    found = [
+        entries[:, 1] + begin
+        for index, begin in zip(indexes, begins.view(np.uint64), strict=True)
+        for entries in index.values()
+    ]
+    offset = np.concatenate([*found, np.zeros(0, np.uint64)]).view(np.int64)
     return np.sort(offset) if np.any(offset[1:] < offset[:-1]) else offset
 
 

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from syncline_schemas import native
 from syncline_schemas.batch import FrameBatch
 from syncline_schemas.capture.channels import ChannelTable, Kind
-from syncline_schemas.capture.chunk_content import ChunkContent, open_joined
-from syncline_schemas.capture.frame_record import gather_frames
+from syncline_schemas.capture.chunk_content import ChunkContent, open_joined, unpacked
+from syncline_schemas.capture.frame_record import FRAME_HEAD, MAX_DATA, gather_frames
 from syncline_schemas.capture.limit import Unread
 from syncline_schemas.capture.record_file import Definition, Document, Lost, RawChunk, Record
 
@@ -24,18 +25,16 @@ class PlainGroup:
     """Chunks in which nothing needs a second look: all whole, every frame as we write it, no gaps.
 
     Attributes:
-        content: the messages of all chunks.
-        kind: (n,) uint8, `Kind` of each message.
         frames: of all chunks, in file order.
-        frame_rows: (frames,) which messages they are.
+        log_time_ns: (frames,) their log times.
+        others: messages of bus states, clocks and marks, and perhaps more; with the `Kind` of each.
         first_ns: log time of the first message.
         last_ns: the latest log time at the end of a chunk.
     """
 
-    content: ChunkContent
-    kind: NDArray[np.uint8]
     frames: FrameBatch
-    frame_rows: NDArray[np.intp]
+    log_time_ns: NDArray[np.int64]
+    others: list[tuple[ChunkContent, NDArray[np.uint8]]]
     first_ns: int
     last_ns: int
 
@@ -82,6 +81,49 @@ def open_group(group: list[RawChunk] | Other, channels: ChannelTable) -> OpenedG
 
 
 def _plain(group: list[RawChunk], channels: ChannelTable) -> PlainGroup | None:
+    return (_plain_by_walk if native.available() else _plain_by_index)(group, channels)
+
+
+def _plain_by_walk(group: list[RawChunk], channels: ChannelTable) -> PlainGroup | None:
+    """Record by record, whatever the message indexes say."""
+    plains = []
+    for raw in group:
+        plain = unpacked(raw)
+        if not isinstance(plain, bytes):
+            return None
+        plains.append(plain)
+    for width in (8, MAX_DATA):
+        columns = native.ChunkFrames(sum(map(len, plains)) // FRAME_HEAD, width)
+        walked = _walked(columns, plains, channels)
+        if walked is not None or not columns.too_narrow:
+            return walked
+    return None
+
+
+def _walked(
+    columns: native.ChunkFrames, plains: Sequence[bytes], channels: ChannelTable
+) -> PlainGroup | None:
+    others, firsts_ns, lasts_ns = [], [], []
+    for plain in plains:
+        found = columns.add(plain, channels.kind, channels.bus)
+        if found is None:
+            return None
+        if len(found.others):
+            offset, end, channel, log_time_ns = found.others.T
+            buffer, ids = np.frombuffer(plain, np.uint8), channel.astype(np.uint16)
+            content = ChunkContent(buffer, len(plain), offset, end, ids, log_time_ns)
+            others.append((content, channels.kind.take(ids)))
+        firsts_ns.append(found.first_ns)
+        lasts_ns.append(found.last_ns)
+    frames = FrameBatch(
+        columns.t_ns, columns.bus, columns.can_id, columns.flags, columns.dlc, columns.data
+    )
+    kept = slice(columns.count)
+    return PlainGroup(frames[kept], columns.log_time_ns[kept], others, firsts_ns[0], max(lasts_ns))
+
+
+def _plain_by_index(group: list[RawChunk], channels: ChannelTable) -> PlainGroup | None:
+    """By the message indexes, where each names all that is in its chunk."""
     joined = open_joined(group)
     if joined is None:
         return None
@@ -99,10 +141,9 @@ def _plain(group: list[RawChunk], channels: ChannelTable) -> PlainGroup | None:
         return None
     ends = np.append(joined.first_row[1:], len(kind)) - 1
     return PlainGroup(
-        content,
-        kind,
         gathered.frames,
-        rows,
+        content.log_time_ns[rows],
+        [(content, kind)],
         int(content.log_time_ns[0]),
         int(content.log_time_ns[ends].max()),
     )

@@ -27,6 +27,8 @@ MARK_METADATA_NAME = "syncline.mark"
 """Metadata record of a file with a mark in it: the first one's time and reason."""
 LEARNED_METADATA_NAME = "syncline.learned"
 """Metadata record of a later segment: the objects' values that the earlier ones revealed."""
+ADAPTERS_METADATA_NAME = "syncline.adapters"
+"""Metadata record of a converted capture: how well the clocks of adapters were mapped onto UTC."""
 ATTACHMENT_METADATA_NAME = "syncline.attachment"
 """Followed by `/` and the name of an attachment: the metadata record with its `sha256`."""
 

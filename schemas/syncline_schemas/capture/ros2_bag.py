@@ -1,8 +1,8 @@
 """The CAN frames of ROS 2 recordings in MCAP: `can_msgs/msg/Frame`, and what ros2_socketcan sends.
 
-The messages are in CDR (OMG DDS-XTypes 7.4.1, as ROS 2 writes it): a header of four bytes, then the
-fields in order, each aligned to its size. Only the length of `frame_id` varies, so that messages
-of equal length are read as columns. No ROS is needed.
+The messages are in CDR (OMG DDS-XTypes 7.4.1, as ROS 2 writes it): a header of four bytes that tells
+the order of the bytes of numbers, then the fields in order, each aligned to its size. Only the length
+of `frame_id` varies, so that all messages are read as columns. No ROS is needed.
 """
 
 from collections.abc import Iterator
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from syncline_schemas.batch import FrameBatch, FrameFlag
-from syncline_schemas.byte_columns import ByteColumns, Places
+from syncline_schemas.byte_columns import ByteColumns, ByteOrder, Places
 from syncline_schemas.capture.chunk_content import ChunkContent, open_chunk
 from syncline_schemas.capture.record_file import Definition, Lost, RawChunk, RecordFile
 
@@ -25,6 +25,8 @@ SCHEMAS: Final = (*CLASSIC_SCHEMAS, *FD_SCHEMAS)
 _SECOND_NS: Final = 1_000_000_000
 _RECORD_HEAD: Final = 31
 _CDR_HEAD: Final = 4
+_ORDERS: Final[dict[int, ByteOrder]] = {0x0100: "<", 0x0000: ">"}
+"""By what a header begins with, read as a little-endian number: the order of the bytes of numbers."""
 _MAX_NAME: Final = 4096
 _MAX_BUSES: Final = 256
 _CLASSIC, _FD = 1, 2
@@ -134,10 +136,15 @@ class BagScan:
         view = ByteColumns(content.buffer.tobytes())
         for number, channel in self._channels.items():
             chosen = np.flatnonzero(content.channel == number)
-            if len(chosen):
-                batch, kept = self._frames(view, content, chosen, channel)
-                batches.append(batch)
-                rows.append(kept)
+            if not len(chosen):
+                continue
+            form = view.u16(content.offset[chosen].astype(np.intp), _RECORD_HEAD)
+            self.facts.unreadable += int(np.count_nonzero(~np.isin(form, list(_ORDERS))))
+            for told, numbers in _ORDERS.items():
+                if len(some := chosen[form == told]):
+                    batch, kept = self._frames(view.ordered(numbers), content, some, channel)
+                    batches.append(batch)
+                    rows.append(kept)
         if any(len(batch) for batch in batches):
             order = np.argsort(np.concatenate(rows), kind="stable")
             yield FrameBatch.concat(batches)[order]
@@ -150,7 +157,9 @@ class BagScan:
         at = record + _RECORD_HEAD + _CDR_HEAD
         end = content.end[rows].astype(np.intp)
         name = view.u32(at, 8).astype(np.int64)
-        named = (view.u8(at, -3) == 1) & (name <= _MAX_NAME) & (end - at >= 12)
+        named = (name <= _MAX_NAME) & (end - at >= 12)
+        # A message of nothing but zeros says that it is big-endian, and has a name without its end.
+        named &= (name > 0) | (view.u16(record, _RECORD_HEAD) != 0)
         body = np.where(named, 12 + name + -name % 4, 0)
         good = named & (at + body + (12 if channel.kind == _FD else 16) <= end)
         self.facts.unreadable += int(np.count_nonzero(~good))

@@ -296,10 +296,11 @@ class CaptureScan:
 
     def _items_of_plain(self, plain: PlainGroup) -> Iterator[Item]:
         yield from self._range.wanted(self._losses.read(plain.first_ns, plain.last_ns))
-        log_time_ns = plain.content.log_time_ns
-        yield self._range.of(self._repaired(plain.frames, log_time_ns[plain.frame_rows]))
-        self._take_marks(plain.content, plain.kind)
-        yield from self._samples(plain.content, plain.kind)
+        yield self._range.of(self._repaired(plain.frames, plain.log_time_ns))
+        for content, kind in plain.others:
+            self._take_marks(content, kind)
+        for content, kind in plain.others:
+            yield from self._samples(content, kind)
 
     def _items_of(self, raw: RawChunk | Lost) -> Iterator[Item]:
         if isinstance(raw, Lost):

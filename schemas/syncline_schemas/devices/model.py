@@ -1,12 +1,13 @@
 """A device: its object dictionary and everything an EDS has no field for."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING, Any, Literal
 
 from syncline_schemas.canopen import emcy
 from syncline_schemas.canopen.datatypes import Value, decode_value, type_name
 from syncline_schemas.eds import EdsWarning, assumed_value
+from syncline_schemas.records import dataclass
 
 if TYPE_CHECKING:
     from canopen import ObjectDictionary

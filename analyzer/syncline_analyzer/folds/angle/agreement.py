@@ -1,13 +1,13 @@
 """Whether 16 and 32 bits of one angle tell the same: they must agree modulo 65536."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.folds.angle.samples import SDO_SOURCE, Key, Samples
 from syncline_schemas.measurement import count_steps
+from syncline_schemas.records import dataclass
 
 WIDE = 0x100 << 8
 """From the object of 16 bits to that of the same axis in 32 bits (CiA 410)."""

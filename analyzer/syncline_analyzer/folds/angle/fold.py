@@ -3,7 +3,7 @@
 from bisect import insort
 from collections import deque
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
@@ -56,6 +56,7 @@ from syncline_schemas.measurement import (
     sent_in,
     tilt_axis,
 )
+from syncline_schemas.records import dataclass
 
 STOOD_COUNTS = 2
 """A value that differs by no more has stood."""

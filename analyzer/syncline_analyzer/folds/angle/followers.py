@@ -1,6 +1,6 @@
 """Encoders that follow one another although nobody says that they sit on one shaft."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from fractions import Fraction
 from itertools import combinations
 from typing import NamedTuple
@@ -13,6 +13,7 @@ from syncline_analyzer.folds.angle.samples import Key, Samples
 from syncline_analyzer.folds.angle.shafts import FAR_NS, LAG_NS, TOLERANCE_DEG
 from syncline_analyzer.folds.angle.trace import Encoder
 from syncline_analyzer.results import FollowerRow
+from syncline_schemas.records import dataclass
 
 TICK_NS = 100_000_000
 """All encoders are looked at on a common grid, twice as wide each time it gets too long."""

@@ -1,12 +1,13 @@
 """Samples that stand still while the same quantity, sent another way, moves."""
 
 from collections.abc import Callable, Hashable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.folds.angle.samples import SDO_SOURCE, Key, Samples
+from syncline_schemas.records import dataclass
 
 LEAST = 50
 """Equal samples in a row from which on a value counts as frozen."""

@@ -1,11 +1,10 @@
 """Whether counts are Gray code read as binary, or binary read as Gray code."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from syncline_schemas.measurement import count_steps
+from syncline_schemas.records import dataclass
 
 LEAST = 100
 """Moving samples from which on it is judged."""

@@ -1,6 +1,6 @@
 """Steps and spikes of an encoder that no speed limit shows, but that no shaft can follow."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Literal
 
 import numpy as np
@@ -8,6 +8,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from syncline_schemas.measurement import EncoderScale, count_steps
+from syncline_schemas.records import dataclass
 
 STEADY = 3
 """Steps before and after that must be alike."""

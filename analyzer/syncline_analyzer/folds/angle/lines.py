@@ -1,12 +1,12 @@
 """Lines of degrees that encoders draw, as they wait for those of others on the same shaft."""
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.folds.angle.samples import Samples
+from syncline_schemas.records import dataclass
 
 MAX_WAITING = 200_000
 """Samples of one encoder that wait for the other one."""

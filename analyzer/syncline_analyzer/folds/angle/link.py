@@ -1,13 +1,14 @@
 """One line through the samples of several sources of a trace, unwrapped from piece to piece."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.folds.angle.samples import Samples
+from syncline_schemas.records import dataclass
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -1,7 +1,7 @@
 """Both axes of an inclinometer taken together: the direction of gravity over time."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from syncline_analyzer.folds.angle.samples import Key, Samples
 from syncline_analyzer.folds.angle.trace import OUT_OF_RANGE, Derived, Tilt
 from syncline_analyzer.results import TiltRow, TiltSetting, TiltTrace
 from syncline_analyzer.series import Columns, Thinner
+from syncline_schemas.records import dataclass
 from syncline_schemas.tilt import Angles, TiltFlag, gravity_of, signed_deg, slope_deg
 
 MAX_POSES = 100_000

@@ -2,7 +2,7 @@
 
 from bisect import bisect_right
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -15,6 +15,7 @@ from syncline_analyzer.shadow import Known, Shadow
 from syncline_schemas.decoder import MappedObject, PdoColumn, PdoMapping, decode_pdo
 from syncline_schemas.devices import Device, quirks, standard_device
 from syncline_schemas.measurement import measured_by, position_objects
+from syncline_schemas.records import dataclass
 
 Key = tuple[int, int, int]
 """(bus number, node, index << 8 | sub) of a trace."""

@@ -1,6 +1,6 @@
 """Two encoders on one shaft: whether they keep telling the same."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -12,6 +12,7 @@ from syncline_analyzer.folds.angle.samples import Key, Samples
 from syncline_analyzer.folds.angle.trace import Encoder
 from syncline_analyzer.results import ShaftRow, ShaftTrace, TraceEventRow
 from syncline_analyzer.series import Thinner
+from syncline_schemas.records import dataclass
 
 TOLERANCE_DEG = 2.0
 """Distance that is allowed at standstill where the user states none."""

@@ -1,6 +1,6 @@
 """Stretches without samples in which nobody knows what the shaft did."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +9,7 @@ from syncline_analyzer.folds.angle.samples import SDO_SOURCE
 from syncline_analyzer.pdo_binding import PdoBindings
 from syncline_analyzer.shadow import Shadow
 from syncline_schemas.devices import quirks
+from syncline_schemas.records import dataclass
 
 LEAST_NS = 500_000_000
 """A shorter silence is none."""

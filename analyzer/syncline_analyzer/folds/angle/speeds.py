@@ -1,7 +1,7 @@
 """How fast it turned between the samples of a piece, and where it cannot have turned so fast."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from syncline_analyzer.folds.angle.link import Link, Step
 from syncline_analyzer.folds.angle.samples import Samples
 from syncline_schemas.measurement import EncoderScale, ambiguous_rpm, count_steps
+from syncline_schemas.records import dataclass
 
 MAX_EVENTS = 1000
 SLACK_NS = 1_000_000

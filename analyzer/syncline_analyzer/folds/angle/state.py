@@ -2,7 +2,7 @@
 
 from bisect import bisect_left, insort
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +29,7 @@ from syncline_analyzer.folds.angle.trace import (
 )
 from syncline_analyzer.results import TRACE_FLAGS, EventKind, Trace, TraceEventRow, TraceRow
 from syncline_analyzer.series import Columns, Thinner
+from syncline_schemas.records import dataclass
 
 MOVES = ("jump", "step", "spike", "preset", "unsure step")
 """Events in which a position moves as no shaft does."""

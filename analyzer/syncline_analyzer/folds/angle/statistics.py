@@ -1,10 +1,12 @@
 """Statistics of angles: on the circle, at rest, and how often the direction changed."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from math import atan2, degrees, hypot, log, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
+
+from syncline_schemas.records import dataclass
 
 WINDOW = 64
 """Samples in a row that are judged together on whether it stands still."""

@@ -1,6 +1,5 @@
 """From the samples of an unbroken piece to the columns of its trace: angle, speed, flags, jumps."""
 
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -17,6 +16,7 @@ from syncline_schemas.measurement import (
     sent_in,
     tilt_deg,
 )
+from syncline_schemas.records import dataclass
 
 WRAP, JUMP, AMBIGUOUS, FROZEN, OUT_OF_RANGE, SCALE_ASSUMED, SILENCE, SINGULAR = (
     1 << k for k in range(8)

@@ -1,6 +1,6 @@
 """The stamps themselves: steps back of the clock, and stretches without any frame on a bus."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import NamedTuple
 
 import numpy as np
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from syncline_analyzer.context import Context
 from syncline_analyzer.fold import IndexedBatch
 from syncline_schemas.batch import Gap
+from syncline_schemas.records import dataclass
 
 MAX_STEPS = 1000
 """Steps back that are kept one by one; the rest is only counted."""

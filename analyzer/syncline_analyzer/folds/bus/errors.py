@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +21,7 @@ from syncline_schemas.can_errors import (
     CanError,
     can_error,
 )
+from syncline_schemas.records import dataclass
 
 MAX_EVENTS = 10_000
 MAX_KINDS = 200

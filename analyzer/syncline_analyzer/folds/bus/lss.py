@@ -1,11 +1,12 @@
 """LSS frames: who was given which node-ID and bit rate (CiA 305)."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.results import LssRow
 from syncline_schemas.canopen.lss import decode_frame
+from syncline_schemas.records import dataclass
 
 REQUEST_ID, ANSWER_ID = 0x7E5, 0x7E4
 MAX_ROWS = 10_000

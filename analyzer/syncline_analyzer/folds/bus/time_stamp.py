@@ -1,7 +1,7 @@
 """TIME messages: what the bus takes for the time, against the recorder's clock (CiA 301 7.2.6)."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from datetime import UTC, datetime, timedelta
 from itertools import pairwise
 
@@ -14,6 +14,7 @@ from syncline_analyzer.results import TimeStampRow
 from syncline_analyzer.service_ids import FRAME_29_BIT, changes_of
 from syncline_schemas.batch import Gap
 from syncline_schemas.decoder.services import decode_time
+from syncline_schemas.records import dataclass
 
 PREDEFINED_ID = 0x100
 MAX_MALFORMED = 10

@@ -2,7 +2,6 @@
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
@@ -19,6 +18,7 @@ from syncline_analyzer.results import (
     Trace,
 )
 from syncline_schemas.canopen.nmt import NmtState
+from syncline_schemas.records import dataclass
 
 MAX_CONTEXTS = 1000
 """EMCYs whose surroundings are collected."""
@@ -110,7 +110,11 @@ def _before(writes: _Writes | None, emcy: EmcyRow) -> list[SdoRow]:
     if writes is None:
         return []
     last = int(np.searchsorted(writes.ends, emcy.seq, "right"))
-    near = writes.rows[max(0, last - MAX_WRITES) : last]
+    latest = slice(max(0, last - MAX_WRITES), last)
+    passed = emcy.t_ns - writes.rows.records["end_ns"][latest]
+    if not ((passed >= 0) & (passed <= WRITE_NS)).any():
+        return []
+    near = writes.rows[latest]
     return [row for row in reversed(near) if 0 <= emcy.t_ns - row.end_ns <= WRITE_NS]
 
 

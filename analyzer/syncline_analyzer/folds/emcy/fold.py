@@ -1,7 +1,7 @@
 """EMCY messages, the transitions they make, and the errors they tell of (analysis.md section 6)."""
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from types import MappingProxyType
 
 import numpy as np
@@ -23,6 +23,7 @@ from syncline_analyzer.folds.emcy.rpdo import Suspect, Suspects
 from syncline_analyzer.folds.emcy.story import Before, Message, Story
 from syncline_analyzer.folds.nmt.table import BootUp
 from syncline_analyzer.results import EmcyRow, ErrorRow
+from syncline_schemas.records import dataclass
 
 MAX_MESSAGES = 1_000_000
 """EMCY messages that become rows; the rest is only counted."""

@@ -2,7 +2,7 @@
 
 from bisect import bisect_left
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Literal
 
 from syncline_analyzer.context import Context
@@ -11,6 +11,7 @@ from syncline_analyzer.folds.nmt.table import BootUp
 from syncline_analyzer.results import EmcyRow, ErrorHistoryRow, GapRow, NmtStateRow, SdoRow
 from syncline_schemas.canopen.nmt import NmtState
 from syncline_schemas.devices import Device, emcy_meaning, quirks, register_bits
+from syncline_schemas.records import dataclass
 from syncline_schemas.wording import counted
 
 ERROR_REGISTER = 0x1001

@@ -2,7 +2,7 @@
 
 from bisect import bisect_left
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import field
 from operator import sub
 from statistics import median
 from typing import NamedTuple, Self
@@ -12,6 +12,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from syncline_analyzer.results import Quantiles
+from syncline_schemas.records import dataclass
 
 MIN_PERIODS = 3
 """Periods that must have been seen before silence means anything (analysis.md 4)."""

@@ -2,7 +2,7 @@
 
 from bisect import bisect_left
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.folds.nmt.events import Command, OddCommand
 from syncline_analyzer.folds.sdo.fold import Reset
 from syncline_schemas.canopen.nmt import COMMANDS, RESETS
+from syncline_schemas.records import dataclass
 
 SYNC_ID = 0x080
 MAX_NODE = 127

@@ -1,7 +1,7 @@
 """Error control of one node (700h + n) reduced to what changes its state, its periods and counts."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from statistics import median
 from typing import NamedTuple
 
@@ -42,6 +42,7 @@ from syncline_analyzer.folds.nmt.kinds import (
 from syncline_analyzer.folds.nmt.pace import HeartbeatPeriods
 from syncline_analyzer.folds.nmt.pairs import Pairs
 from syncline_analyzer.folds.nmt.restarts import LastTold, Restart, restarts
+from syncline_schemas.records import dataclass
 
 WINDOW = 15
 """Periods whose median a silence is held against."""

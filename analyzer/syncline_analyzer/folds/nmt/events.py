@@ -1,7 +1,7 @@
 """What a node's error control, commands and PDOs are reduced to, and what is told from it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -11,6 +11,7 @@ from syncline_analyzer.folds.nmt.pace import Even, Pace
 from syncline_analyzer.folds.nmt.witness import Witnesses
 from syncline_schemas.batch import Gap
 from syncline_schemas.canopen.nmt import NmtState
+from syncline_schemas.records import dataclass
 
 IN_FLIGHT_NS = 10_000_000
 """What a node sends this soon after a command or change may have been on its way [ns]."""

@@ -1,6 +1,6 @@
 """Node guarding of one node: the master's requests, and which of them the node answered."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +14,7 @@ from syncline_analyzer.folds.nmt.cadence import (
     longer_than_before,
 )
 from syncline_analyzer.folds.nmt.events import Pause, Unanswered
+from syncline_schemas.records import dataclass
 
 GUARD_ANSWER_NS = 100_000_000
 """A guard answer follows its request within this time; a later frame is a heartbeat [ns]."""

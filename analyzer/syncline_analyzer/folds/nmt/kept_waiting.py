@@ -7,7 +7,7 @@ heartbeat comes late was late itself only if the bus was free for it before.
 
 from bisect import bisect_left
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 
 import numpy as np
@@ -22,6 +22,7 @@ from syncline_analyzer.folds.timing.on_wire import OnWire
 from syncline_analyzer.results import NmtStateRow
 from syncline_schemas.batch import FrameBatch, FrameFlag
 from syncline_schemas.canopen.nmt import NmtState
+from syncline_schemas.records import dataclass
 from syncline_schemas.wire_length import INTERMISSION_BITS
 
 FIRST_ID = 0x700

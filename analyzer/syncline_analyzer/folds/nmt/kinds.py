@@ -1,6 +1,6 @@
 """What each message of a node's error control is: boot-up, state, guard answer or request."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +9,7 @@ from syncline_analyzer.folds.nmt.cadence import MIN_PERIODS, Int64s, Mask
 from syncline_analyzer.folds.nmt.columns import Columns
 from syncline_analyzer.folds.nmt.events import Counts
 from syncline_analyzer.folds.nmt.guarding import GUARD_ANSWER_NS, Guarding, Talk
+from syncline_schemas.records import dataclass
 
 STATES_SINCE = 2
 """States told since a remote frame that show that it has not emptied the heartbeats."""

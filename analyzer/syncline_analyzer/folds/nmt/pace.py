@@ -1,13 +1,14 @@
 """How a node's heartbeat period went over the capture: stretches of one pace, and late ones."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import NamedTuple
 
 import numpy as np
 
 from syncline_analyzer.folds.nmt.cadence import MIN_PERIODS, Bins, Int64s, Mask, Periods
 from syncline_analyzer.results import Quantiles
+from syncline_schemas.records import dataclass
 
 WINDOW = 8
 """Periods whose median is looked at."""

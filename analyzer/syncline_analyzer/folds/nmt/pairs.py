@@ -1,10 +1,11 @@
 """Heartbeats that come in pairs: two devices in step under one number."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
 from syncline_analyzer.folds.nmt.cadence import KEPT_DOUBLES, Int64s, Mask
+from syncline_schemas.records import dataclass
 
 CLOSE_NS = 10_000_000
 """The two heartbeats of a pair are no further apart than this [ns]."""

@@ -1,7 +1,7 @@
 """Which frames of a batch each node sends."""
 
 from bisect import bisect_right
-from dataclasses import dataclass, field
+from dataclasses import field
 from itertools import pairwise
 
 import numpy as np
@@ -13,6 +13,7 @@ from syncline_analyzer.folds.nmt.table import NodeKey
 from syncline_analyzer.pdo_binding import Pdo, PdoBindings
 from syncline_analyzer.shadow import Shadow
 from syncline_schemas.canopen.services import SERVICE_OF_ID, Service
+from syncline_schemas.records import dataclass
 
 _SERVICES: list[Service] = [Service(number) for number in SERVICE_OF_ID.tolist()]
 _OWN = (Service.EMCY, Service.SDO_ANSWER, Service.ERROR_CONTROL)

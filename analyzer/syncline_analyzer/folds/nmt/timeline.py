@@ -2,7 +2,6 @@
 
 from bisect import bisect_right
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.folds.bus.clock import ClockTable
@@ -33,6 +32,7 @@ from syncline_schemas.canopen.nmt import (
     command_name,
 )
 from syncline_schemas.devices import quirks
+from syncline_schemas.records import dataclass
 
 RESET_MARGIN_NS = 1_000_000_000
 """Added to the silence that a device's maker allows after a reset [ns]."""

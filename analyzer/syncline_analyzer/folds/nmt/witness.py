@@ -2,10 +2,11 @@
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from operator import itemgetter
 
 from syncline_analyzer.folds.nmt.pace import Late
+from syncline_schemas.records import dataclass
 
 SHOWN = 0.25
 """A step of the clock by this part of a heartbeat's period shows in it."""

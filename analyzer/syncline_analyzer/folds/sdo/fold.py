@@ -1,7 +1,7 @@
 """SDO transfers, and what they teach the object-dictionary shadow."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +19,7 @@ from syncline_analyzer.results import SdoTransfers
 from syncline_schemas.batch import Gap
 from syncline_schemas.canopen.services import Service
 from syncline_schemas.devices import quirks
+from syncline_schemas.records import dataclass
 
 OBJECT_MISSING = 0x06020000
 _EXTENDED_OR_OFF = 0xA0000000

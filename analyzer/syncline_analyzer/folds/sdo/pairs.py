@@ -1,11 +1,12 @@
 """Plain SDO transfers, found columnar: one expedited request, and its answer right after it."""
 
-from dataclasses import dataclass, fields
+from dataclasses import fields
 
 import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.folds.sdo.transfer import Transfer
+from syncline_schemas.records import dataclass
 
 SERVERS = range(0x1200, 0x1280)
 """SDO server parameters: 1200h is the default server, the others are additional ones."""

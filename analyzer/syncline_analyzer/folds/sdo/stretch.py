@@ -47,7 +47,7 @@ class Stretch:
     ) -> None:
         frames = batch.frames
         keys = frames.bus[rows].astype(np.uint32) << 11 | frames.can_id[rows]
-        distinct, self._of = np.unique(keys, return_inverse=True)
+        distinct, self._of = _numbered(keys)
         self._sides = [side(key) for key in distinct.tolist()]
         numbers: dict[int, int] = {}
         channel = [numbers.setdefault(id(each.channel), len(numbers)) for each in self._sides]
@@ -138,6 +138,16 @@ class Stretch:
     ) -> NDArray[np.int64]:
         """Channel and place as one number that sorts by both."""
         return channel.astype(np.int64) * (len(self._of) + 1) + place
+
+
+def _numbered(keys: NDArray[np.integer]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """The distinct keys, ascending, and the number of each key among them.
+
+    >>> _numbered(np.array([7, 3, 7], np.uint32))
+    (array([3, 7]), array([1, 0, 1]))
+    """
+    held = np.bincount(keys) > 0
+    return np.flatnonzero(held), (np.cumsum(held) - 1).take(keys)
 
 
 def _first_eight(data: NDArray[np.uint8], rows: NDArray[np.intp]) -> NDArray[np.uint8]:

@@ -1,7 +1,6 @@
 """What SDO transfers teach the object-dictionary shadow: plain reads in columns, the rest singly."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from heapq import heapify, heappop, heappush
 from typing import NamedTuple
 
@@ -15,6 +14,7 @@ from syncline_analyzer.object_history import Known, Value
 from syncline_analyzer.shadow import Shadow
 from syncline_schemas.canopen.sdo import LOAD_SIGNATURE, SAVE_SIGNATURE
 from syncline_schemas.devices import quirks
+from syncline_schemas.records import dataclass
 
 STORE, RESTORE = 0x1010, 0x1011
 _PDOS = range(0x1800, 0x1A00)

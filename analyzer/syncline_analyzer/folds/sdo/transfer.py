@@ -1,8 +1,9 @@
 """One SDO transfer and what its frames say (CiA 301 7.2.4.3)."""
 
-from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Literal
+
+from syncline_schemas.records import dataclass
 
 Direction = Literal["upload", "download"]
 Kind = Literal["expedited", "segmented", "block"]

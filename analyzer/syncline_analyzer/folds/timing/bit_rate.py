@@ -10,10 +10,11 @@ length of the frame as the wire would have it.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from syncline_schemas.records import dataclass
 
 CANDIDATES = (10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
 """Bit rates of CiA 301 table 1, and the 100 kbit/s that many devices offer besides [bit/s]."""

@@ -1,7 +1,6 @@
 """Whether the recorder's clock was set in a silence: each identifier goes on as if it had not been."""
 
 from collections.abc import Sequence
-from statistics import median
 from typing import NamedTuple
 
 from syncline_analyzer.distribution import Distribution
@@ -79,6 +78,9 @@ def forward_step(crossings: Sequence[Crossing]) -> Step | None:
     if len(known) < 3:
         return None
     excess = {can_id: _excess(each) for can_id, each in known.items()}
+    # With all that it imports it takes longer to load than all the rest of this module.
+    from statistics import median
+
     by_ns = median(excess.values())
     if by_ns < _MIN_STEP * min(each.witness.spread_ns for each in known.values()):
         return None

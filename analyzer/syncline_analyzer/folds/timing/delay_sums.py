@@ -1,7 +1,6 @@
 """What the PDOs of one bus waited for, summed up block by block for all of them at once."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +10,7 @@ from syncline_analyzer.folds.timing.delays import MAX_IDS, Delay, Delays
 from syncline_analyzer.folds.timing.senders import Sender
 from syncline_analyzer.folds.timing.waiting import UNKNOWN
 from syncline_analyzer.folds.timing.waiting_bus import Bools, BusBlock, Floats, Ints, laid_out
+from syncline_schemas.records import dataclass
 
 _AT_ONCE = 1 << 12
 """Answers whose waiting is laid out at a time."""

@@ -1,12 +1,13 @@
 """Who delayed whom: the time that synchronous PDOs waited, by the frames ahead of them."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TypeVar
 
 from syncline_analyzer.folds.timing.senders import Sender
 from syncline_analyzer.folds.timing.waiting import MASTER, UNKNOWN
 from syncline_analyzer.results import DelayRow
+from syncline_schemas.records import dataclass
 
 _Key = TypeVar("_Key")
 

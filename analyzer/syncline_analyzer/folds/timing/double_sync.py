@@ -1,6 +1,6 @@
 """Two SYNC producers on one identifier: a second rhythm between the beats of the first."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import NamedTuple
 
 import numpy as np
@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from syncline_analyzer.distribution import quantile_of
 from syncline_analyzer.results import SyncDoubleRow
+from syncline_schemas.records import dataclass
 
 MIN_PAIRS = 20
 """So many pairs of SYNCs in a row make a second rhythm, so many single periods a first one."""

@@ -1,9 +1,11 @@
 """SYNCs that come a second time within one period, now and then."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 from numpy.typing import NDArray
+
+from syncline_schemas.records import dataclass
 
 MAX_EVIDENCE = 20
 MAX_RUNS = 1000

@@ -1,7 +1,7 @@
 """Periods of heartbeats and of the requests that guard a node (CiA 301 7.2.8.3)."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from itertools import pairwise
 
 import numpy as np
@@ -18,6 +18,7 @@ from syncline_analyzer.folds.timing.silence import Silence, within_silence
 from syncline_analyzer.results import ErrorControlRow, NmtStateRow, WorstRow
 from syncline_analyzer.shadow import Known
 from syncline_schemas.batch import FrameFlag
+from syncline_schemas.records import dataclass
 
 HEARTBEAT_TIME, GUARD_TIME = 0x1017, 0x100C
 FIRST_ID = 0x700

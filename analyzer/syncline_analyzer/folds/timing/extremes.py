@@ -1,12 +1,13 @@
 """The exact worst cases of a quantity, each with the frame that ended it."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.results import WorstRow
+from syncline_schemas.records import dataclass
 
 KEPT = 10
 """Values kept of each end."""

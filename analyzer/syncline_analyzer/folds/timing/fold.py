@@ -45,7 +45,6 @@ class TimingFold:
         self._load = LoadFold(context)
         self._error_control = ErrorControlPeriods(context)
         self._heartbeat_waits = HeartbeatWaits(context, self._on_wire)
-        self._silence = SilenceFold()
         self._gap_starts: set[int] = set()
 
     def update(self, batch: IndexedBatch) -> None:
@@ -61,7 +60,6 @@ class TimingFold:
         self._pdo.gap(gap.bus)
         self._waiting.gap(gap.bus)
         self._load.gap(gap.bus)
-        self._silence.gap(gap.bus)
         self._error_control.gap(gap.bus)
         self._heartbeat_waits.gap(gap.bus)
 
@@ -72,18 +70,21 @@ class TimingFold:
         commands: Sequence[NmtCommandRow] = (),
         unread: Sequence[Unread] = (),
         nodes: Mapping[tuple[int, int], NodeNmt] | None = None,
+        silence: SilenceFold | None = None,
     ) -> TimingTables:
         """All tables; a PDO is missed only while `nmt_states` say OPERATIONAL (None: always).
 
         `commands` are those of the master, which may switch SYNC off while it holds all nodes. Where
         lines are `unread`, what is missing may be in them. `nodes` tell which is guarded, and which
-        sends heartbeats (None: the frames of 700h + node alone do).
+        sends heartbeats (None: the frames of 700h + node alone do). `silence` went through the same
+        frames (None: nothing is known of silences).
         """
         self._flush()
+        silence = silence or SilenceFold()
         self._heartbeat_waits.finish()
         syncs = self._sync.finish()
         tables = TimingTables()
-        self._add_silences(tables)
+        self._add_silences(tables, silence)
         known = {row.evidence[0] for row in tables.clock_steps}
         tables.clock_steps.extend(
             row for table in syncs for row in table.steps if row.evidence[0] not in known
@@ -105,7 +106,7 @@ class TimingFold:
             sync_doubles=[row for table in syncs for row in table.doubles],
         )
         for table in syncs:
-            silences = self._silences(table.row.bus)
+            silences = self._silences(silence, table.row.bus)
             told = judged(table, nmt_states or (), silences, commands, unread)
             tables.sync.append(told.row)
             tables.holes.extend(sync_holes(told))
@@ -114,7 +115,7 @@ class TimingFold:
             self._context,
             self._bindings,
             self._sync,
-            self._silence,
+            silence,
             self._waiting,
             self._gap_starts,
             nmt_states,
@@ -125,16 +126,16 @@ class TimingFold:
             if state.frames or state.asked:
                 judge.add(tables, bus, can_id, state)
         rows, worst = self._error_control.finish(
-            nodes, nmt_states or (), self._silences_and(unread)
+            nodes, nmt_states or (), self._silences_and(silence, unread)
         )
         tables.error_control_periods.extend(rows)
         tables.worst.extend(worst)
         tables.delays.extend(self._waiting.delays())
         return tables
 
-    def _add_silences(self, tables: TimingTables) -> None:
+    def _add_silences(self, tables: TimingTables, silence: SilenceFold) -> None:
         for bus, name in enumerate(self._context.buses):
-            steps = self._silence.steps(bus)
+            steps = silence.steps(bus)
             stepped = {step.end_seq for step in steps}
             tables.clock_steps.extend(
                 ClockStepRow(name, s.start_ns, s.end_ns, s.by_ns, s.witnesses, [s.end_seq])
@@ -142,19 +143,21 @@ class TimingFold:
             )
             tables.bus_silences.extend(
                 BusSilenceRow(name, s.start_ns, s.end_ns, [s.start_seq, s.end_seq])
-                for s in self._silence.of(bus)
+                for s in silence.of(bus)
                 if s.end_seq not in stepped and not s.stalled
             )
 
-    def _silences(self, bus_name: str) -> list[Silence]:
+    def _silences(self, silence: SilenceFold, bus_name: str) -> list[Silence]:
         buses = [k for k, name in enumerate(self._context.buses) if name == bus_name]
-        return [silence for bus in buses for silence in self._silence.of(bus)]
+        return [each for bus in buses for each in silence.of(bus)]
 
-    def _silences_and(self, unread: Sequence[Unread]) -> dict[int, list[Silence]]:
+    def _silences_and(
+        self, silence: SilenceFold, unread: Sequence[Unread]
+    ) -> dict[int, list[Silence]]:
         """Where nothing can be missing on each bus: silences, and lines that could not be read."""
         lost = [Silence(each.start_ns, each.end_ns, 0, 0, {}) for each in unread]
         return {
-            bus: [*self._silence.of(bus), *self._silence.backs(bus), *lost]
+            bus: [*silence.of(bus), *silence.backs(bus), *lost]
             for bus in range(len(self._context.buses))
         }
 
@@ -170,7 +173,6 @@ class TimingFold:
                     self._pdo.update(part, bus)
             self._load.update(block, bus)
             if self._context.timed:
-                self._silence.update(block, bus)
                 self._error_control.update(block, bus)
                 self._heartbeat_waits.update(block, bus)
 

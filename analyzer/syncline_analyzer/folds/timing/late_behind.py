@@ -1,12 +1,13 @@
 """Late answers of a PDO that frames of others explain, and which frames these were."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.results import Ahead
+from syncline_schemas.records import dataclass
 
 MAX_KEPT = 1000
 """Late answers of a PDO of which the frames ahead are kept."""

@@ -1,7 +1,7 @@
 """Bus load over time: windows of 1 s and 100 ms, the fullest burst, the longest busy stretch."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from itertools import pairwise
 from typing import Literal
 
@@ -23,6 +23,7 @@ from syncline_analyzer.results import (
 )
 from syncline_analyzer.service_ids import moved_emcy_id
 from syncline_schemas.batch import FrameFlag
+from syncline_schemas.records import dataclass
 
 WINDOW_NS = 1_000_000_000
 SHORT_WINDOW_NS = 100_000_000
@@ -114,8 +115,10 @@ class LoadFold:
         if not self._context.timed:
             return
         t_ns, error = frames.t_ns, block.error[rows]
-        back = np.flatnonzero(block.apart_ns(bus) < -_STEP_BACK_NS) + 1
-        for first, stop in pairwise([0, *back.tolist(), len(t_ns)]):
+        back: list[int] = []
+        if not block.batch.ascending:
+            back = (np.flatnonzero(block.apart_ns(bus) < -_STEP_BACK_NS) + 1).tolist()
+        for first, stop in pairwise([0, *back, len(t_ns)]):
             part = slice(first, stop)
             self._stretch(bus, state, t_ns[part], bits[part], error[part])
 

@@ -1,10 +1,11 @@
 """How long a bus was busy without a pause, and its fullest moment."""
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from syncline_schemas.records import dataclass
 
 BURST_NS = 10_000_000
 """Time within which the peak burst is counted: a SYNC and all that answers it."""

@@ -1,7 +1,6 @@
 """Whose frames fill a bus: bits and frames per identifier and per node."""
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,6 +9,7 @@ from numpy.typing import NDArray
 from syncline_analyzer.pdo_binding import Pdo
 from syncline_analyzer.results import BusShareRow, NodeShareRow
 from syncline_schemas.batch import FrameBatch, FrameFlag
+from syncline_schemas.records import dataclass
 
 MAX_IDS = 4096
 """29-bit identifiers that are told apart per bus; the rest is one row."""

@@ -1,11 +1,12 @@
 """Bits and frames of a bus in windows of equal length."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.series import Columns, Thinner
+from syncline_schemas.records import dataclass
 
 MAX_POINTS = 20_000
 """Windows that are kept for a plot."""
@@ -61,8 +62,11 @@ class Windows:
         """
         assert self._origin_ns is not None
         begins, number = self._begins(t_ns)
-        split, its_number, early = self._early(t_ns, bits * bit_ns, begins, number)
-        before = np.minimum(early / bit_ns, bits[split]) if bit_ns else early
+        if bit_ns:
+            split, its_number, early = self._early(t_ns, bits * bit_ns, begins, number)
+            before = np.minimum(early / bit_ns, bits[split])
+        else:
+            split, its_number, before = begins[:0], number[:0], bits[:0]
         # What lies before the stretch is not listened to.
         earlier = before * (its_number > 0)
         numbers = np.concatenate(

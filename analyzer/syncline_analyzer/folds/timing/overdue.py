@@ -1,6 +1,6 @@
 """Missing frames of a PDO that an event timer sends."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import NamedTuple
 
 import numpy as np
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from syncline_analyzer.distribution import quantile_of
 from syncline_analyzer.folds.timing.rhythm import Missed
+from syncline_schemas.records import dataclass
 
 LATE = 1.5
 """A period longer than this many event timers may lack a frame."""

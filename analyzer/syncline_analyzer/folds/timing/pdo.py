@@ -1,6 +1,6 @@
 """PDO timing: answers to SYNC with the bounds of the device time, missed and extra ones, periods."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ from syncline_analyzer.folds.timing.waiting_fold import WaitingFold
 from syncline_analyzer.pdo_binding import Pdo, PdoBindings, Transmission, settled
 from syncline_schemas.batch import FrameFlag
 from syncline_schemas.canopen.services import SERVICE_OF_ID, Service
+from syncline_schemas.records import dataclass
 
 _NO_ROWS = np.zeros(0, np.intp)
 MAX_EVIDENCE = 20

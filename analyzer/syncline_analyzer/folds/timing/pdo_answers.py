@@ -1,7 +1,6 @@
 """Answers of PDOs to SYNC in one block, several PDOs at a time."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeVar
 
@@ -12,6 +11,7 @@ from syncline_analyzer.folds.timing.block import Block
 from syncline_analyzer.folds.timing.pdo_frames import PdoFrames
 from syncline_analyzer.folds.timing.pdo_state import PdoState
 from syncline_analyzer.folds.timing.sync_index import SyncIndex
+from syncline_schemas.records import dataclass
 
 _T = TypeVar("_T", np.int16, np.uint32)
 Ints = NDArray[np.int64]

@@ -1,9 +1,8 @@
 """What follows from one frame of a PDO to the next, for all PDOs of a block at once."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +12,8 @@ from syncline_analyzer.folds.timing.pdo_state import PdoState
 from syncline_analyzer.folds.timing.phase import UNTOLD
 from syncline_analyzer.folds.timing.rhythm import Steps
 from syncline_analyzer.folds.timing.sync_index import SyncIndex
+from syncline_schemas import native
+from syncline_schemas.records import dataclass
 
 Ints = NDArray[np.int64]
 Limits = tuple[int, int]
@@ -43,25 +44,25 @@ class PdoColumns:
     @cached_property
     def periods(self) -> Ints:
         """(k,) time since the frame before, 0 where none is known [ns]."""
-        t_ns = self.block.batch.t_ns_by_id
-        before = np.empty_like(t_ns)
-        before[1:] = t_ns[:-1]
-        first = zip(self._last_ns, t_ns[self._starts].tolist(), strict=True)
-        before[self._starts] = [now if last is None else last for last, now in first]
-        return np.subtract(t_ns, before, out=before)
+        return self._period_columns[0]
 
     @cached_property
-    def _period_limits(self) -> list[Limits]:
-        return self._limits(self.periods)
+    def _period_columns(self) -> tuple[Ints, list[Limits]]:
+        t_ns = self.block.batch.t_ns_by_id
+        first = zip(self._last_ns, t_ns[self._starts].tolist(), strict=True)
+        return self._differences(t_ns, [now if last is None else last for last, now in first])
 
     def period_limits(self, number: int) -> Limits | None:
         """The least and the longest of a PDO, None where no frame before is known."""
-        return None if self._last_ns[number] is None else self._period_limits[number]
+        return None if self._last_ns[number] is None else self._period_columns[1][number]
 
     @cached_property
     def repeated(self) -> list[int]:
         """(p,) how many frames of each PDO but its first bring the data of the one before."""
         words = self.block.batch.words_by_id
+        if native.available():
+            found: list[int] = native.repeated(self._table, words).tolist()
+            return found
         same = np.empty(len(words), np.bool_)
         np.equal(words[1:], words[:-1], out=same[1:])
         same[self._starts] = False
@@ -81,8 +82,8 @@ class PdoColumns:
             return None
         key = id(sync)
         if key not in self._steps:
-            each = self._steps_by(sync)
-            self._steps[key] = each, self._limits(each)
+            last = [0 if last is None else last - sync.first_ordinal for last in self._last_sync]
+            self._steps[key] = self._differences(sync.before_by_id, last)
         each, limits = self._steps[key]
         return Steps(each[self.places[number]], limits[number])
 
@@ -91,20 +92,32 @@ class PdoColumns:
         key = id(sync)
         if key not in self._phases:
             numbers = np.arange(len(sync.seq)) + sync.first_ordinal
-            phase = (numbers % UNTOLD).take(sync.before_by_id)
-            phase += self._numbers * UNTOLD
-            counts = np.bincount(phase, minlength=(len(self.places) + 1) * UNTOLD)
-            self._phases[key] = counts.reshape(-1, UNTOLD)
+            self._phases[key] = self._counts(sync.before_by_id, numbers % UNTOLD)
         own: Ints = self._phases[key][number]
         return own
 
-    def _steps_by(self, sync: SyncIndex) -> Ints:
-        at = sync.before_by_id
-        steps = np.empty_like(at)
-        np.subtract(at[1:], at[:-1], out=steps[1:])
-        last = np.array([0 if each is None else each for each in self._last_sync])
-        steps[self._starts] = at[self._starts] + sync.first_ordinal - last
-        return steps
+    def _counts(self, at: Ints, kind: Ints) -> Ints:
+        """(p, UNTOLD) how many of the (k,) positions of each PDO are of each kind."""
+        if native.available():
+            return native.kinds(self._table, at, kind.astype(np.uint8), UNTOLD)
+        numbered = kind.take(at)
+        numbered += self._numbers * UNTOLD
+        counts = np.bincount(numbered, minlength=(len(self.places) + 1) * UNTOLD)
+        return counts.reshape(-1, UNTOLD)
+
+    def _differences(self, values: Ints, first: list[int]) -> tuple[Ints, list[Limits]]:
+        """From each value of a PDO to the next, and the limits of that; from `first` to its first.
+
+        What is told outside the PDOs has no meaning.
+        """
+        before = np.array(first, np.int64)
+        if native.available():
+            steps, limits = native.differences(self._table, values, before)
+            return steps, _pairs(limits)
+        steps = np.empty_like(values)
+        np.subtract(values[1:], values[:-1], out=steps[1:])
+        steps[self._starts] = values[self._starts] - before
+        return steps, self._limits(steps)
 
     @cached_property
     def _numbers(self) -> Ints:
@@ -117,9 +130,21 @@ class PdoColumns:
     @cached_property
     def _edges(self) -> NDArray[np.intp]:
         """Where the frames of each PDO begin and end by turns, for `reduceat`."""
-        edges = np.array([(place.start, place.stop) for place in self.places], np.intp).reshape(-1)
+        edges = self._table.reshape(-1)
         return edges[:-1] if edges[-1] == len(self.block.batch.rows_by_id) else edges
 
-    def _limits(self, values: NDArray[Any]) -> list[Limits]:
+    @cached_property
+    def _table(self) -> NDArray[np.intp]:
+        """(p, 2) where the frames of each PDO begin and stop."""
+        found = [(place.start, place.stop) for place in self.places]
+        return np.array(found, np.intp).reshape(-1, 2)
+
+    def _limits(self, values: Ints) -> list[Limits]:
+        if native.available():
+            return _pairs(native.limits(self._table, values))
         least, most = (how.reduceat(values, self._edges)[::2] for how in (np.minimum, np.maximum))
         return list(zip(least.tolist(), most.tolist(), strict=True))
+
+
+def _pairs(limits: Ints) -> list[Limits]:
+    return [(least, most) for least, most in limits.tolist()]

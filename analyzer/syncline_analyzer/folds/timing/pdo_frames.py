@@ -1,11 +1,10 @@
 """The frames of one PDO in a block."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.folds.timing.block import Block
+from syncline_schemas.records import dataclass
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,7 +1,7 @@
 """What each PDO was due at the end of the capture: missed frames, pauses and its row."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from syncline_analyzer.folds.timing.tables import TimingTables
 from syncline_analyzer.folds.timing.waiting_fold import WaitingFold
 from syncline_analyzer.pdo_binding import PdoBindings
 from syncline_analyzer.results import NmtStateRow, PdoPauseRow, PdoRow
+from syncline_schemas.records import dataclass
 
 START_NS = 10_000_000
 """Time that a node has to act on a start command."""

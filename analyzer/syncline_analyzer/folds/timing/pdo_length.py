@@ -1,6 +1,6 @@
 """PDOs whose frames are not as long as the mapping that their node confirmed."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -10,6 +10,7 @@ from syncline_analyzer.context import Context
 from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.pdo_binding import Pdo, PdoBindings
 from syncline_schemas.canopen.services import SERVICE_OF_ID, Service
+from syncline_schemas.records import dataclass
 
 SETTLE_NS = 100_000_000
 """Frames this soon after a change of the mapping may still have the old length [ns]."""

@@ -1,6 +1,6 @@
 """PDOs of a node in stretches between the events that may change its state."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from itertools import pairwise
 
 import numpy as np
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from syncline_analyzer.folds.nmt.cadence import CANDIDATE_RATIO, MIN_PERIODS, Int64s, Mask
 from syncline_analyzer.folds.nmt.events import PdoSpan
+from syncline_schemas.records import dataclass
 
 _NO_SEQ = np.zeros(0, np.intp)
 MAX_SPANS = 20_000

@@ -1,6 +1,6 @@
 """What is kept of one PDO identifier from block to block."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from syncline_analyzer.distribution import Distribution
 from syncline_analyzer.folds.timing.extremes import Extremes
@@ -14,6 +14,7 @@ from syncline_analyzer.folds.timing.rhythm import Missed, Rhythm
 from syncline_analyzer.folds.timing.slips import Slips
 from syncline_analyzer.pdo_binding import Pdo, Transmission
 from syncline_analyzer.series import Thinner
+from syncline_schemas.records import dataclass
 
 _SEEN = ("sdo-read", "sdo-write", "bus-description")
 """Sources of a setting that hold for this very device."""

@@ -1,6 +1,6 @@
 """Periods of a rhythm, of SYNC, PDOs and error control alike."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from syncline_analyzer.distribution import Distribution
 from syncline_analyzer.folds.timing.extremes import Extremes, limits_of
 from syncline_analyzer.results import Jitter
+from syncline_schemas.records import dataclass
 
 SINGLE = 1.5
 """A period of so many usual ones is not a single one: something is missing in it, or paused."""

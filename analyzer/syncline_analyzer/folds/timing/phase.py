@@ -1,12 +1,13 @@
 """Which of n SYNCs a PDO answers that is sent with every n-th."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.folds.timing.sync_index import SyncIndex
+from syncline_schemas.records import dataclass
 
 UNTOLD = 240
 """Most n that are inferred from the frames divide it, so n need not be known beforehand."""

@@ -1,9 +1,9 @@
 """Frames of a PDO that bring the data of the one before."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
+
+from syncline_schemas.records import dataclass
 
 
 @dataclass(slots=True)

@@ -1,6 +1,6 @@
 """How soon a frame comes after a remote frame that asks for it (CiA 301 7.2.2.5.2, 7.2.8.3.1)."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from syncline_analyzer.distribution import Distribution
 from syncline_analyzer.folds.timing.extremes import Extremes
 from syncline_analyzer.folds.timing.rhythm import Missed
+from syncline_schemas.records import dataclass
 
 ANSWER_NS = 1_000_000_000
 """What comes later than this after a request is no answer to it."""

@@ -1,9 +1,9 @@
 """PDOs that somebody asked for by a remote frame: they may answer that and not the SYNC."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
+
+from syncline_schemas.records import dataclass
 
 Rows = NDArray[np.intp]
 Mask = NDArray[np.bool_]

@@ -1,7 +1,7 @@
 """Which SYNCs a PDO answers: the pattern, and the SYNCs that it missed."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from syncline_analyzer.folds.timing.extremes import limits_of
 from syncline_analyzer.folds.timing.slips import Spared
 from syncline_analyzer.folds.timing.sync_index import SyncIndex
+from syncline_schemas.records import dataclass
 
 MAX_KEPT = 100_000
 """Missed moments kept one by one; beyond, only stretches of them."""

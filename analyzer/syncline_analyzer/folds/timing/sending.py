@@ -1,11 +1,10 @@
 """How a PDO is sent: its transmission type as told, or as its frames show it."""
 
-from dataclasses import dataclass
-
 from syncline_analyzer.context import Context
 from syncline_analyzer.folds.timing.pdo_state import PdoState
 from syncline_analyzer.folds.timing.rhythm import LEARN
 from syncline_analyzer.shadow import Known
+from syncline_schemas.records import dataclass
 
 
 @dataclass(frozen=True, slots=True)

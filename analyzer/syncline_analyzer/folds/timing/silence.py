@@ -1,7 +1,7 @@
 """Stretches in which nothing was heard of a whole bus: they accuse no single node."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +20,7 @@ from syncline_analyzer.folds.timing.clock_step import (
     forward_step,
     witness,
 )
+from syncline_schemas.records import dataclass
 
 MAX_SILENCES = 1000
 _MANY = 10.0

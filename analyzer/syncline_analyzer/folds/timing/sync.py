@@ -17,6 +17,7 @@ from syncline_analyzer.folds.timing.sync_table import SyncTable, sync_table
 from syncline_analyzer.folds.timing.unsteady import OFF
 from syncline_analyzer.folds.timing.usual import MISSING, cycles_of, usual_of
 from syncline_analyzer.results import ClockStepRow
+from syncline_schemas import native
 from syncline_schemas.batch import FrameFlag
 from syncline_schemas.wire_length import longest_bits
 
@@ -60,7 +61,7 @@ class SyncFold:
         if not len(rows) and key not in self._states:
             return None
         state = self._states.get(key) or self._states.setdefault(key, SyncState())
-        index = self._index(block, bus, state, rows, sent_bits)
+        index = self._index(block, bus, cob_id, state, rows, sent_bits)
         in_bundles = bundled(block, bus)
         seq = block.batch.last_seq
         if version is None or state.told.version != version:
@@ -117,14 +118,13 @@ class SyncFold:
         self,
         block: Block,
         bus: int,
+        cob_id: int,
         state: SyncState,
         rows: NDArray[np.intp],
         sent_bits: NDArray[np.int64],
     ) -> SyncIndex:
-        is_sync = np.zeros(len(block.batch), np.int64)
-        is_sync[rows] = 1
-        t_ns = np.concatenate(([state.last_ns or 0], block.frames.t_ns[rows]))
-        seqs = block.batch.seqs[rows]
+        own_ns, seqs = block.batch.t_ns_of(bus, cob_id), block.batch.seqs_of(bus, cob_id)
+        t_ns = np.concatenate(([state.last_ns or 0], own_ns))
         bits = np.concatenate(([state.last_bits], sent_bits[rows]))
         apart = t_ns[1:] - t_ns[:-1]
         first = 0 if state.last_ns is not None else 1
@@ -148,7 +148,7 @@ class SyncFold:
             t_ns,
             np.concatenate(([state.last_seq], seqs)),
             bits,
-            np.cumsum(is_sync),
+            before(rows, len(block.batch)),
             usable,
             bundled,
             median,
@@ -305,6 +305,15 @@ class SyncFold:
         counter = index.counter[index.first + 1 :]
         in_time = lost_in_time(lost, unsent, cycles, counter, state.counter.end(told))
         return np.where(index.bundled[index.first : -1], by_counter, in_time)
+
+
+def before(rows: NDArray[np.intp], count: int) -> NDArray[np.int64]:
+    """(count,) how many of these rows are at or before each."""
+    if native.available():
+        return native.before(rows, count)
+    is_one = np.zeros(count, np.int64)
+    is_one[rows] = 1
+    return np.cumsum(is_one)
 
 
 def _step(block: Block, bus: str, found: ClockSet) -> ClockStepRow:

@@ -1,11 +1,12 @@
 """The counter in a SYNC (CiA 301 7.2.5.3): from 1 to 1019h and again from 1."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.folds.timing.bundles import lacking
+from syncline_schemas.records import dataclass
 
 SURE = 2
 """So often a counter must have begun again from the same number to show where it ends."""

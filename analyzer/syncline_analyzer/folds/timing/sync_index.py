@@ -1,12 +1,13 @@
 """Where the SYNCs of a block stand between its other frames."""
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.folds.timing.usual import MISSING
+from syncline_schemas import native
+from syncline_schemas.records import dataclass
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,12 +46,19 @@ class SyncIndex:
     @cached_property
     def before_by_id(self) -> NDArray[np.int64]:
         """(k,) `before` of the frames by identifier."""
-        return self.before.take(self.rows_by_id)
+        return self._by_id[0]
 
     @cached_property
     def since_by_id(self) -> NDArray[np.int64]:
         """(k,) time from the SYNC before to each of the frames by identifier [ns]."""
-        return self.t_ns_by_id - self.t_ns.take(self.before_by_id)
+        return self._by_id[1]
+
+    @cached_property
+    def _by_id(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        if native.available():
+            return native.since(self.rows_by_id, self.t_ns_by_id, self.before, self.t_ns)
+        before = self.before.take(self.rows_by_id)
+        return before, self.t_ns_by_id - self.t_ns.take(before)
 
     @cached_property
     def all_usable(self) -> bool:

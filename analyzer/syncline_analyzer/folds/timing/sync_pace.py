@@ -1,9 +1,9 @@
 """The mean SYNC period by the recorder's clock, and how far it is off the one that was set."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
+
+from syncline_schemas.records import dataclass
 
 _SHORT, _LONG = 0.5, 1.5
 """A single period is between these shares of the usual one."""

@@ -1,6 +1,6 @@
 """Rows of a SYNC identifier."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.folds.timing.sync_settings import producers, told_overflow, told_period
@@ -13,6 +13,7 @@ from syncline_analyzer.results import (
     SyncRow,
     WorstRow,
 )
+from syncline_schemas.records import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,6 @@
 """What the fold over SYNC, PDOs and bus load tells in the end."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from syncline_analyzer.results import (
     BusLoadRow,
@@ -23,6 +23,7 @@ from syncline_analyzer.results import (
     WaitRow,
     WorstRow,
 )
+from syncline_schemas.records import dataclass
 
 
 @dataclass(frozen=True, slots=True)

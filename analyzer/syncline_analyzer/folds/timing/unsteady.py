@@ -1,11 +1,10 @@
 """Stretches in which the SYNC period is off its mean again and again."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.results import SyncJitterRow
+from syncline_schemas.records import dataclass
 
 OFF = 0.1
 """A period is off when it differs by more than this share from the mean."""

@@ -6,7 +6,6 @@ node started one of lower priority; and it was ready at its own start at the lat
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -14,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from syncline_schemas.batch import FrameBatch, FrameFlag
+from syncline_schemas.records import dataclass
 from syncline_schemas.wire_length import INTERMISSION_BITS
 
 MASTER = 0

@@ -1,7 +1,7 @@
 """A block of one bus for the analysis of waiting: arbitration, and what went ahead of frames."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import field, fields
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -12,6 +12,7 @@ from syncline_analyzer.folds.timing.senders import Sender, Senders
 from syncline_analyzer.folds.timing.waiting import MASTER, UNKNOWN, Arbitration, Ready
 from syncline_analyzer.results import Ahead
 from syncline_schemas.batch import FrameFlag
+from syncline_schemas.records import dataclass
 
 _AT_ONCE = 1 << 13
 """Frames whose waiting is laid out at a time."""

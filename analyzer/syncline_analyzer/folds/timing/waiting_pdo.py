@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from copy import deepcopy
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -15,6 +15,7 @@ from syncline_analyzer.folds.timing.late_behind import LateBehind
 from syncline_analyzer.folds.timing.waiting import Ready
 from syncline_analyzer.folds.timing.waiting_bus import Blame, BusBlock, Span
 from syncline_analyzer.results import Ahead, LatenessRow, PdoRow, WaitRow
+from syncline_schemas.records import dataclass
 
 WORST = 10
 MAX_EVIDENCE = 20

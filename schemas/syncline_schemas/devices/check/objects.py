@@ -100,7 +100,7 @@ def _variable(sheet: Sheet, index: int, sub: int) -> Iterator[Fault]:
         stated = section.get(name)
         understood = "$NODEID" in sheet.entry(index, sub).get(repaired, "")
         if understood and not _NODE_ID.fullmatch(stated):
-            text = f"{stated[:40]!r}: $NODEID does not stand first"
+            text = f"{stated[:40]!r}: {_form(stated)}"
             yield sheet.fault("node_id_form", key, text, at=name)
     known = DATA_TYPES.get(variable.data_type or 0)
     if known is None or not section.get("datatype") or sheet.type_unknown(index, sub):
@@ -110,6 +110,18 @@ def _variable(sheet: Sheet, index: int, sub: int) -> Iterator[Fault]:
         yield sheet.fault("mappable_type", key, text, at="pdomapping")
     if known.kind in _NUMBERS:
         yield from _limits(sheet, index, sub)
+
+
+def _form(stated: str) -> str:
+    """What is unusual about an expression with `$NODEID` that is understood."""
+    text = stated.strip()
+    if "$" not in text:
+        return "NODEID has no $ before it"
+    if _NODE_ID.fullmatch(text.upper().replace("0X", "0x")):
+        return "$NODEID is not written in capitals"
+    if text.upper().startswith("$NODEID"):
+        return "what follows $NODEID is not + and one number"
+    return "$NODEID does not stand first"
 
 
 def _as_standard(sheet: Sheet, index: int, sub: int) -> Iterator[Fault]:

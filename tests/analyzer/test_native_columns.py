@@ -1,0 +1,147 @@
+"""Compiled columns of the timing analyses are those of numpy, bit for bit."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from syncline_analyzer.distribution import Distribution
+from syncline_analyzer.fold import IndexedBatch
+from syncline_analyzer.folds.timing.block import Block
+from syncline_analyzer.folds.timing.pdo_columns import PdoColumns
+from syncline_analyzer.folds.timing.pdo_state import PdoState
+from syncline_analyzer.folds.timing.sync_index import SyncIndex
+from syncline_analyzer.series import extreme_rows
+from syncline_schemas import native
+from syncline_schemas.batch import FrameBatch
+
+pytestmark = pytest.mark.skipif(not native.available(), reason="the library is not built")
+
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+def both(ask: "Ask") -> tuple[object, object]:
+    """What the library tells, and what numpy does."""
+    ours = ask()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(native, "available", lambda: False)
+        return ours, ask()
+
+
+class Ask:
+    """Something to be computed anew at each call, from one seed."""
+
+    def __init__(self, seed: int) -> None:
+        self.seed = seed
+
+    @property
+    def rng(self) -> np.random.Generator:
+        return np.random.default_rng(self.seed)
+
+    def __call__(self) -> object:
+        raise NotImplementedError
+
+
+class Spread(Ask):
+    """A distribution of values in several parts, some far away from most."""
+
+    def __call__(self) -> object:
+        rng, spread = self.rng, Distribution(moments=bool(self.seed % 2))
+        for _ in range(4):
+            values = rng.normal(1e6, 10.0 ** rng.integers(0, 6), 5000)
+            values[rng.random(5000) < 0.01] *= rng.choice([1e-3, 1e6])
+            values = np.abs(values)
+            spread.add(values if self.seed % 3 else values.astype(np.int64))
+        counts, edges = spread.histogram()
+        quantiles = [spread.quantile(share) for share in (0.0, 0.01, 0.5, 0.99, 1.0)]
+        return counts.tolist(), edges.tolist(), quantiles, spread.mean, spread.std
+
+
+class Peaks(Ask):
+    """Extreme rows of numbers some of which are equal, infinite or none."""
+
+    def __call__(self) -> object:
+        rng = self.rng
+        values = rng.integers(0, 5, int(rng.integers(1, 200))).astype(np.float64)
+        for each in (np.nan, np.inf, -np.inf):
+            if rng.random() < 0.5:
+                values[rng.random(len(values)) < rng.random()] = each
+        return extreme_rows(values, int(rng.integers(1, 12))).tolist()
+
+
+class Pdos(Ask):
+    """Columns of the PDOs of a block with SYNCs, after some or no frames before."""
+
+    def __call__(self) -> object:
+        rng = self.rng
+        count = int(rng.integers(20, 400))
+        can_id = rng.choice([0x80, 0x181, 0x182, 0x281, 0x701], count).astype(np.uint32)
+        can_id[:3] = (0x80, 0x181, 0x281)
+        data = rng.integers(0, 2, (count, 8)).astype(np.uint8)
+        t_ns = 10**18 + np.cumsum(rng.integers(-(10**3), 10**6, count))
+        nothing = np.zeros(count, np.uint8)
+        frames = FrameBatch(
+            t_ns, nothing, can_id, nothing.astype(np.uint16), nothing + np.uint8(8), data
+        )
+        block = Block(IndexedBatch(frames, 100))
+        states = [PdoState(), PdoState()]
+        for state in states:
+            if rng.random() < 0.7:
+                state.last_ns, state.rhythm.last = 10**18 - 5, int(rng.integers(0, 9))
+        places = [block.batch.place(0, each) for each in (0x181, 0x281)]
+        columns, sync = PdoColumns(block, places, states), index(block, int(rng.integers(-1, 500)))
+        found: list[object] = [columns.repeated, sync.before_by_id.tolist()]
+        found.append(sync.since_by_id.tolist())
+        for number, place in enumerate(places):
+            steps = columns.steps(sync, number)
+            found += [columns.periods[place].tolist(), columns.period_limits(number)]
+            found += [columns.responses(sync, number), columns.phases(sync, number).tolist()]
+            found.append(steps and (steps.each.tolist(), steps.limits))
+        return found
+
+
+def index(block: Block, first_ordinal: int) -> SyncIndex:
+    from syncline_analyzer.folds.timing.sync import before
+
+    rows = block.batch.rows(0, 0x80)
+    t_ns = np.concatenate(([0], block.frames.t_ns[rows]))
+    nothing = np.zeros(len(t_ns), np.int64)
+    return SyncIndex(
+        rows,
+        first_ordinal,
+        True,
+        t_ns,
+        nothing,
+        nothing,
+        before(rows, len(block.batch)),
+        nothing == 0,
+        nothing != 0,
+        0.0,
+        nothing,
+        block.batch.rows_by_id,
+        block.batch.t_ns_by_id,
+    )
+
+
+@pytest.mark.parametrize("kind", [Spread, Peaks, Pdos])
+@given(seed=SEEDS)
+@settings(max_examples=60, deadline=None)
+def test_columns_are_those_of_numpy(kind: type[Ask], seed: int) -> None:
+    ours, theirs = both(kind(seed))
+    np.testing.assert_equal(ours, theirs)
+
+
+def test_rows_outside_are_refused() -> None:
+    column = np.arange(4)
+    with pytest.raises(AssertionError):
+        native.since(np.array([4]), column[:1], column, column)
+    with pytest.raises(AssertionError):
+        native.since(np.array([-1]), column[:1], column, column)
+    with pytest.raises(AssertionError):
+        native.before(np.array([2, 1]), 4)
+    with pytest.raises(AssertionError):
+        native.before(np.array([5]), 4)
+    with pytest.raises(AssertionError):
+        native.limits(np.array([[2, 5]]), column)
+    with pytest.raises(AssertionError):
+        native.kinds(np.array([[0, 4]]), column, np.zeros(3, np.uint8), 2)

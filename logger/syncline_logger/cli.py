@@ -74,8 +74,10 @@ def main(argv: Sequence[str] | None = None) -> None:
         code = FAILED
     except Exception as error:  # noqa: BLE001 - the last place where it can become words
         code = _explain(error, words)
-    # Python would search all modules for cycles once more, though the process ends.
-    gc.freeze()
+    # Python would search all modules for cycles once more, though the process ends. DuckDB's own
+    # objects complain about it.
+    if "duckdb" not in sys.modules:
+        gc.freeze()
     sys.exit(code if isinstance(code, int) else 0)
 
 

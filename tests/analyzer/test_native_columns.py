@@ -1,5 +1,7 @@
 """Compiled columns of the timing analyses are those of numpy, bit for bit."""
 
+import pickle
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -129,6 +131,20 @@ def index(block: Block, first_ordinal: int) -> SyncIndex:
 def test_columns_are_those_of_numpy(kind: type[Ask], seed: int) -> None:
     ours, theirs = both(kind(seed))
     np.testing.assert_equal(ours, theirs)
+
+
+def test_a_spread_goes_on_in_another_process() -> None:
+    """Arrays that stand behind a message are views of its bytes."""
+    values = np.random.default_rng(0).normal(1e6, 1e3, 20_000)
+    here = Distribution()
+    here.add(values)
+    buffers: list[pickle.PickleBuffer] = []
+    sent = pickle.dumps(here, 5, buffer_callback=buffers.append)
+    there = pickle.loads(sent, buffers=[bytearray(each.raw()) for each in buffers])
+    for each in (here, there):
+        each.add(values[::-1].copy())
+    assert there.quantile(0.3) == here.quantile(0.3)
+    assert there.std == here.std
 
 
 def test_rows_outside_are_refused() -> None:

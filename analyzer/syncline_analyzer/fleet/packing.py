@@ -24,6 +24,8 @@ MIN_LOOSE = 200
 FULL = 4000
 """Captures of a pack; one with fewer is written anew together with what has come."""
 _GROUP_ROWS = 50_000
+_PARTS = 200
+"""A hundred columns of a few rows each take a hundred times the memory of the rows."""
 _AT_ONCE = 8
 """Files that are read at a time: object stores are slow to answer."""
 
@@ -96,6 +98,8 @@ def _write(path: Path, parts: Iterator[pa.Table], schema: pa.Schema) -> None:
         for part in parts:
             waiting.append(_conformed(part, schema))
             count += len(part)
+            if len(waiting) == _PARTS:
+                waiting = [pa.concat_tables(waiting).combine_chunks()]
             if count >= _GROUP_ROWS:
                 writer.write_table(pa.concat_tables(waiting))
                 waiting, count = [], 0

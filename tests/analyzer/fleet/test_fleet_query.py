@@ -3,6 +3,8 @@
 import csv
 import json
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -320,3 +322,12 @@ def test_an_object_store_is_asked_the_same(tmp_path: Path) -> None:
     analyze(tmp_path / "in", "memory://fleet-query")
     nodes = open_fleet("memory://fleet-query").query("SELECT machine, heartbeats FROM nodes")
     assert who(nodes, "heartbeats") == [("0012", 20)]
+
+
+def test_the_command_itself_says_nothing_but_the_answer(small: Path) -> None:
+    words = ["fleet", "query", str(small), "SELECT count(*) AS captures FROM captures"]
+    program = "from syncline_logger.cli import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-c", program, *words], capture_output=True, text=True, check=True
+    )
+    assert (done.stdout.split(), done.stderr) == (["captures", "2"], "")

@@ -16,6 +16,8 @@ from syncline_analyzer.results import Analysis
 
 HEALTHY = "healthy"
 """Verdict of a capture without findings of severity error or warning."""
+UNREADABLE = (pa.ArrowException, OSError, ValueError, KeyError, TypeError, IndexError)
+"""What reading a Parquet file raises that is damaged, or of another version."""
 
 
 @dataclass(frozen=True, slots=True)

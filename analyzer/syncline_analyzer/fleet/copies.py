@@ -41,10 +41,10 @@ def _best(file: File, copies: list[File], options: Mapping[str, Any]) -> File:
 
 
 class _Held(NamedTuple):
-    """What can be read of a file; more frames are more."""
+    """What can be read of a file: whole is more, and of damaged ones more frames are."""
 
-    frames: int
     whole: bool
+    frames: int
 
 
 def _held(file: File, options: Mapping[str, Any]) -> _Held:
@@ -52,6 +52,6 @@ def _held(file: File, options: Mapping[str, Any]) -> _Held:
         with fetched((file,), options) as found:
             reader = open_capture(found.paths[0])
             frames = sum(len(item) for item in reader.batches() if isinstance(item, FrameBatch))
-            return _Held(frames, reader.facts.damage is None)
+            return _Held(reader.facts.damage is None, frames)
     except (SynclineError, OSError):
-        return _Held(0, whole=False)
+        return _Held(whole=False, frames=0)

@@ -18,7 +18,12 @@ from typing import Any, Self, TypeVar
 
 import pyarrow as pa
 
-from syncline_analyzer.fleet.captures import CaptureEntry, FailureEntry, rows_of_captures
+from syncline_analyzer.fleet.captures import (
+    UNREADABLE,
+    CaptureEntry,
+    FailureEntry,
+    rows_of_captures,
+)
 from syncline_analyzer.fleet.layout import (
     CAPTURES_FILE,
     Partition,
@@ -123,13 +128,13 @@ class Dataset:
 def _entries(
     storage: Storage, places: Sequence[tuple[str, Any]], parse: Callable[[bytes, Any], _E]
 ) -> Iterator[_E]:
-    """What the files hold; one that is gone by now, or of another version, counts as not there."""
+    """What the files hold; one that is gone by now, damaged, or of another version, counts as not there."""
 
     def read(place: tuple[str, Any]) -> _E | None:
         content = storage.read(place[0])
         try:
             return None if content is None else parse(content, place[1])
-        except (pa.ArrowInvalid, KeyError, TypeError, IndexError):
+        except UNREADABLE:
             return None
 
     with ThreadPoolExecutor(_AT_ONCE) as pool:

@@ -2,8 +2,8 @@
 
 machine=press-3/date=2026-11-22/capture_id=c0123456789abcde/captures.parquet
                                                            /nodes.parquet ...
-packs/<name>/captures.parquet           the same rows of many captures, see `packs.py`
-            /nodes.parquet ...
+_packs/<name>/captures.parquet          the same rows of many captures, see `packs.py`
+             /nodes.parquet ...
 failures/<key>.parquet
 reports/<capture_id>.html
 recordings/<capture_id>.rrd
@@ -17,7 +17,8 @@ from urllib.parse import quote, unquote
 UNDATED = "undated"
 """Instead of a date: the capture tells none."""
 STAGING, FAILURES, REPORTS, RECORDINGS = ".staging", "failures", "reports", "recordings"
-PACKS = "packs"
+PACKS = "_packs"
+"""Readers of hive partitions pass over names that begin so."""
 CAPTURES_FILE = "captures.parquet"
 _MAX_NAME = 200
 _HIVE_NULL = "__HIVE_DEFAULT_PARTITION__"

@@ -1,7 +1,8 @@
 """Making packs: the tables of many captures written into one file each."""
 
+import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from io import BytesIO
@@ -10,7 +11,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from syncline_analyzer.fleet.captures import CaptureEntry
+from syncline_analyzer.fleet.captures import UNREADABLE, CaptureEntry
 from syncline_analyzer.fleet.database import Database, Query
 from syncline_analyzer.fleet.dataset import Dataset
 from syncline_analyzer.fleet.layout import CAPTURES_FILE, PACKS, Partition
@@ -18,70 +19,116 @@ from syncline_analyzer.fleet.packs import pack_index, packed_schema
 from syncline_analyzer.fleet.publish import put, staging, take_away
 from syncline_analyzer.fleet.schemas import CAPTURES, tables
 from syncline_analyzer.fleet.storage import Storage
+from syncline_schemas.errors import UsageError
 
 MIN_LOOSE = 200
 """So many captures that are in no pack are worth one."""
 FULL = 4000
 """Captures of a pack; one with fewer is written anew together with what has come."""
-_GROUP_ROWS = 50_000
+_READERS_S = 86_400
+"""So long a pack stays that newer ones replaced: somebody may have the data set open."""
+_GROUP_ROWS, _GROUP_BYTES = 50_000, 64 << 20
 _PARTS = 200
 """A hundred columns of a few rows each take a hundred times the memory of the rows."""
-_AT_ONCE = 8
+_AT_ONCE = 32
 """Files that are read at a time: object stores are slow to answer."""
 
 
 def pack_captures(
-    storage: Storage, run: str, *, min_loose: int = MIN_LOOSE, full: int = FULL
+    storage: Storage,
+    run: str,
+    *,
+    begun: Callable[[int], None] | None = None,
+    min_loose: int = MIN_LOOSE,
+    full: int = FULL,
 ) -> int:
     """Pack the captures that are in no full pack, where enough have come; how many are packed.
 
-    What nobody reads any more, since newer packs hold it, is taken away.
+    A capture with a table that cannot be read stays as it is. Packs that newer ones have replaced
+    for a day are taken away.
 
     Args:
         run: name of the run, for what it leaves behind.
+        begun: called with the number of captures before they are packed.
     """
     data = Dataset.of(storage)
-    if sum(entry.partition not in data.packs for entry in data.captures) < min_loose:
+    _take_away_old(data)
+    able = [each for each in data.captures if data.listing.captures.get(each.partition)]
+    if sum(entry.partition not in data.packs for entry in able) < min_loose:
         return 0
     sizes = Counter(data.packs.values())
-    kept = {name for name, size in sizes.items() if size >= full}
-    left = [entry for entry in data.captures if data.packs.get(entry.partition) not in kept]
-    for part in _parts(left, full):
-        _write_pack(replace(data, captures=part), run)
-    for name in data.listing.packs:
-        if name not in kept:
-            take_away(storage, f"{PACKS}/{name}")
-    return len(left)
+    left = [each for each in able if sizes[data.packs.get(each.partition, "")] < full]
+    if begun:
+        begun(len(left))
+    return sum(
+        _Pack(replace(data, captures=left[at : at + full])).write(run)
+        for at in range(0, len(left), full)
+    )
 
 
-def _parts(entries: Sequence[CaptureEntry], size: int) -> Iterator[Sequence[CaptureEntry]]:
-    for begin in range(0, len(entries), size):
-        yield entries[begin : begin + size]
+def _take_away_old(data: Dataset) -> None:
+    used = set(data.packs.values())
+    before_ns = time.time_ns() - _READERS_S * 10**9
+    for name, files in data.listing.packs.items():
+        if name not in used and (files.modified_ns or 0) < before_ns:
+            take_away(data.storage, f"{PACKS}/{name}")
 
 
-def _write_pack(data: Dataset, run: str) -> None:
-    with staging(data.storage, run) as staged:
-        for table in tables():
-            if table != CAPTURES and data.partitions(table):
-                _write(staged / f"{table}.parquet", _rows(data, table), packed_schema(table))
-        pq.write_table(pack_index(data.captures, data.listing), staged / CAPTURES_FILE)
-        put(data.storage, staged, f"{PACKS}/{staged.name}")
+class _Pack:
+    """The captures of a data set as a pack."""
+
+    def __init__(self, data: Dataset) -> None:
+        self._data = data
+        self._unreadable: set[Partition] = set()
+
+    def write(self, run: str) -> int:
+        """Write all tables and make the pack stand; how many captures are in it."""
+        with staging(self._data.storage, run) as staged:
+            sizes = {}
+            for table in tables():
+                if table != CAPTURES and self._data.partitions(table):
+                    path = staged / f"{table}.parquet"
+                    _write(path, self._rows(table), packed_schema(table))
+                    sizes[table] = path.stat().st_size
+            # Rows of those that are not listed are never read.
+            listed = [e for e in self._data.captures if e.partition not in self._unreadable]
+            index = pack_index(listed, self._data.listing, sizes)
+            pq.write_table(index, staged / CAPTURES_FILE)
+            put(self._data.storage, staged, f"{PACKS}/{staged.name}")
+        return len(listed)
+
+    def _rows(self, table: str) -> Iterator[pa.Table]:
+        """Rows of a table: of captures that are in a pack already, and of each other one."""
+        data = self._data
+        packed = [entry for entry in data.captures if entry.partition in data.packs]
+        if packed:
+            try:
+                with _database(data, packed).ask(Query(f'SELECT * FROM "{table}"', {})) as rows:
+                    yield from (pa.Table.from_batches([batch]) for batch in rows)
+            except UsageError:
+                self._unreadable.update(entry.partition for entry in packed)
+        loose = [each for each in data.partitions(table) if each not in data.packs]
+        for partition, content in _contents(data.storage, table, loose):
+            try:
+                rows_of_one = pq.ParquetFile(BytesIO(content or b"")).read(use_threads=False)
+                yield _conformed(_with_partition(rows_of_one, partition), packed_schema(table))
+            except UNREADABLE:
+                self._unreadable.add(partition)
 
 
-def _rows(data: Dataset, table: str) -> Iterator[pa.Table]:
-    """Rows of a table: of captures that are in a pack already, and of each other one."""
-    packed = [entry for entry in data.captures if entry.partition in data.packs]
-    if packed:
-        database = Database(replace(data, captures=packed))
-        with database.ask(Query(f'SELECT * FROM "{table}"', {})) as rows:
-            yield from (pa.Table.from_batches([batch]) for batch in rows)
-    loose = [each for each in data.partitions(table) if each not in data.packs]
-    paths = [f"{each.folder}/{table}.parquet" for each in loose]
+def _database(data: Dataset, captures: Sequence[CaptureEntry]) -> Database:
+    return Database(replace(data, captures=captures))
+
+
+def _contents(
+    storage: Storage, table: str, partitions: Sequence[Partition]
+) -> Iterator[tuple[Partition, bytes | None]]:
+    """What the files of captures hold, a few in memory at a time."""
     with ThreadPoolExecutor(_AT_ONCE) as pool:
-        for partition, content in zip(loose, pool.map(data.storage.read, paths), strict=True):
-            if content is not None:  # else the stamp of the capture is another one by now
-                rows_of_one = pq.ParquetFile(BytesIO(content)).read(use_threads=False)
-                yield _with_partition(rows_of_one, partition)
+        for at in range(0, len(partitions), _AT_ONCE):
+            some = partitions[at : at + _AT_ONCE]
+            paths = [f"{each.folder}/{table}.parquet" for each in some]
+            yield from zip(some, pool.map(storage.read, paths), strict=True)
 
 
 def _with_partition(rows: pa.Table, partition: Partition) -> pa.Table:
@@ -94,21 +141,23 @@ def _write(path: Path, parts: Iterator[pa.Table], schema: pa.Schema) -> None:
     """Write parts as few row groups: each costs as much to read as a file."""
     with pq.ParquetWriter(path, schema, compression="zstd") as writer:
         waiting: list[pa.Table] = []
-        count = 0
+        rows = size = 0
         for part in parts:
             waiting.append(_conformed(part, schema))
-            count += len(part)
+            rows, size = rows + len(part), size + part.nbytes
             if len(waiting) == _PARTS:
                 waiting = [pa.concat_tables(waiting).combine_chunks()]
-            if count >= _GROUP_ROWS:
+            if rows >= _GROUP_ROWS or size >= _GROUP_BYTES:
                 writer.write_table(pa.concat_tables(waiting))
-                waiting, count = [], 0
+                waiting, rows, size = [], 0, 0
         if waiting:
             writer.write_table(pa.concat_tables(waiting))
 
 
 def _conformed(rows: pa.Table, schema: pa.Schema) -> pa.Table:
     """The columns of a table as they are today; an earlier version may have had fewer."""
+    if rows.schema.equals(schema):
+        return rows
     there = set(rows.column_names)
     columns = [
         rows[field.name].cast(field.type)

@@ -127,11 +127,12 @@ def _stands(entry: CaptureEntry, recording: Recording, version: str, order: Orde
 
 def _holds(failure: FailureEntry, recording: Recording, version: str, order: Order) -> bool:
     stamps = {file.stamp for file in failure.files}
+    files = (*recording.files, *recording.copies)
     return (
         not order.retry_failed
         and failure.version == version
         and failure.machine == recording.machine
-        and {file.stamp for file in recording.files} == stamps
+        and {file.stamp for file in files} == stamps
     )
 
 

@@ -16,6 +16,7 @@ from syncline_analyzer.fleet.plan import Plan
 from syncline_analyzer.fleet.run import Summary
 from syncline_analyzer.fleet.task import Outcome, Task
 from syncline_analyzer.views.words import duration
+from syncline_schemas.wording import counted
 
 _SHOWN_FAILURES = 10
 
@@ -32,6 +33,9 @@ class Silent:
     def lost(self, reason: str) -> None:
         """See `Watcher`."""
 
+    def packing(self, captures: int) -> None:
+        """See `Watcher`."""
+
 
 class JsonLines(Silent):
     """One JSON object a line on stdout: of each capture that is done."""
@@ -43,6 +47,10 @@ class JsonLines(Silent):
     def lost(self, reason: str) -> None:
         """Say that the scheduler is gone."""
         click.echo(json.dumps({"event": "scheduler lost", "reason": reason}))
+
+    def packing(self, captures: int) -> None:
+        """Say that tables are packed."""
+        click.echo(json.dumps({"event": "packing", "captures": captures}))
 
 
 class Line(Silent):
@@ -79,6 +87,10 @@ class Line(Silent):
     def lost(self, reason: str) -> None:
         """Say that the scheduler is gone."""
         self._progress.console.print(f"The scheduler is lost ({reason}); waiting for it.")
+
+    def packing(self, captures: int) -> None:
+        """Say what takes a while after the last capture."""
+        self._progress.console.print(f"Packing the tables of {counted(captures, 'capture')}.")
 
 
 @contextmanager

@@ -18,6 +18,8 @@ from syncline_analyzer.fleet.storage import Storage
 
 _TRIES = 20
 """Twins of a task, after a scheduler was lost, may publish the same capture at the same time."""
+_RETIRED = "retired"
+"""In place of the name of a run: what is on its way out."""
 _ABANDONED_S = 7 * 86_400
 """A run stages something with every capture that it does; none takes a week."""
 
@@ -67,10 +69,10 @@ def take_away(storage: Storage, place: str) -> None:
             storage.remove(relative)
         return
     folder = storage.folder(place)
-    away = _new_folder(storage, "retired")
+    away = _new_folder(storage, _RETIRED)
     with suppress(FileNotFoundError):
         folder.rename(away / "capture")
-    shutil.rmtree(away, ignore_errors=True)
+    _remove_retired(away)
     _remove_empty(storage, folder.parent)
 
 
@@ -134,9 +136,9 @@ def _rename(storage: Storage, staged: Path, place: str) -> None:
         target.parent.mkdir(parents=True, exist_ok=True)
         try:
             if target.exists():
-                away = _new_folder(storage, "retired")
+                away = _new_folder(storage, _RETIRED)
                 target.rename(away / "capture")
-                shutil.rmtree(away, ignore_errors=True)
+                _remove_retired(away)
             staged.rename(target)
         except OSError:
             # Somebody else put its own there, or took the empty folder above away.
@@ -144,6 +146,14 @@ def _rename(storage: Storage, staged: Path, place: str) -> None:
                 raise
         else:
             return
+
+
+def _remove_retired(away: Path) -> None:
+    """Remove what was taken out of sight, and the folders around it where no other run uses them."""
+    shutil.rmtree(away, ignore_errors=True)
+    with suppress(OSError):
+        away.parent.rmdir()
+        away.parent.parent.rmdir()
 
 
 def _remove_empty(storage: Storage, folder: Path) -> None:

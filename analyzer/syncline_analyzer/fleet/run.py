@@ -8,6 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
+import pyarrow as pa
 from distributed import Client, Future, KilledWorker, as_completed
 
 from syncline_analyzer.fleet.captures import FailureEntry, outcome_of
@@ -17,7 +18,7 @@ from syncline_analyzer.fleet.packing import pack_captures
 from syncline_analyzer.fleet.plan import Order, Plan, plan
 from syncline_analyzer.fleet.publish import remove_staging
 from syncline_analyzer.fleet.task import Outcome, Task, analyze_task
-from syncline_schemas.errors import SourceError, UsageError
+from syncline_schemas.errors import SourceError, SynclineError, UsageError
 
 PATIENCE_S = 300.0
 """So long a scheduler that is lost is waited for."""
@@ -39,6 +40,9 @@ class Watcher(Protocol):
 
     def lost(self, reason: str) -> None:
         """The scheduler does not answer; it is waited for."""
+
+    def packing(self, captures: int) -> None:
+        """The tables of so many captures are packed now."""
 
 
 @dataclass(slots=True)
@@ -127,10 +131,11 @@ def run(
                     tell(task, outcome, planned)
                     summary.take(task, outcome)
                     watcher.done(task, outcome)
-        with suppress(OSError):  # Questions only take longer without.
-            pack_captures(order.out, order.run)
+        # Questions only take longer without, and the next run tries again.
+        with suppress(SynclineError, pa.ArrowException, OSError, ValueError):
+            pack_captures(order.out, order.run, begun=watcher.packing)
     finally:
-        remove_staging(order.out, (order.run, "retired"))
+        remove_staging(order.out, (order.run,))
     summary.wall_s = time.monotonic() - begun_s
     return summary
 
@@ -293,7 +298,7 @@ def tell(task: Task, outcome: Outcome, planned: Plan) -> None:
     failure = FailureEntry(
         recording.key,
         recording.machine,
-        recording.files,
+        (*recording.files, *recording.copies),
         kind,
         outcome.reason,
         outcome.content_sha256,

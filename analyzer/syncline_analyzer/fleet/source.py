@@ -16,7 +16,7 @@ ENDINGS = frozenset({ending for form in READ_FORMATS for ending in form.endings}
 """Of files that may be captures, also with one of `PACKED` behind."""
 _LOOSE = frozenset({".txt", ".csv", ".log", ".zip", ".cap"})
 """Endings of many things that are no captures."""
-_MODIFIED = ("mtime", "LastModified", "last_modified", "modified", "updated")
+_MODIFIED = ("mtime", "LastModified", "last_modified", "modified", "modify", "updated", "created")
 _ETAG = ("ETag", "etag", "md5Hash", "content_md5")
 
 

@@ -217,6 +217,24 @@ def test_a_damaged_copy_does_not_hide_a_whole_one(tmp_path: Path) -> None:
     assert analyze(source, out) == []
 
 
+def test_a_copy_that_comes_after_a_failure_is_read(tmp_path: Path) -> None:
+    source, out = tmp_path / "in", tmp_path / "out"
+    broken = small_mcap(source / "press" / "a.mcap", recording_id="one", frames=5000)
+    content = broken.read_bytes()
+    broken.write_bytes(content[:1000] + bytes(len(content) - 1000))
+    statuses(analyze(source, out))
+    frames = [entry.values["frames"] for entry in Dataset.open(str(out)).captures]
+    assert frames in ([], [0])
+    os.utime(broken, ns=(T0_NS, T0_NS))
+    statuses(analyze(source, out))
+    copy = source / "backup" / "a.mcap"
+    copy.parent.mkdir()
+    copy.write_bytes(content)
+    assert statuses(analyze(source, out)) == ["analyzed"]
+    (entry,) = Dataset.open(str(out)).captures
+    assert entry.values["frames"] == 5000
+
+
 def test_names_of_machines_are_percent_encoded_and_numbers_stay_text(tmp_path: Path) -> None:
     source, out = tmp_path / "in", tmp_path / "out"
     names = [

@@ -1,5 +1,7 @@
 """Packs: what questions read of many captures is what stands in the captures' own folders."""
 
+import os
+import random
 import shutil
 from pathlib import Path
 
@@ -18,6 +20,7 @@ from syncline_analyzer.fleet.packing import pack_captures
 from syncline_analyzer.fleet.schemas import tables
 from syncline_analyzer.fleet.storage import open_storage
 from syncline_samples.fleet import Planted
+from syncline_schemas.errors import UsageError
 from tests.analyzer.fleet.fleet_builder import T0_NS, analyze, capture, small_mcap
 
 HIVE = "hive_types = {machine: VARCHAR, date: VARCHAR, capture_id: VARCHAR}"
@@ -50,7 +53,7 @@ def analyzed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def packs(out: Path) -> list[str]:
-    folder = out / "packs"
+    folder = out / "_packs"
     return sorted(path.name for path in folder.iterdir()) if folder.exists() else []
 
 
@@ -88,44 +91,100 @@ def test_captures_that_changed_or_went_are_not_read_from_a_pack(
     assert told(out, "captures", columns) == stored(out, "captures", columns)
 
 
+def more(source: Path, out: Path, numbers: range) -> None:
+    """Analyze so many further captures of 20 heartbeats."""
+    for number in numbers:
+        at_ns = T0_NS + number * 10**12
+        small_mcap(source / f"{number}.mcap", recording_id=str(number), created_ns=at_ns)
+    analyze(source, out)
+
+
+def aged(out: Path) -> None:
+    """All packs were written two days ago."""
+    for path in (out / "_packs").rglob("*.parquet"):
+        at_ns = path.stat().st_mtime_ns - 2 * 86_400 * 10**9
+        os.utime(path, ns=(at_ns, at_ns))
+
+
 def test_few_new_captures_make_no_pack_and_small_packs_become_one(tmp_path: Path) -> None:
     source, out = tmp_path / "in", tmp_path / "out"
     storage = open_storage(str(out))
-
-    def more(first: int, count: int) -> None:
-        for number in range(first, first + count):
-            at_ns = T0_NS + number * 10**12
-            small_mcap(source / f"{number}.mcap", recording_id=str(number), created_ns=at_ns)
-        analyze(source, out)
-
-    more(0, 3)
+    more(source, out, range(3))
     assert pack_captures(storage, "run", min_loose=4, full=10) == 0
     assert packs(out) == []
-    more(3, 1)
+    more(source, out, range(3, 4))
     assert pack_captures(storage, "run", min_loose=4, full=10) == 4
     assert len(packs(out)) == 1
-    more(4, 7)
+    more(source, out, range(4, 11))
     assert pack_captures(storage, "run", min_loose=4, full=10) == 11
     sizes = Dataset.open(str(out)).packs
-    assert sorted(map(list(sizes.values()).count, packs(out))) == [1, 10]
+    assert sorted(map(list(sizes.values()).count, packs(out))) == [0, 1, 10]
     (full,) = (name for name in packs(out) if list(sizes.values()).count(name) == 10)
-    more(11, 4)
+    aged(out)
+    more(source, out, range(11, 15))
     assert pack_captures(storage, "run", min_loose=4, full=10) == 5
     assert full in packs(out)
+    assert len(packs(out)) == 3
     assert len(told(out, "nodes")) == 15
     assert not (out / ".staging" / "run").exists() or not any((out / ".staging/run").iterdir())
 
 
-def test_a_pack_that_cannot_be_read_is_none(tmp_path: Path) -> None:
+def test_whoever_has_the_data_set_open_can_go_on_asking(tmp_path: Path) -> None:
     source, out = tmp_path / "in", tmp_path / "out"
-    small_mcap(source / "a.mcap", recording_id="one")
-    analyze(source, out)
+    storage = open_storage(str(out))
+    more(source, out, range(3))
+    pack_captures(storage, "run", min_loose=3)
+    opened = Database(Dataset.open(str(out)))
+    more(source, out, range(3, 6))
+    assert pack_captures(storage, "run", min_loose=3) == 6
+    with opened.ask(Query("SELECT * FROM nodes", {})) as reader:
+        assert reader.read_all().num_rows == 3
+    aged(out)
+    pack_captures(storage, "run", min_loose=3)
+    assert len(packs(out)) == 1
+
+
+def test_a_damaged_pack_is_none(tmp_path: Path) -> None:
+    source, out = tmp_path / "in", tmp_path / "out"
+    more(source, out, range(3))
     pack_captures(open_storage(str(out)), "run", min_loose=1)
     (name,) = packs(out)
-    (out / "packs" / name / "captures.parquet").write_bytes(b"cut off")
-    assert len(told(out, "nodes")) == 1
-    (out / "packs" / name / "captures.parquet").unlink()
-    assert len(told(out, "captures")) == 1
+    folder = out / "_packs" / name
+    index, table = folder / "captures.parquet", folder / "nodes.parquet"
+    whole, chance = index.read_bytes(), random.Random(1)
+    for _ in range(40):
+        content = bytearray(whole)
+        begin = chance.randrange(len(content))
+        content[begin : begin + 4] = chance.randbytes(4)
+        index.write_bytes(content[: chance.choice([begin, len(content)])])
+        assert {entry.values["frames"] for entry in Dataset.open(str(out)).captures} == {20}
+    index.write_bytes(whole)
+    assert Dataset.open(str(out)).packs
+    table.write_bytes(table.read_bytes()[:-1])
+    assert Dataset.open(str(out)).packs == {}
+    assert len(told(out, "nodes")) == 3
+    table.unlink()
+    assert len(told(out, "nodes")) == 3
+    index.unlink()
+    aged(out)
+    assert pack_captures(open_storage(str(out)), "run", min_loose=1) == 3
+    assert name not in packs(out)
+
+
+def test_a_capture_with_a_damaged_table_stays_as_it_is(tmp_path: Path) -> None:
+    source, out = tmp_path / "in", tmp_path / "out"
+    more(source, out, range(4))
+    cut, gone, *_ = sorted(out.glob("machine=*/*/*/nodes.parquet"))
+    cut.write_bytes(cut.read_bytes()[:300])
+    gone.unlink()
+    assert pack_captures(open_storage(str(out)), "run", min_loose=1) == 2
+    assert len(Dataset.open(str(out)).packs) == 2
+    assert len(told(out, "captures")) == 4
+    with pytest.raises(UsageError, match="ask again"):
+        told(out, "nodes")
+    shutil.rmtree(cut.parent)
+    shutil.rmtree(gone.parent)
+    assert len(told(out, "nodes")) == 2
 
 
 def test_only_the_pack_is_opened(
@@ -142,22 +201,28 @@ def test_only_the_pack_is_opened(
 
     monkeypatch.setattr(relations, "_files", counted)
     assert told(out, "nodes")
-    assert [path.split("/")[0] for path in opened] == ["packs"]
+    assert [path.split("/")[0] for path in opened] == ["_packs"]
 
 
 def test_packs_in_an_object_store(tmp_path: Path) -> None:
     fs = fsspec.filesystem("memory")
     fs.store.clear()
-    out = "memory://fleet/a"
-    capture(tmp_path / "in", 1, 0, Planted(emcys=1))
-    small_mcap(tmp_path / "in" / "one.mcap", recording_id="one")
-    analyze(tmp_path / "in", out)
+    source, out = tmp_path / "in", "memory://fleet/a"
+    path = capture(source, 1, 0, Planted(emcys=1))
+    small_mcap(source / "one.mcap", recording_id="one")
+    analyze(source, out)
     before = told(out, "findings")
     assert pack_captures(open_storage(out), "run", min_loose=1) == 2
     assert told(out, "findings") == before
     assert set(Dataset.open(out).packs)
-    small_mcap(tmp_path / "in" / "more.mcap", recording_id="more")
-    analyze(tmp_path / "in", out)
+    small_mcap(source / "more.mcap", recording_id="more")
+    analyze(source, out)
     assert pack_captures(open_storage(out), "run", min_loose=1) == 3
-    assert len({path.split("/")[3] for path in fs.find("/fleet/a/packs")} - {""}) == 1
+    assert len(set(Dataset.open(out).packs.values())) == 1
+    # Replaced by one of the same size.
+    path.unlink()
+    for frames in (21, 22):
+        small_mcap(source / "one.mcap", recording_id="one", frames=frames)
+        analyze(source, out)
+        assert (frames,) in told(out, "captures", "frames")
     fs.store.clear()

@@ -25,7 +25,8 @@ class NativeBuildHook(BuildHookInterface[WheelBuilderConfig]):
         if wanted == "0":
             return
         try:
-            _builder(Path(self.root)).build()
+            builder = _builder(Path(self.root))
+            builder.build()
         # Whatever a compiler, or the lack of one, may raise.
         except Exception as error:
             if wanted == "1":
@@ -35,7 +36,7 @@ class NativeBuildHook(BuildHookInterface[WheelBuilderConfig]):
         platform = self.build_config.builder.get_best_matching_tag().rsplit("-", 1)[1]
         build_data["pure_python"] = False
         build_data["tag"] = f"py3-none-{platform}"
-        build_data["artifacts"].append(f"/{NATIVE.as_posix()}/_kernels.*")
+        build_data["artifacts"].append(f"/{NATIVE.as_posix()}/{builder.LIBRARY.name}")
 
 
 def _builder(root: Path) -> ModuleType:

@@ -274,12 +274,17 @@ def _tail(edge: float, end: float, width: float) -> list[float]:
     return edges
 
 
+_LEAST_MARGIN = 2.0**-48
+"""Of the values: less than 1 ns of three days, and many steps of a float of any."""
+
+
 class _Bins:
     """Counts in fine bins where most of the first values lie, in coarse ones elsewhere."""
 
     def __init__(self, first: Values) -> None:
         low, high = quantile_of(first, 0.01), quantile_of(first, 0.99)
-        margin = max(high - low, 1.0)
+        # Beside what it is added to it must not vanish: then the bins would have no width.
+        margin = max(high - low, 1.0, high * _LEAST_MARGIN)
         top = high + margin
         # Below this a fine bin would be wider than a coarse one.
         self.low = max(low - margin, top / FINE_BINS / RELATIVE_ERROR)

@@ -51,7 +51,9 @@ class LazyGroup(click.Group):
     def lazy_commands(self) -> dict[str, LazyCommand]:
         """All subcommands by name; own ones cannot be replaced by a plug-in."""
         if self._found is None:
-            self._found = plugin_commands() | self._own
+            ours = {name: each for name in OF_OUR_EXTRAS if (each := of_our_extras(name))}
+            found = plugin_commands()
+            self._found = found | {name: ours[name] for name in ours if name in found} | self._own
         return self._found
 
     def list_commands(self, ctx: click.Context) -> list[str]:

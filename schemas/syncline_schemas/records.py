@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from dataclasses import dataclass
 else:
     import dataclasses
+    import inspect
 
     _OWN = ("__init__", "__repr__", "__eq__", "__hash__", "__setattr__", "__delattr__")
 
@@ -26,17 +27,18 @@ else:
                 return dataclasses.dataclass(cls, kw_only=kw_only, **options)
             if cls.__doc__ is None:
                 cls.__doc__ = cls.__name__
+            own_state = any(name in vars(cls) for name in ("__getstate__", "__setstate__"))
             cls = dataclasses.dataclass(
                 cls, init=False, repr=False, eq=False, slots=slots, kw_only=kw_only
             )
-            return _with_methods(cls, options)
+            return _with_methods(cls, options, own_state)
 
         return made if cls is None else made(cls)
 
     def _annotations(cls):
-        return vars(cls).get("__annotations__", {})
+        return inspect.get_annotations(cls)
 
-    def _with_methods(cls, options):
+    def _with_methods(cls, options, own_state):
         """The class with methods that make themselves."""
         names = ["__init__"]
         names += ["__repr__"] * options["repr"] + ["__eq__"] * options["eq"]
@@ -46,19 +48,24 @@ else:
         if options["eq"] and not options["frozen"]:
             cls.__hash__ = None
         if options["frozen"]:
-            cls.__dataclass_params__.frozen = True
             _freeze(cls)
-            if options["slots"]:
+            if options["slots"] and not own_state:
                 cls.__getstate__, cls.__setstate__ = _getstate, _setstate
+        for name, value in options.items():
+            if name != "slots":
+                setattr(cls.__dataclass_params__, name, value)
+        cls.__dataclass_params__.init = True
         return cls
 
     def _maker(cls, name, options):
         """A method that puts the one of the standard library in its place, and calls it."""
 
-        def method(self, *args, **values):
+        def method(self, /, *args, **values):
             twin = _twin(cls, name, options)
             function = getattr(twin, name)
-            setattr(cls, name, function)
+            # Somebody may have put another one there that calls this one.
+            if vars(cls).get(name) is method:
+                setattr(cls, name, function)
             return function(self, *args, **values)
 
         method.__name__, method.__qualname__ = name, f"{cls.__qualname__}.{name}"

@@ -199,7 +199,8 @@ def _classic_bits(
         fixed = _EXTENDED_HEADER_BITS + 8 * payload + CRC_BITS + TRAILER_BITS
     else:
         headers = _standard_headers(remote << 6 | length)
-        crc, step = headers[0].take(can_id), headers[1].take(can_id)
+        short = can_id & np.uint32(0x7FF)
+        crc, step = headers[0].take(short), headers[1].take(short)
         fixed = _STANDARD_HEADER_BITS + 8 * payload + CRC_BITS + TRAILER_BITS
     if payload:
         crc, step = _after_data(crc, step, data, payload)
@@ -244,7 +245,7 @@ def _standard_headers(control: int) -> _Walked:
 def _extended_header(can_id: NDArray[np.uint32], control: int) -> _Walked:
     """The same of 29-bit identifiers, (n,)."""
     middle = (can_id >> 18 & 0x1F) << 11 | 0x600 | can_id >> 9 & 0x1FF
-    return _header(can_id >> 23, 7, [middle, (can_id & 0x1FF) << 7 | control])
+    return _header(can_id >> 23 & 0x3F, 7, [middle, (can_id & 0x1FF) << 7 | control])
 
 
 def _header(

@@ -87,6 +87,16 @@ def test_a_first_value_far_away_does_not_blur_the_deviation() -> None:
     assert calm.std == pytest.approx(values.std(), rel=1e-9)
 
 
+@pytest.mark.usefixtures("both_ways")
+@pytest.mark.parametrize("near", [2**53, 4 * 10**18])
+def test_equal_values_of_many_years_have_bins(near: int) -> None:
+    values = np.full(EXACT_LIMIT + 20_000, near)
+    values[-1000:] = 0
+    found = distribution(values)
+    assert found.quantile(0.5) == pytest.approx(near, rel=RELATIVE_ERROR)
+    assert found.quantile(0.0) == pytest.approx(0, abs=1)
+
+
 def test_spreads_that_the_stamps_cannot_show_are_left_out() -> None:
     made = distribution(np.array([10_000_000] * 98 + [10_600_000, 12_000_000]))
     quantiles = made.quantiles(1000, std=True)

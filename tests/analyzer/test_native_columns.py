@@ -149,15 +149,15 @@ def test_a_spread_goes_on_in_another_process() -> None:
 
 def test_rows_outside_are_refused() -> None:
     column = np.arange(4)
-    with pytest.raises(AssertionError):
+    with pytest.raises(ValueError, match="columns of other"):
         native.since(np.array([4]), column[:1], column, column)
-    with pytest.raises(AssertionError):
+    with pytest.raises(ValueError, match="columns of other"):
         native.since(np.array([-1]), column[:1], column, column)
-    with pytest.raises(AssertionError):
+    with pytest.raises(ValueError, match="columns of other"):
         native.before(np.array([2, 1]), 4)
-    with pytest.raises(AssertionError):
+    with pytest.raises(ValueError, match="columns of other"):
         native.before(np.array([5]), 4)
-    with pytest.raises(AssertionError):
+    with pytest.raises(ValueError, match="columns of other"):
         native.limits(np.array([[2, 5]]), column)
-    with pytest.raises(AssertionError):
+    with pytest.raises(ValueError, match="columns of other"):
         native.kinds(np.array([[0, 4]]), column, np.zeros(3, np.uint8), 2)

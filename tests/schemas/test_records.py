@@ -134,6 +134,30 @@ def test_rows_survive_pickling(one: object) -> None:
     assert repr(again) == repr(one)
 
 
+def test_a_spy_on_a_method_stays() -> None:
+    _, row = pair({"frozen": True, "slots": True, "eq": True, "repr": True})
+    made, calls = row.__init__, []
+
+    def spy(self: object, *args: object) -> None:
+        calls.append(args)
+        made(self, *args)
+
+    row.__init__ = spy
+    assert (row(1), row(2)) == (row(1), row(2))
+    assert len(calls) == 4
+
+
+def test_state_of_its_own_is_kept() -> None:
+    @dataclass(frozen=True, slots=True)
+    class Kept:
+        t_ns: int
+
+        def __getstate__(self) -> str:
+            return "mine"
+
+    assert Kept(1).__getstate__() == "mine"
+
+
 def test_what_is_not_plain_is_left_to_the_standard_library() -> None:
     @dataclass(frozen=True)
     class Named(Frozen):

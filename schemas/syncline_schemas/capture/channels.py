@@ -69,11 +69,13 @@ class ChannelTable:
         if isinstance(record, mcap_records.Schema):
             self._schemas.setdefault(record.id, record)
         elif record.id not in self._channels:
-            self.version += 1
             self._channels[record.id] = record
-            kind = self.kind[record.id] = self._kind(record)
+            kind = self._kind(record)
             if kind in (Kind.FRAME, Kind.STATUS):
                 self.bus[record.id] = self._bus_number(record, add=kind == Kind.FRAME)
+            self.kind[record.id] = kind
+            # Last: threads that read ahead take columns of this version as complete.
+            self.version += 1
 
     def frames_in(self, index: MessageIndex | None) -> int | None:
         """Number of frames that a message index names; None without an index."""

@@ -79,9 +79,15 @@ def _call(name: str, *arguments: float | bytes | NDArray[Any]) -> int:
 
 def _column(values: NDArray[Any], dtype: DTypeLike, size: int) -> NDArray[Any]:
     """So many numbers of a type, one behind the other; a copy only where they are not."""
-    column = np.ascontiguousarray(values, dtype)
-    assert column.size == size, f"{column.size} numbers where {size} belong"
+    column = np.require(values, dtype, ["C", "A"])
+    _check(column.size == size)
     return column
+
+
+def _check(kept: bool) -> None:
+    """Raises: ValueError, a caller's mistake, before C reads or writes anywhere else."""
+    if not kept:
+        raise ValueError("columns of other lengths or types than a compiled loop takes")
 
 
 def wire_bits(
@@ -97,7 +103,7 @@ def wire_bits(
     data: (n, 8) or wider. tables: as `wire_length.c` tells. Returns: (n,) int64.
     """
     count, width = data.shape
-    assert width >= 8
+    _check(width >= 8)
     bits = np.empty(count, np.int64)
     fd = _call(
         "syncline_wire_bits",
@@ -331,8 +337,7 @@ def histogram(
     column = _column(values, np.int64 if whole else np.float64, count)
     given = (column, 0) if whole else (0, column)
     bins = len(counts)
-    assert counts.dtype == np.int64
-    assert counts.flags.carray
+    _check(counts.dtype == np.int64 and counts.flags.carray)
     left = _call("syncline_histogram", count, *given, low, width, bins, counts, outside)
     return outside[:left]
 
@@ -349,7 +354,7 @@ def before(rows: NDArray[np.intp], count: int) -> NDArray[np.int64]:
     """(count,) how many of some rows, ascending, are at or before each row."""
     found = np.empty(count, np.int64)
     told = _call("syncline_before", count, len(rows), _column(rows, np.int64, len(rows)), found)
-    assert told == 0
+    _check(told == 0)
     return found
 
 
@@ -377,7 +382,7 @@ def since(
         of_rows,
         passed,
     )
-    assert told == 0
+    _check(told == 0)
     return of_rows, passed
 
 
@@ -400,7 +405,7 @@ def differences(
     Returns: (k,), set within the places; (p, 2).
     """
     count = len(places)
-    found, limits = np.empty_like(values), np.empty((count, 2), np.int64)
+    found, limits = np.empty(len(values), np.int64), np.empty((count, 2), np.int64)
     _call(
         "syncline_differences",
         count,
@@ -436,7 +441,7 @@ def kinds(
         kinds,
         counts,
     )
-    assert told == 0
+    _check(told == 0)
     return counts
 
 
@@ -447,5 +452,5 @@ def _whole(values: NDArray[np.int64]) -> NDArray[Any]:
 def _places(places: NDArray[np.intp], values: NDArray[Any]) -> NDArray[Any]:
     """Places that lie within a column."""
     column = _column(places, np.int64, 2 * len(places))
-    assert not len(places) or (places[0, 0] >= 0 and places[-1, 1] <= len(values))
+    _check(bool(((places >= 0) & (places <= len(values))).all()))
     return column

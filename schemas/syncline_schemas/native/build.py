@@ -47,13 +47,16 @@ def build() -> None:
             output_dir=folder,
             macros=macros,
             extra_preargs=["-O3", "-std=c99", "-fvisibility=hidden"] if unix else ["/O2"],
+            # Behind the flags of the user: NaN and infinity are compared.
+            extra_postargs=["-fno-fast-math", "-ffp-contract=off"] if unix else [],
         )
         # Another process may be running with the old one.
         made = Path(folder, LIBRARY.name)
         compiler.link_shared_object(objects, str(made))
-        fresh = LIBRARY.with_suffix(".new")
-        fresh.write_bytes(made.read_bytes())
-        fresh.replace(LIBRARY)
+        with tempfile.NamedTemporaryFile(dir=FOLDER, suffix=".tmp", delete=False) as fresh:
+            fresh.write(made.read_bytes())
+        Path(fresh.name).chmod(made.stat().st_mode)
+        Path(fresh.name).replace(LIBRARY)
 
 
 if __name__ == "__main__":

@@ -20,6 +20,7 @@ from syncline_analyzer.fleet.publish import put, staging, take_away
 from syncline_analyzer.fleet.schemas import CAPTURES, tables
 from syncline_analyzer.fleet.storage import Storage
 from syncline_schemas.errors import UsageError
+from syncline_schemas.processors import processors
 
 MIN_LOOSE = 200
 """So many captures that are in no pack are worth one."""
@@ -84,18 +85,22 @@ class _Pack:
     def write(self, run: str) -> int:
         """Write all tables and make the pack stand; how many captures are in it."""
         with staging(self._data.storage, run) as staged:
-            sizes = {}
-            for table in tables():
-                if table != CAPTURES and self._data.partitions(table):
-                    path = staged / f"{table}.parquet"
-                    _write(path, self._rows(table), packed_schema(table))
-                    sizes[table] = path.stat().st_size
+            wanted = [each for each in tables() if each != CAPTURES and self._data.partitions(each)]
+            with ThreadPoolExecutor(processors()) as pool:
+                written = pool.map(lambda table: self._write_table(table, staged), wanted)
+                sizes = dict(zip(wanted, written, strict=True))
             # Rows of those that are not listed are never read.
             listed = [e for e in self._data.captures if e.partition not in self._unreadable]
             index = pack_index(listed, self._data.listing, sizes)
             pq.write_table(index, staged / CAPTURES_FILE)
             put(self._data.storage, staged, f"{PACKS}/{staged.name}")
         return len(listed)
+
+    def _write_table(self, table: str, folder: Path) -> int:
+        """Write a table; its size [byte]."""
+        path = folder / f"{table}.parquet"
+        _write(path, self._rows(table), packed_schema(table))
+        return path.stat().st_size
 
     def _rows(self, table: str) -> Iterator[pa.Table]:
         """Rows of a table: of captures that are in a pack already, and of each other one."""

@@ -62,6 +62,11 @@ def test_an_asc_of_a_clock_that_was_not_set_has_no_date(
     assert any("before 2000" in note for note in facts.notes)
 
 
+def test_a_fraction_of_an_asc_date_is_no_year(tmp_path: Path) -> None:
+    text = _asc("Tue Nov 14 22:13:20.1987 2023", "   0.000005 1  123  Rx   d 1 05")
+    assert read_text(tmp_path, text)[1].time_base == "utc"
+
+
 def test_an_asc_whose_block_alone_is_dated_has_that_date(tmp_path: Path) -> None:
     text = _asc(
         "Thu Jan 1 00:00:00.000 1970",

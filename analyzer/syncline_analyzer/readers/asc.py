@@ -46,7 +46,8 @@ _HEADER = re.compile(
     rb"|previous\s+log\s+file)",
     re.IGNORECASE,
 )
-_UNSET = re.compile(rb"\b19\d\d\b")
+_UNSET = re.compile(rb"(?<!:\d\d[.,])\b19\d\d\b")
+"""A year before 2000, and no fraction of a second."""
 _REQUEST = re.compile(rb"\sTxRq\s", re.IGNORECASE)
 """What a node was asked to send; it stands there again when it was on the bus."""
 _DATE = re.compile(rb"\s*date\s+(?P<text>.+)", re.IGNORECASE)

@@ -149,12 +149,8 @@ def _plugin(entry: "EntryPoint") -> LazyCommand:
     if metadata is None:
         return LazyCommand("", entry.load, "")
     name, summary = metadata["Name"], metadata["Summary"] or ""
-    # Of our own extras one brings the commands; a foreign plug-in may need any of its own.
-    own = name == "syncline"
-    extras = "analyzer" if own else ",".join(metadata.get_all("Provides-Extra") or ())
+    extras = ",".join(metadata.get_all("Provides-Extra") or ())
     requirement = f'"{name}[{extras}]"' if extras else name
-    if own and entry.name in OF_OUR_EXTRAS:
-        summary = OF_OUR_EXTRAS[entry.name][1]
     return LazyCommand(summary, entry.load, f"pip install {requirement}")
 
 

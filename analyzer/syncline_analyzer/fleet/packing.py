@@ -109,7 +109,8 @@ class _Pack:
         if packed:
             try:
                 with _database(data, packed).ask(Query(f'SELECT * FROM "{table}"', {})) as rows:
-                    yield from (pa.Table.from_batches([batch]) for batch in rows)
+                    for batch in rows:
+                        yield _conformed(pa.Table.from_batches([batch]), packed_schema(table))
             except UsageError:
                 self._unreadable.update(entry.partition for entry in packed)
         loose = [each for each in data.partitions(table) if each not in data.packs]
@@ -148,7 +149,7 @@ def _write(path: Path, parts: Iterator[pa.Table], schema: pa.Schema) -> None:
         waiting: list[pa.Table] = []
         rows = size = 0
         for part in parts:
-            waiting.append(_conformed(part, schema))
+            waiting.append(part)
             rows, size = rows + len(part), size + part.nbytes
             if len(waiting) == _PARTS:
                 waiting = [pa.concat_tables(waiting).combine_chunks()]

@@ -5,7 +5,7 @@ was changed or taken away since has another stamp, or none: its rows in the pack
 """
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from io import BytesIO
 from typing import Any, NamedTuple
 
@@ -73,12 +73,12 @@ def _captures_of(
 
 
 def pack_index(
-    entries: Iterable[CaptureEntry], listing: Listing, sizes: Mapping[str, int]
+    entries: Sequence[CaptureEntry], listing: Listing, sizes: Mapping[str, int]
 ) -> pa.Table:
     """The table `captures` of a pack of these, whose other tables have so many bytes."""
     rows = [
-        row | {STAMP: listing.captures[Partition(*(row[name] for name in PARTITIONS))]}
-        for row in rows_of_captures(entries)
+        row | {STAMP: listing.captures[entry.partition]}
+        for entry, row in zip(entries, rows_of_captures(entries), strict=True)
     ]
     schema = packed_schema(CAPTURES).append(pa.field(STAMP, pa.string()))
     return pa.Table.from_pylist(rows, schema.with_metadata({_ABOUT: json.dumps(_about(sizes))}))

@@ -7,7 +7,7 @@ no rename: there its `captures.parquet` is written last and removed first.
 import shutil
 import time
 import uuid
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -54,11 +54,6 @@ def put(storage: Storage, staged: Path, place: str) -> None:
 def refresh(storage: Storage, entry: CaptureEntry) -> None:
     """Write the row of a capture that stands anew; its tables stay."""
     storage.write(f"{entry.partition.folder}/{CAPTURES_FILE}", entry.to_bytes())
-
-
-def retire(storage: Storage, partition: Partition) -> None:
-    """Take a capture away."""
-    take_away(storage, partition.folder)
 
 
 def take_away(storage: Storage, place: str) -> None:
@@ -109,11 +104,11 @@ def _new_folder(storage: Storage, run: str) -> Path:
     return folder
 
 
-def remove_staging(storage: Storage, runs: Iterable[str]) -> None:
-    """Remove what these runs left beside the data set, and what runs left that were killed."""
+def remove_staging(storage: Storage, run: str) -> None:
+    """Remove what a run left beside the data set, and what runs left that were killed."""
     if storage.local:
-        for run in (*runs, *_abandoned(storage)):
-            shutil.rmtree(storage.folder(f"{STAGING}/{run}"), ignore_errors=True)
+        for each in (run, *_abandoned(storage)):
+            shutil.rmtree(storage.folder(f"{STAGING}/{each}"), ignore_errors=True)
         with suppress(OSError):
             storage.folder(STAGING).rmdir()
 

@@ -135,7 +135,7 @@ def run(
         with suppress(SynclineError, pa.ArrowException, OSError, ValueError):
             pack_captures(order.out, order.run, begun=watcher.packing)
     finally:
-        remove_staging(order.out, (order.run,))
+        remove_staging(order.out, order.run)
     summary.wall_s = time.monotonic() - begun_s
     return summary
 

@@ -20,9 +20,9 @@ from syncline_analyzer.fleet.publish import (
     publish,
     put_beside,
     refresh,
-    retire,
     staging,
     standing,
+    take_away,
 )
 from syncline_analyzer.fleet.recording import File
 from syncline_analyzer.fleet.schemas import CAPTURES, table_schema
@@ -198,7 +198,7 @@ def _retire_earlier(task: Task, earlier: Sequence[CaptureEntry], new: Partition)
         if entry.partition != new and (
             entry.urls & own or entry.partition.capture_id == task.recording.capture_id
         ):
-            retire(task.out, entry.partition)
+            take_away(task.out, entry.partition.folder)
 
 
 def _with_files(entry: CaptureEntry, task: Task) -> CaptureEntry:

@@ -8,6 +8,10 @@ import struct
 from typing import BinaryIO, Final, NamedTuple
 
 HEAD_BYTES: Final = 24
+LENGTH_AT: Final = 8
+"""Of a block: where its length stands."""
+MOST_BLOCKS: Final = 1_000_000
+"""Of a file that are looked at one after another."""
 _MOST_LINKS: Final = 1 << 16
 _MOST_LISTED: Final = 1 << 24
 """Links of a list of records, which may be long."""

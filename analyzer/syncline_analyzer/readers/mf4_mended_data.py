@@ -8,17 +8,15 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from syncline_analyzer.readers.mf4_blocks import HEAD_BYTES, Blocks
+from syncline_analyzer.readers.mf4_blocks import HEAD_BYTES, LENGTH_AT, MOST_BLOCKS, Blocks
 from syncline_analyzer.readers.mf4_data import PLAIN, Data, Piece, content, piece_of
 from syncline_analyzer.readers.mf4_survey import Group, Signal
 
 _FIRST: Final = 64
-_LENGTH_AT: Final = 8
 _MOST_UNPACKED: Final = 64 << 20
 """Bytes of a cut packed block; writers make them of 4 MB."""
 _MOST_RECORD: Final = 1 << 24
 _PLACE_BYTES: Final = 8
-_MOST_BLOCKS: Final = 1_000_000
 
 
 class Count(NamedTuple):
@@ -46,7 +44,7 @@ def mended(blocks: Blocks, link_at: int, data: Data) -> tuple[Piece, ...]:
 def _standing(blocks: Blocks, piece: Piece) -> Iterator[Piece]:
     """What stands of a cut block, as a whole one."""
     if piece.packing is None and piece.stored:
-        blocks.write(piece.at + _LENGTH_AT, HEAD_BYTES + piece.stored)
+        blocks.write(piece.at + LENGTH_AT, HEAD_BYTES + piece.stored)
         yield piece._replace(size=piece.stored, whole=True)
         return
     mark = b"##" + blocks.read(piece.at + HEAD_BYTES, 2)
@@ -66,7 +64,7 @@ def _standing(blocks: Blocks, piece: Piece) -> Iterator[Piece]:
 def unlisted(blocks: Blocks, known: set[int], kind: bytes, open_end: int = 0) -> Iterator[Piece]:
     """The blocks of records, in the order of the file, that no list names; see `data_of`."""
     at = _FIRST
-    for _ in range(_MOST_BLOCKS):
+    for _ in range(MOST_BLOCKS):
         block = blocks.block(at)
         if block is None or block.mark[:2] != b"##":
             return

@@ -8,14 +8,13 @@ ASAM MDF 4.1, "Unfinalized files", "Data block", "Record layout".
 from pathlib import Path
 from typing import BinaryIO, Final
 
-from syncline_analyzer.readers.mf4_blocks import HEAD_BYTES, Blocks
+from syncline_analyzer.readers.mf4_blocks import HEAD_BYTES, LENGTH_AT, Blocks
 from syncline_analyzer.readers.mf4_data import Data, Piece
 from syncline_analyzer.readers.mf4_mended_data import counted, mended, unlisted, with_values
 from syncline_analyzer.readers.mf4_survey import Group, Records, Survey, survey
 from syncline_schemas.errors import CaptureError
 
 _FLAGS_AT: Final = 60
-_LENGTH_AT: Final = 8
 _DATA_LINK_AT: Final = HEAD_BYTES + 2 * 8
 _CYCLES_AT: Final = 80
 _SIZES_AT: Final = 96
@@ -107,7 +106,7 @@ def _mend_records(blocks: Blocks, records: Records, *, unfinished: bool) -> int:
         pieces = mended(blocks, records.at + _DATA_LINK_AT, records.data)
     size, counts = counted(blocks, pieces, records.groups, records.id_bytes)
     if len(pieces) == 1 and pieces[0].packing is None:
-        blocks.write(pieces[0].at + _LENGTH_AT, HEAD_BYTES + size)
+        blocks.write(pieces[0].at + LENGTH_AT, HEAD_BYTES + size)
     cut = [each._replace(data=Data(mended(blocks, each.link_at, each.data))) for each in cut]
     kept = 0
     for group in records.groups.values():

@@ -7,7 +7,7 @@ import struct
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
-from syncline_analyzer.readers.mf4_blocks import Block, Blocks
+from syncline_analyzer.readers.mf4_blocks import HEAD_BYTES, MOST_BLOCKS, Block, Blocks
 from syncline_analyzer.readers.mf4_data import Data, data_of
 
 _HD: Final = 64
@@ -15,7 +15,6 @@ _UNFINISHED: Final = b"UnFinMF "
 _FLAGS_AT: Final = 60
 _OPEN: Final = 0x1 | 0x4 | 0x10
 """Flags of an unfinished file: counts, the length of the last records, or the last list are not true."""
-_MOST_BLOCKS: Final = 1_000_000
 _MOST_DEPTH: Final = 200
 _VLSD: Final = 1
 """Flag of a channel group and type of a channel: values of any length, each after its length."""
@@ -128,7 +127,7 @@ class _Walk:
         """The blocks that follow one another from a link on; the last link of a cut chain dangles."""
         out: list[Block] = []
         met: set[int] = set()
-        while (at := before.link(number)) and at not in met and len(met) < _MOST_BLOCKS:
+        while (at := before.link(number)) and at not in met and len(met) < MOST_BLOCKS:
             met.add(at)
             block = self._blocks.block(at)
             if block is None or not block.whole:
@@ -159,7 +158,7 @@ class _Walk:
     def _channels(self, before: Block, number: int, signals: list[Signal], depth: int) -> bool:
         """Whether all channels of a chain, and those that they are made of, are described."""
         met: set[int] = set()
-        while (at := before.link(number)) and at not in met and len(met) < _MOST_BLOCKS:
+        while (at := before.link(number)) and at not in met and len(met) < MOST_BLOCKS:
             met.add(at)
             channel = self._blocks.block(at)
             if channel is None or not channel.whole or depth > _MOST_DEPTH:
@@ -183,7 +182,7 @@ class _Walk:
         if apart and (target is None or target.mark != b"##CG"):
             place = int.from_bytes(raw[4:8], "little")
             data = data_of(self._blocks, channel.link(5))
-            signals.append(Signal(channel.at + 24 + 8 * 5, place, data))
+            signals.append(Signal(channel.at + HEAD_BYTES + 8 * 5, place, data))
 
     def _optional(self, block: Block, number: int) -> None:
         """Note a link to what a file can be read without, if it leads to what is not whole."""
@@ -194,7 +193,7 @@ class _Walk:
         """Whether a block and all that it leads to stand."""
         if not at:
             return True
-        if at not in self._trees and len(self._trees) < _MOST_BLOCKS:
+        if at not in self._trees and len(self._trees) < MOST_BLOCKS:
             self._trees[at] = True
             block = self._blocks.block(at)
             self._trees[at] = (

@@ -107,7 +107,7 @@ def analyze(source: Path | str | Sequence[str], out: Path | str, **wanted: Any) 
         outcome = analyze_task(pickle.loads(pickle.dumps(task)))
         tell(task, outcome, planned)
         outcomes.append(outcome)
-    remove_staging(asked.out, (asked.run,))
+    remove_staging(asked.out, asked.run)
     return outcomes
 
 

@@ -13,6 +13,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from syncline_analyzer.results import Analysis
+from syncline_analyzer.views import tables
 from syncline_analyzer.views.json_view import TABLES
 from syncline_analyzer.views.tables import (
     ROW_TYPES,
@@ -108,6 +109,16 @@ def test_parquet_has_the_same_types_with_and_without_rows(tmp_path: Path) -> Non
     assert full.keys() == empty.keys()
     for name, schema in full.items():
         assert schema.equals(empty[name]), name
+
+
+def test_a_long_table_is_written_in_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shown = bad_day()
+    whole = {path.stem: pq.read_table(path) for path in write_tables(shown, tmp_path / "whole")}
+    monkeypatch.setattr(tables, "_ROWS_AT_ONCE", 2)
+    parts = {path.stem: path for path in write_tables(shown, tmp_path / "parts")}
+    assert pq.ParquetFile(parts["findings"]).num_row_groups == -(-len(shown.findings) // 2) > 1
+    for name, path in parts.items():
+        assert pq.read_table(path).equals(whole[name]), name
 
 
 def sample(hint: Any) -> Any:

@@ -132,6 +132,8 @@ ROW_TYPES: dict[str, type] = {
 """Row class by table."""
 
 _ROWS_PER_GROUP = 1 << 18
+_ROWS_AT_ONCE = 1 << 16
+"""Of row objects, which are large."""
 _RESPONSE_COLUMNS = (
     "response_us",
     "device_low_us",
@@ -383,13 +385,20 @@ def _all_frames(analysis: Analysis) -> dict[str, Iterator[pd.DataFrame]]:
     responses = analysis.responses or [_NO_RESPONSES]
     extra = [name for trace in traces for name in trace.columns]
     return {
-        **{name: iter([table(analysis, name)]) for name in ROW_TYPES},
+        **{name: _parts(analysis, name) for name in ROW_TYPES},
         "trace_samples": (trace_frame(x, extra, dated=dated) for x in traces),
         "tilt_samples": (tilt_frame(x, dated=dated) for x in analysis.tilt_data or [_NO_TILT]),
         "pdo_responses": (response_frame(x, dated=dated) for x in responses),
         "response_histograms": (histogram_frame(x) for x in responses),
         "series": (series_frame(x, dated=dated) for x in analysis.series or [_NO_SERIES]),
     }
+
+
+def _parts(analysis: Analysis, name: str) -> Iterator[pd.DataFrame]:
+    """One table in frames of so many rows that not all of a long one are there at once."""
+    rows, dated = rows_of(analysis, name), is_dated(analysis)
+    for begin in range(0, max(len(rows), 1), _ROWS_AT_ONCE):
+        yield to_frame(rows[begin : begin + _ROWS_AT_ONCE], name, dated=dated)
 
 
 def _write(path: Path, frames: Iterator[pd.DataFrame], kind: type | None) -> Path:

@@ -14,6 +14,7 @@ import duckdb
 import pyarrow as pa
 
 from syncline_analyzer.fleet.dataset import Dataset
+from syncline_analyzer.fleet.layout import PACKS
 from syncline_analyzer.fleet.relations import relations
 from syncline_analyzer.fleet.schemas import FAILURES, tables
 from syncline_schemas.errors import UsageError
@@ -90,8 +91,12 @@ class Database:
             raise UsageError(self._changed(error)) from error
 
     def _changed(self, error: Exception) -> str:
-        told = str(error).partition("\n")[0]
-        return f"{self.data.storage.url} changed while it was read: ask again ({told})"
+        told, url = str(error).partition("\n")[0], self.data.storage.url
+        packs = f"{url}/{PACKS}, which the next run makes again, then " if self.data.packs else ""
+        return (
+            f"{url} changed while it was read, or a table in it is damaged: ask again; if that does"
+            f" not help, delete {packs}the captures that cannot be read ({told})"
+        )
 
     def _told(self, error: duckdb.Error) -> str:
         """What is wrong in one line, with what there is."""

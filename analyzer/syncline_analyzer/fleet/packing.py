@@ -92,7 +92,7 @@ class _Pack:
             # Rows of those that are not listed are never read.
             listed = [e for e in self._data.captures if e.partition not in self._unreadable]
             index = pack_index(listed, self._data.listing, sizes)
-            pq.write_table(index, staged / CAPTURES_FILE)
+            pq.write_table(index, staged / CAPTURES_FILE, write_page_checksum=True)
             put(self._data.storage, staged, f"{PACKS}/{staged.name}")
         return len(listed)
 
@@ -116,7 +116,8 @@ class _Pack:
         loose = [each for each in data.partitions(table) if each not in data.packs]
         for partition, content in _contents(data.storage, table, loose):
             try:
-                rows_of_one = pq.ParquetFile(BytesIO(content or b"")).read(use_threads=False)
+                file = pq.ParquetFile(BytesIO(content or b""), page_checksum_verification=True)
+                rows_of_one = file.read(use_threads=False)
                 yield _conformed(_with_partition(rows_of_one, partition), packed_schema(table))
             except UNREADABLE:
                 self._unreadable.add(partition)
@@ -145,7 +146,7 @@ def _with_partition(rows: pa.Table, partition: Partition) -> pa.Table:
 
 def _write(path: Path, parts: Iterator[pa.Table], schema: pa.Schema) -> None:
     """Write parts as few row groups: each costs as much to read as a file."""
-    with pq.ParquetWriter(path, schema, compression="zstd") as writer:
+    with pq.ParquetWriter(path, schema, compression="zstd", write_page_checksum=True) as writer:
         waiting: list[pa.Table] = []
         rows = size = 0
         for part in parts:

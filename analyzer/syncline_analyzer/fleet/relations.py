@@ -88,7 +88,9 @@ def _files(
         filesystem = pyarrow.fs.LocalFileSystem()
     else:
         filesystem = pyarrow.fs.PyFileSystem(pyarrow.fs.FSSpecHandler(storage.fs))
-    form = ds.ParquetFileFormat()
+    form = ds.ParquetFileFormat(
+        default_fragment_scan_options=ds.ParquetFragmentScanOptions(page_checksum_verification=True)
+    )
     fragments = [
         form.make_fragment(storage.path(path), filesystem, partition_expression=told)
         for path, told in places.items()

@@ -58,7 +58,10 @@ def _write(folder: Path, name: str, frames: Iterable[pd.DataFrame]) -> bool:
         if len(frame):
             table = _arrow(name, frame)
             writer = writer or pq.ParquetWriter(
-                folder / f"{name}.parquet", table.schema, compression="zstd"
+                folder / f"{name}.parquet",
+                table.schema,
+                compression="zstd",
+                write_page_checksum=True,
             )
             writer.write_table(table, row_group_size=_ROWS_PER_GROUP)
     if writer is not None:

@@ -300,5 +300,6 @@ def _write(path: Path, table: pa.Table) -> None:
         use_dictionary=not small,
         write_statistics=not small,
         store_schema=False,
+        write_page_checksum=True,
     )
     path.write_bytes(sink.getvalue())

@@ -171,6 +171,26 @@ def test_a_damaged_pack_is_none(tmp_path: Path) -> None:
     assert name not in packs(out)
 
 
+@pytest.mark.parametrize("packed", [True, False])
+def test_no_answer_comes_from_changed_bytes(tmp_path: Path, packed: bool) -> None:
+    source, out = tmp_path / "in", tmp_path / "out"
+    more(source, out, range(2))
+    if packed:
+        pack_captures(open_storage(str(out)), "run", min_loose=1)
+    (path, *_) = out.glob("_packs/*/nodes.parquet" if packed else "machine=*/**/nodes.parquet")
+    answer, whole = told(out, "nodes"), path.read_bytes()
+    of_pages = len(whole) - 8 - int.from_bytes(whole[-8:-4], "little")
+    errors = []
+    for at in random.Random(2).sample(range(4, of_pages), 300):
+        path.write_bytes(whole[:at] + bytes([whole[at] ^ 0x10]) + whole[at + 1 :])
+        try:
+            assert told(out, "nodes") == answer, at
+        except UsageError as error:
+            errors.append(str(error))
+    assert len(errors) > 100
+    assert all(("_packs, which the next run makes again" in each) == packed for each in errors)
+
+
 def test_a_capture_with_a_damaged_table_stays_as_it_is(tmp_path: Path) -> None:
     source, out = tmp_path / "in", tmp_path / "out"
     more(source, out, range(4))

@@ -128,8 +128,9 @@ class IndexedBatch:
 
     @cached_property
     def remote(self) -> NDArray[np.bool_]:
-        """(n,) True for remote frames."""
-        remote: NDArray[np.bool_] = (self.frames.flags & FrameFlag.REMOTE) != 0
+        """(n,) True for remote frames; the bit in an error frame makes it none."""
+        either = np.uint16(FrameFlag.REMOTE | FrameFlag.ERROR)
+        remote: NDArray[np.bool_] = (self.frames.flags & either) == FrameFlag.REMOTE
         return remote
 
     @cached_property

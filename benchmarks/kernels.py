@@ -81,7 +81,7 @@ def print_kernels(capture: Path, log: Path) -> None:
         lambda: Grouping._by_sorting(batch, 0),
     )
     group, channels = given_to(
-        chunk_group, "_plain", lambda: first(open_capture(capture).batches(), 3)
+        chunk_group, "_plain_by_walk", lambda: first(open_capture(capture).batches(), 3)
     )
     plain = chunk_group._plain_by_walk(group, channels)
     assert plain is not None

@@ -26,7 +26,7 @@ import numpy as np
 from benchmarks.mutation import TAIL_BYTES, mutated
 from benchmarks.reader_seeds import REBUILT, SEEDS
 from syncline_analyzer.readers import open_capture
-from syncline_analyzer.readers.mf4 import MF4_MAGIC
+from syncline_analyzer.readers.magic import MF4_MAGIC
 from syncline_analyzer.readers.mf4_child import messages
 from syncline_analyzer.session import open_session
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap

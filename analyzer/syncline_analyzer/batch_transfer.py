@@ -24,10 +24,14 @@ class Narrow(NamedTuple):
     @classmethod
     def of(cls, column: NDArray[np.integer]) -> Self:
         """Of numbers that are not negative."""
-        highest = int(column.max(initial=0))
-        if highest == 0:
+        return cls.below(int(column.max(initial=0)) + 1, column)
+
+    @classmethod
+    def below(cls, limit: int, column: NDArray[np.integer]) -> Self:
+        """Of numbers that are not negative, and all lower than a limit."""
+        if limit <= 1:
             return cls(np.zeros(0, np.uint8), column.dtype)
-        return cls(np.ascontiguousarray(column, np.min_scalar_type(highest)), column.dtype)
+        return cls(np.ascontiguousarray(column, np.min_scalar_type(limit - 1)), column.dtype)
 
     def wide(self, count: int) -> NDArray[Any]:
         """(count,) the numbers."""
@@ -68,10 +72,10 @@ def packed(batch: IndexedBatch) -> PackedBatch:
         np.ascontiguousarray(frames.t_ns),
         batch.buses[0],
         Narrow.of(frames.can_id),
-        Narrow.of(frames.flags),
+        Narrow.below(batch.flags_seen + 1, frames.flags),
         np.ascontiguousarray(frames.dlc),
         np.ascontiguousarray(frames.data),
-        Narrow.of(grouping.rows),
+        Narrow.below(len(batch), grouping.rows),
         grouping.keys,
         grouping.edges,
         Narrow.of(batch.wire_bits),

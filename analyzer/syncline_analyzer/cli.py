@@ -1,7 +1,8 @@
 """The commands that read captures: `analyze`, `view`, `convert` and `info`."""
 
 import sys
-import tempfile
+from functools import partial
+from importlib import import_module
 from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
@@ -70,7 +71,8 @@ def analyze(
     """
     if out is not None:
         _make_folder(out)
-    session = _analyzed(selection)
+    view = "json_view" if form == "json" else "screen"
+    session = _analyzed(selection, f"syncline_analyzer.views.{view}")
     analysis = session.analysis
     if form == "json":
         _print_json(analysis)
@@ -95,10 +97,13 @@ def view(ctx: click.Context, web: bool, **selection: Unpack[Selection]) -> None:
 
     The viewer is reachable from this machine only; the command ends when it is closed.
     """
+    import tempfile
+
     from syncline_analyzer.viewer import show
+
+    session = _analyzed(selection, "syncline_analyzer.views.rerun_view")
     from syncline_analyzer.views.rerun_view import write_rrd
 
-    session = _analyzed(selection)
     with tempfile.TemporaryDirectory(prefix="syncline-") as folder:
         with progress_line() as line:
             if line:
@@ -171,10 +176,11 @@ def info(ctx: click.Context, captures: tuple[Path, ...]) -> None:
     ctx.exit(code)
 
 
-def _analyzed(selection: Selection) -> "Session":
+def _analyzed(selection: Selection, view: str) -> "Session":
+    """The session, analyzed; the module `view` is imported while another process begins to read."""
     session = session_of(selection)
     with reading_progress(selection["captures"]) as line:
-        session.analyze(line)
+        session.analyze(line, partial(import_module, view))
     return session
 
 

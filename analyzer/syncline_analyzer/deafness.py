@@ -62,14 +62,17 @@ def without_classes(batch: FrameBatch, buses: Collection[int]) -> FrameBatch:
     So do those without eight bytes: SocketCAN's always have them (linux/can/error.h), those that
     other drivers hand to python-can often have not.
     """
-    rows = (batch.flags & FrameFlag.ERROR) != 0
-    if not rows.any():
+    if not batch.flags_seen & FrameFlag.ERROR:
         return batch
+    rows = (batch.flags & FrameFlag.ERROR) != 0
     rows &= np.isin(batch.bus, list(buses)) | (batch.dlc != ERROR_BYTES)
     if not rows.any():
         return batch
     data = np.where(rows[:, np.newaxis], np.uint8(0), batch.data)
     return replace(batch, can_id=np.where(rows, np.uint32(0), batch.can_id), data=data)
+
+
+_NONE = np.zeros(0, np.intp)
 
 
 class _Deafness:
@@ -84,7 +87,8 @@ class _Deafness:
 
     def gaps(self, batch: FrameBatch) -> list[tuple[int, Gap]]:
         """(row before which it belongs, gap) in order."""
-        errors = np.flatnonzero(batch.flags & FrameFlag.ERROR)
+        any_error = batch.flags_seen & FrameFlag.ERROR
+        errors = np.flatnonzero(batch.flags & FrameFlag.ERROR) if any_error else _NONE
         found: list[tuple[int, Gap]] = []
         if len(errors) or self.off_ns:
             classes = classes_of(batch.can_id[errors])

@@ -31,11 +31,16 @@ def device_health_rows(
     """
     numbers = {context.bus_name(bus): bus for bus in range(len(context.buses))}
     rows = list(_error_rows(context, numbers, errors))
-    for bus, node in transfers.nodes():
-        if bus in numbers:
-            rows.extend(
-                _quantities(transfers.ok.of_node(bus, node), *_kind(context, numbers[bus], node))
-            )
+    kinds = {
+        (bus, node): _kind(context, numbers[bus], node)
+        for bus, node in transfers.nodes()
+        if bus in numbers
+    }
+    wanted = {key for kind in kinds.values() for key in _health(*kind).values()}
+    # What is asked of few objects need not be asked of all transfers of a node.
+    few = transfers.ok.of_objects(lambda of: of.index == STORE or of.key in wanted)
+    for place, kind in kinds.items():
+        rows.extend(_quantities(few.of_node(*place), *kind))
     return sorted(rows, key=lambda row: (row.bus, row.node, row.index, row.sub))
 
 

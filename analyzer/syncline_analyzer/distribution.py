@@ -296,12 +296,16 @@ class _Bins:
         """Middles of the bins, and how many values lie up to each, while nothing is added."""
 
     def add(self, values: Values, low: float, high: float) -> None:
-        """Take in (n,) values between `low` and `high`."""
+        """Take in (n,) values, of which `low` and `high` are the least and the largest."""
         self._cumulated = None
+        if low == high:
+            self._add_equal(low, len(values))
+            return
         if native.available():
-            outside = native.histogram(values, self.low, self._width, self._fine)
-            if len(outside):
-                self._add_coarse(values[outside])
+            coarse = np.zeros(_COARSE_BINS, np.int64) if self._coarse is None else self._coarse
+            bins = self._fine, _SHIFT, _FIRST_KEY, coarse
+            if native.histogram(values, self.low, self._width, *bins):
+                self._coarse = coarse
             return
         place = np.subtract(values, self.low, dtype=np.float64)
         place /= self._width
@@ -314,6 +318,16 @@ class _Bins:
             self._fine[0] -= len(outside)
             self._add_coarse(values[outside])
         self._fine += np.bincount(place.astype(np.int32), minlength=FINE_BINS)
+
+    def _add_equal(self, value: float, count: int) -> None:
+        """Take in one value so many times: nothing has to be looked at, and zeros are frequent."""
+        place = (value - self.low) / self._width
+        if 0 <= place < FINE_BINS:
+            self._fine[int(place)] += count
+            return
+        if self._coarse is None:
+            self._coarse = np.zeros(_COARSE_BINS, np.int64)
+        self._coarse[_coarse_keys(np.array([value]))] += count
 
     def _add_coarse(self, values: Values) -> None:
         if self._coarse is None:
@@ -351,7 +365,8 @@ class _Bins:
 def _coarse_keys(values: Values) -> NDArray[np.int64]:
     """Bin of each value: exponent and leading mantissa bits of value + 1."""
     keys: NDArray[np.int64] = ((values + 1.0).view(np.int64) >> _SHIFT) - _FIRST_KEY
-    return np.clip(keys, 0, _COARSE_BINS - 1)
+    # One value at a time too, for which `np.clip` takes long.
+    return np.minimum(np.maximum(keys, 0), _COARSE_BINS - 1)
 
 
 def _coarse_middles(keys: NDArray[np.int64]) -> Floats:

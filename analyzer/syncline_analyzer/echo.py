@@ -154,9 +154,9 @@ class Echoes:
 
 def hidden(batch: FrameBatch) -> FrameBatch:
     """The batch as the analyses see it: a copy is an empty 29-bit frame, which is no service."""
-    copy = (batch.flags & COPY) != 0
-    if not copy.any():
+    if not batch.flags_seen & int(COPY):
         return batch
+    copy = (batch.flags & COPY) != 0
     return replace(
         batch,
         flags=np.where(copy, COPY | np.uint16(FrameFlag.EXTENDED), batch.flags),
@@ -169,9 +169,11 @@ def _last_of_each(before: FrameBatch, batch: IndexedBatch) -> FrameBatch:
     """The last frame of every identifier after a batch, in order."""
     grouping = batch.grouping
     last = batch.frames[np.sort(grouping.last)]
-    if not len(before):
-        return last
-    return FrameBatch.concat([before[~np.isin(key_of(before), grouping.keys)], last])
+    if not len(before) or not len(last):
+        return last if len(last) else before
+    keys, earlier = grouping.keys, key_of(before)
+    place = np.minimum(np.searchsorted(keys, earlier), len(keys) - 1)
+    return FrameBatch.concat([before[keys[place] != earlier], last])
 
 
 def _repeats(grouping: Grouping, frames: FrameBatch, t_ns: Ints) -> NDArray[np.intp]:

@@ -62,9 +62,14 @@ class IndexedBatch:
         return self.seq(-1) if len(self) else self.seq0 - 1
 
     @cached_property
+    def apart_ns(self) -> NDArray[np.int64]:
+        """(n - 1,) time from each frame to the next, negative where the clock was set."""
+        return self.frames.t_ns[1:] - self.frames.t_ns[:-1]
+
+    @cached_property
     def flags_seen(self) -> int:
         """Every `FrameFlag` bit that any of the frames has."""
-        return int(np.bitwise_or.reduce(self.frames.flags, initial=0))
+        return self.frames.flags_seen
 
     @cached_property
     def buses(self) -> list[int]:
@@ -76,6 +81,10 @@ class IndexedBatch:
         """Whether no stamp is earlier than the one before it."""
         t_ns = self.frames.t_ns
         return bool((t_ns[1:] >= t_ns[:-1]).all())
+
+    def seqs_at(self, rows: NDArray[np.intp]) -> NDArray[np.int64]:
+        """(k,) positions of some rows in the capture."""
+        return self._given[rows] if self._given is not None else rows + self.seq0
 
     def row_at(self, seq: int) -> int:
         """How many rows come before a position in the capture."""
@@ -169,8 +178,7 @@ class IndexedBatch:
     @cached_property
     def seqs_by_id(self) -> NDArray[np.int64]:
         """(m,) positions of `rows_by_id` in the capture."""
-        rows = self._classic.rows
-        return self._given[rows] if self._given is not None else rows + self.seq0
+        return self.seqs_at(self._classic.rows)
 
     @cached_property
     def t_ns_by_id(self) -> NDArray[np.int64]:

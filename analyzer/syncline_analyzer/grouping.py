@@ -45,7 +45,7 @@ class Grouping:
     @classmethod
     def _by_sorting(cls, frames: FrameBatch, but: int) -> "Grouping":
         unwanted = np.uint16(_OTHER | but)
-        if not int(np.bitwise_or.reduce(frames.flags, initial=0)) & int(unwanted):
+        if not frames.flags_seen & int(unwanted):
             return cls._sorted(key_of(frames))
         wanted = np.flatnonzero((frames.flags & unwanted) == 0)
         found = cls._sorted(key_of(frames[wanted]))

@@ -7,6 +7,7 @@ object, arrays. Nothing is copied but into and out of the pipe.
 import os
 import pickle
 import struct
+import sys
 from io import RawIOBase
 from queue import Queue
 from threading import Thread
@@ -21,6 +22,8 @@ _IN_LINE = 4096
 """Arrays of fewer bytes stand within the object."""
 _MARK = b"Syncline"
 """What every message begins with: whatever else a process may write, is none."""
+_MOST_PARTS = 1024
+"""Linux and macOS write so many at once."""
 _HEAD = struct.Struct("<8sQI")
 """Mark, bytes of the object, number of arrays."""
 
@@ -66,15 +69,25 @@ class MessageWriter:
 
     def _write(self) -> None:
         while (parts := self._waiting.get()) is not None:
-            for part in parts:
-                self._write_all(part)
+            self._write_all(parts)
 
-    def _write_all(self, part: memoryview) -> None:
+    def _write_all(self, parts: list[memoryview]) -> None:
         try:
-            while part:
-                part = part[self._out.write(part) :]
+            while parts:
+                written = self._written(parts)
+                while parts and written >= len(parts[0]):
+                    written -= len(parts.pop(0))
+                if written:
+                    parts[0] = parts[0][written:]
         except OSError:
             os._exit(1)
+
+    def _written(self, parts: list[memoryview]) -> int:
+        """Bytes that one call wrote: after each the thread must wait for the interpreter."""
+        if sys.platform == "win32":
+            return self._out.write(parts[0]) or 0
+        else:
+            return os.writev(self._out.fileno(), parts[:_MOST_PARTS])
 
 
 def read_message(stream: RawIOBase) -> Any:

@@ -25,6 +25,7 @@ from syncline_analyzer.reading import LocalReading
 from syncline_analyzer.reading_messages import End, Failed, News, Opened, SentStep
 from syncline_analyzer.reading_request import Request
 from syncline_schemas.errors import SynclineError
+from syncline_schemas.processors import leave
 
 _AT_ONCE = ("resolution_ns", "bitrates", "data_bitrates")
 """Facts that are looked at while frames are read; the others only at the end."""
@@ -37,6 +38,8 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     out, sys.stdout = FileIO(sys.stdout.fileno(), "wb", closefd=False), sys.stderr
     request: Request = pickle.load(sys.stdin.buffer)
+    # The parent has one of its own to work with.
+    leave(1)
     with MessageWriter(out) as writer, rare_collections():
         try:
             _read(request, writer)

@@ -63,12 +63,12 @@ class Thinner:
         """All rows that are kept, in order; no columns at all when nothing was added."""
         if self._waits >= 2 * self.stride:
             self._settle()
+        if self._waiting:
+            last = _thin(_joined(self._waiting), self._key, 2 * self.stride)
+            return _joined([*self._blocks, last])
         if len(self._blocks) > 1:
             self._blocks = [_joined(self._blocks)]
-        if not self._waiting:
-            return self._blocks[0] if self._blocks else {}
-        last = _thin(_joined(self._waiting), self._key, 2 * self.stride)
-        return _joined([*self._blocks, last])
+        return self._blocks[0] if self._blocks else {}
 
     def _halve(self) -> None:
         self._settle()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
@@ -114,17 +114,28 @@ class Session:
 
         return session_html(self.paths, self._analysis)
 
-    def analyze(self, progress: Progress | None = None) -> Analysis:
-        """Everything one pass over the captures tells; `progress` is called after each batch."""
+    def analyze(
+        self, progress: Progress | None = None, meanwhile: Callable[[], object] | None = None
+    ) -> Analysis:
+        """Everything one pass over the captures tells.
+
+        Args:
+            progress: called after each batch.
+            meanwhile: called while another process, if there is one, begins to read.
+        """
         if self._analysis is None:
-            self._analysis = self._analyzed(progress)
+            self._analysis = self._analyzed(progress, meanwhile)
         return self._analysis
 
-    def _analyzed(self, progress: Progress | None) -> Analysis:
+    def _analyzed(
+        self, progress: Progress | None, meanwhile: Callable[[], object] | None
+    ) -> Analysis:
         with rare_collections(), begun(self._request, self._processes) as opened:
             # Imported while another process begins to read.
             from syncline_analyzer.engine import analyze_prepared
 
+            if meanwhile is not None:
+                meanwhile()
             with settled_objects():
                 reading = opened()
                 analysis = analyze_prepared(

@@ -106,6 +106,11 @@ class FrameBatch:
         )
 
     @property
+    def flags_seen(self) -> int:
+        """Every `FrameFlag` bit that any of the frames has."""
+        return int(np.bitwise_or.reduce(self.flags, initial=0))
+
+    @property
     def buses(self) -> list[int]:
         """Numbers of the buses of the frames, ascending."""
         if not len(self):

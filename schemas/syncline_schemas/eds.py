@@ -5,7 +5,6 @@ file without faults, so that it never raises.
 """
 
 import io
-import logging
 import re
 import struct
 from collections.abc import Iterable, Iterator
@@ -210,6 +209,8 @@ def _written(sections: dict[str, Entry]) -> str:
 @contextmanager
 def _quiet_importer() -> Iterator[None]:
     """What the importer logs is in our own warnings already."""
+    import logging
+
     logger = logging.getLogger("canopen.objectdictionary.eds")
     before = logger.disabled
     logger.disabled = True

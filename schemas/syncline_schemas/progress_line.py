@@ -4,7 +4,6 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from shutil import get_terminal_size
 from typing import TextIO
 
 QUIET_S = 1.0
@@ -118,6 +117,8 @@ def progress_line(
     if not sys.stderr.isatty():
         yield None
         return
+    from shutil import get_terminal_size
+
     line = ProgressLine(sys.stderr, expected, columns=get_terminal_size().columns)
     try:
         yield line

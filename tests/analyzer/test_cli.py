@@ -1,7 +1,7 @@
 """The analyzer's commands: what they print where, what they write, and how they exit."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -31,8 +31,9 @@ class FakeSession:
         self.asked = {"captures": captures, **options}
         return self
 
-    def analyze(self, progress: object) -> Analysis:
+    def analyze(self, progress: object, meanwhile: Callable[[], object]) -> Analysis:
         assert progress is None, "no progress where stderr is no terminal"
+        meanwhile()
         return self.told
 
     @property

@@ -97,6 +97,21 @@ def test_equal_values_of_many_years_have_bins(near: int) -> None:
     assert found.quantile(0.0) == pytest.approx(0, abs=1)
 
 
+@pytest.mark.parametrize("first", [0.0, 700.0, 1e6])
+def test_many_equal_values_at_a_time(first: float) -> None:
+    spread, parts = Distribution(), []
+    for value in (first, 0.0, 300.0, 700.0, 0.0, 5e8):
+        parts.append(np.full(EXACT_LIMIT + 1, value))
+        spread.add(parts[-1])
+    values = np.concatenate(parts)
+    counts = spread.histogram()[0]
+    assert counts.sum() == len(values)
+    for share in (0.0, 0.4, 0.6, 0.75, 1.0):
+        exact = float(np.quantile(values, share))
+        assert spread.quantile(share) == pytest.approx(exact, rel=1.01 * RELATIVE_ERROR, abs=0.01)
+    assert (spread.mean, spread.std) == pytest.approx((values.mean(), values.std()))
+
+
 def test_spreads_that_the_stamps_cannot_show_are_left_out() -> None:
     made = distribution(np.array([10_000_000] * 98 + [10_600_000, 12_000_000]))
     quantiles = made.quantiles(1000, std=True)

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from syncline_analyzer.distribution import Distribution
 from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.folds.timing.block import Block
+from syncline_analyzer.folds.timing.pdo import running
 from syncline_analyzer.folds.timing.pdo_columns import PdoColumns
 from syncline_analyzer.folds.timing.pdo_state import PdoState
 from syncline_analyzer.folds.timing.sync_index import SyncIndex
@@ -102,6 +103,16 @@ class Pdos(Ask):
         return found
 
 
+class Sums(Ask):
+    """Numbers added up from a first one on, beyond what 64 bits hold."""
+
+    def __call__(self) -> object:
+        rng = self.rng
+        most = int(rng.choice([10, 2**63 - 1]))
+        values = rng.integers(-most - 1, most, int(rng.integers(0, 50)), endpoint=True)
+        return running(values, int(rng.integers(-most, most))).tolist()
+
+
 def index(block: Block, first_ordinal: int) -> SyncIndex:
     from syncline_analyzer.folds.timing.sync import before
 
@@ -125,7 +136,7 @@ def index(block: Block, first_ordinal: int) -> SyncIndex:
     )
 
 
-@pytest.mark.parametrize("kind", [Spread, Peaks, Pdos])
+@pytest.mark.parametrize("kind", [Spread, Peaks, Pdos, Sums])
 @given(seed=SEEDS)
 @settings(max_examples=60, deadline=None)
 def test_columns_are_those_of_numpy(kind: type[Ask], seed: int) -> None:

@@ -147,6 +147,21 @@ def test_the_other_process_is_used_and_gone_in_the_end(small: Path) -> None:
 
 
 @pytest.mark.usefixtures("other_process")
+@pytest.mark.parametrize("least_bytes", [0, NOTHING_IS_WORTH_IT])
+def test_what_is_to_be_done_meanwhile_comes_before_the_frames(
+    small: Path, least_bytes: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(reading_child, "LEAST_BYTES", least_bytes)
+    done: list[int] = []
+    session = open_session(small)
+    session.analyze(done.append, lambda: done.append(-1))
+    session.analyze(done.append, lambda: done.append(-1))
+    assert done[0] == -1
+    assert done.count(-1) == 1
+    assert done[-1] == 500
+
+
+@pytest.mark.usefixtures("other_process")
 def test_it_is_gone_after_an_error_of_the_analysis(
     small: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -315,8 +330,10 @@ def test_a_batch_arrives_as_it_was(batch: IndexedBatch) -> None:
     ("module", "left_out"),
     [
         ("session", ("numpy", "syncline_analyzer.engine")),
+        ("engine", ("google.protobuf", "statistics", "tempfile", "numpy.ma")),
         ("remote_reading", ("syncline_analyzer.readers", "syncline_analyzer.results")),
         ("reading_process", ("syncline_analyzer.results", "syncline_analyzer.findings", "pandas")),
+        ("reading_process", ("google.protobuf", "numpy.ma", "syncline_analyzer.readers.pcap")),
     ],
 )
 def test_no_process_imports_what_the_other_needs(module: str, left_out: tuple[str, ...]) -> None:

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from syncline_analyzer.folds.timing.waiting import UNKNOWN, Arbitration, Ready, rank
+from syncline_analyzer.folds.timing.waiting import UNKNOWN, Arbitration, Asked, Ready, rank
 from syncline_schemas.batch import FrameBatch, FrameFlag
 from tests.analyzer.arbitration_model import BIT_NS, Line, Request, Sent, arbitration, seen
 
@@ -18,8 +18,22 @@ BODY = 108 * BIT_NS
 def asked(bus: Arbitration, sent: list[Sent], can_id: int = 0x185, node: int = 5) -> Ready:
     """When the only frame of an identifier can have been ready; the SYNC is the first frame."""
     row = next(k for k, each in enumerate(sent) if each.request.can_id == can_id)
-    stamp = bus._base_ns
-    return bus.ready(np.array([row]), np.array([0]), np.array([stamp]), can_id << 21, node)
+    return bus.ready(one(row, bus._base_ns, can_id, node))[0]
+
+
+def one(row: int, sync_ns: int, can_id: int, node: int) -> Asked:
+    """One answer to the first frame, of which nothing else is known."""
+    return Asked(
+        np.array([0]),
+        np.array([can_id << 21], np.uint32),
+        np.array([node], np.int16),
+        np.array([row]),
+        np.array([0]),
+        np.array([0]),
+        np.array([sync_ns]),
+        np.array([0.0]),
+        np.array([np.inf]),
+    )
 
 
 def line(*requests: Request, in_turn: frozenset[int] = frozenset()) -> list[Sent]:
@@ -199,13 +213,7 @@ def test_the_true_moment_lies_within_the_bounds(
     synced = sent[0].end_ns // step * step
     for row, each in enumerate(sent[1:], start=1):
         request = each.request
-        ready = recorded.ready(
-            np.array([row]),
-            np.array([0]),
-            np.array([synced]),
-            request.can_id << 21,
-            request.node,
-        )
+        ready, _ = recorded.ready(one(row, synced, request.can_id, request.node))
         device_ns = request.ready_ns - sent[0].end_ns
         assert ready.least_ns[0] <= device_ns + 1e-6
         assert each.start_ns - request.ready_ns <= ready.waiting_ns[0] + 1e-6

@@ -4,6 +4,7 @@ import os
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -118,6 +119,12 @@ def raw_chunk(plain: bytes) -> RawChunk:
     return RawChunk(0, 0, 0, len(plain), 0, "", plain, index)
 
 
+def walked(raws: list[RawChunk], table: ChannelTable) -> PlainGroup | None:
+    """What is read record by record, where that is all of the chunks."""
+    group = chunk_group._plain_by_walk(raws, table)
+    return group if group is not None and group.chunks == len(raws) else None
+
+
 def told(group: PlainGroup | None) -> list[object] | None:
     """What a group tells, comparable."""
     if group is None:
@@ -139,8 +146,7 @@ def told(group: PlainGroup | None) -> list[object] | None:
 @given(st.lists(hostile_chunks().filter(len), min_size=1, max_size=3))
 def test_chunks_are_read_as_by_their_index_or_not_at_all(plains: list[bytes]) -> None:
     raws, table = [raw_chunk(plain) for plain in plains], channels()
-    walked = told(chunk_group._plain_by_walk(raws, table))
-    assert walked == told(chunk_group._plain_by_index(raws, table))
+    assert told(walked(raws, table)) == told(chunk_group._plain_by_index(raws, table))
 
 
 @needs_library
@@ -163,9 +169,9 @@ def test_every_bit_of_a_record(data: bytes, flags: int) -> None:
     accepted = 0
     for odd in [record, bytes(longer), bytes(shorter), *changed]:
         raws = [raw_chunk(plain) for plain in (whole + odd + whole, odd)]
-        walked = told(chunk_group._plain_by_walk(raws, table))
-        assert walked == told(chunk_group._plain_by_index(raws, table))
-        accepted += walked is not None
+        found = walked(raws, table)
+        assert told(found) == told(chunk_group._plain_by_index(raws, table))
+        accepted += found is not None
     # Bits that may be anything: of sequence, stamps, identifier, most flags. (A remote frame has no data.)
     assert accepted >= 8 * (4 + 16 + 3) or (flags and data)
 
@@ -200,8 +206,19 @@ def test_frames_of_a_chunk_are_what_protobuf_reads(records: list[bytes]) -> None
 def test_an_empty_chunk_is_looked_at_by_itself() -> None:
     whole = message(_FRAMES, 1, frame_payload(0x181, 0, 2, b"ok"))
     for plains in ([b""], [b"", whole], [whole, b""]):
-        assert chunk_group._plain_by_walk([raw_chunk(each) for each in plains], channels()) is None
+        assert walked([raw_chunk(each) for each in plains], channels()) is None
     assert chunk_group._plain_by_index([raw_chunk(b"")], channels()) is None
+
+
+@needs_library
+def test_chunks_beside_one_that_needs_a_second_look_are_still_read_as_one() -> None:
+    whole = raw_chunk(message(_FRAMES, 1, frame_payload(0x181, 0, 2, b"ok")))
+    odd = raw_chunk(message(_GAP, 1, b""))
+    large = replace(whole, uncompressed_size=1 << 62)
+    opened = chunk_group.open_group([odd, whole, whole, large, whole], channels())
+    assert isinstance(opened, list)
+    found = [(each.raws, each.plain and len(each.plain.frames)) for each in opened]
+    assert found == [([odd], None), ([whole, whole], 2), ([large], None), ([whole], 1)]
 
 
 @needs_library

@@ -42,8 +42,12 @@ def pair(options: dict[str, bool]) -> tuple[Any, Any]:
             t_ns: int
             name: str = "can0"
             seq: list[int] = dataclasses.field(default_factory=list, hash=False)
+            total: int = dataclasses.field(init=False, default=7)
+            seen: list[int] = dataclasses.field(init=False, default_factory=list, hash=False)
+            later: int = dataclasses.field(init=False, repr=False, compare=False)
             _: dataclasses.KW_ONLY
             unit: str = dataclasses.field(default="%", repr=False)
+            parts: list[int] = dataclasses.field(default_factory=lambda: [1], hash=False)
 
             def __post_init__(self) -> None:
                 if self.t_ns < 0:
@@ -89,6 +93,11 @@ def test_everything_is_as_the_standard_library_does_it(options: dict[str, bool])
             row,
             lambda: row(1, 2, 3, 4),
             lambda: row(1, wrong=2),
+            lambda: row(1, parts=[2]),
+            lambda: row(1).seq is row(1).seq,
+            lambda: row(1).later,
+            lambda: sorted(vars(row(1))),
+            lambda: row.__init__.__qualname__,
             lambda: row(-1),
             lambda: setattr(row(1), "t_ns", 2),
             # How it is refused differs by the version of Python where there are slots.

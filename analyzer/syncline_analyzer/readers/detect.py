@@ -7,9 +7,16 @@ import numpy as np
 
 from syncline_analyzer.capture import CaptureReader
 from syncline_analyzer.readers.formats import KNOWN_FORMATS
-from syncline_analyzer.readers.mf4 import MF4_MAGIC, Mf4Reader
-from syncline_analyzer.readers.pcap import PCAP_MAGIC, PcapReader
-from syncline_analyzer.readers.pcapng import PCAPNG_MAGIC, PcapngReader
+from syncline_analyzer.readers.magic import (
+    BINARY_MAGIC,
+    BLF_MAGIC,
+    FOREIGN_MAGIC,
+    MCAP_MAGIC,
+    MF4_MAGIC,
+    PCAP_MAGIC,
+    PCAPNG_MAGIC,
+    ZIP_MAGIC,
+)
 from syncline_analyzer.readers.source import (
     BLOCK_BYTES,
     GZIP_MAGIC,
@@ -20,25 +27,6 @@ from syncline_analyzer.readers.source import (
 from syncline_schemas.batch import FrameBatch, Gap
 from syncline_schemas.errors import CaptureError
 
-_MCAP_MAGIC = b"\x89MCAP"
-ZIP_MAGIC = b"PK\x03\x04"
-_FOREIGN_MAGIC = {
-    b"\x34\xcd\xb2\xa1": "a pcap file of a modified kind",
-    b"PAR1": "a Parquet file",
-    b"SQLite format 3": "an SQLite database",
-    b"7z\xbc\xaf": "a 7-Zip archive",
-    b"BZh": "a bzip2 file",
-    b"\xfd7zXZ": "an xz file",
-}
-_BINARY_MAGIC = (
-    _MCAP_MAGIC,
-    ZIP_MAGIC,
-    b"LOGG",
-    PCAPNG_MAGIC,
-    *PCAP_MAGIC,
-    *MF4_MAGIC,
-    *_FOREIGN_MAGIC,
-)
 _LINES_LOOKED_AT = 2000
 
 
@@ -63,7 +51,7 @@ def open_capture(
     if path.is_dir():
         raise CaptureError(f"{path}: is a directory; name the capture files in it")
     head = _head(path)
-    if head.startswith(_MCAP_MAGIC):
+    if head.startswith(MCAP_MAGIC):
         return _indexed(path, lambda found: _mcap_reader(found, start_ns, end_ns))
     if head.startswith(ZIP_MAGIC):
         from syncline_analyzer.readers.bundled import BundledReader
@@ -86,10 +74,11 @@ def _indexed(path: Path, opened: Callable[[Path], CaptureReader]) -> CaptureRead
 
 def _mcap_reader(path: Path, start_ns: int | None, end_ns: int | None) -> CaptureReader:
     from syncline_analyzer.readers.mcap import McapReader
-    from syncline_analyzer.readers.ros2 import Ros2Reader
     from syncline_schemas.capture.ros2_bag import bag_schemas
 
     if bag_schemas(path):
+        from syncline_analyzer.readers.ros2 import Ros2Reader
+
         return Ros2Reader(path, start_ns, end_ns)
     return McapReader(path, start_ns, end_ns)
 
@@ -144,7 +133,7 @@ def _is_binary(path: Path) -> bool:
         magic = source.read(16)
     finally:
         source.close()
-    return magic.startswith(_BINARY_MAGIC)
+    return magic.startswith(BINARY_MAGIC)
 
 
 def _is_packed(path: Path) -> bool:
@@ -154,17 +143,23 @@ def _is_packed(path: Path) -> bool:
 
 
 def _reader(path: Path, head: bytes, block_bytes: int) -> CaptureReader:
-    if head.startswith(b"LOGG"):
+    if head.startswith(BLF_MAGIC):
         from syncline_analyzer.readers.blf import BlfReader
 
         return BlfReader(path)
     if head.startswith(PCAPNG_MAGIC):
+        from syncline_analyzer.readers.pcapng import PcapngReader
+
         return PcapngReader(path)
     if head[:4] in PCAP_MAGIC:
+        from syncline_analyzer.readers.pcap import PcapReader
+
         return PcapReader(path)
     if head.startswith(MF4_MAGIC):
+        from syncline_analyzer.readers.mf4 import Mf4Reader
+
         return _indexed(path, Mf4Reader)
-    for magic, what in _FOREIGN_MAGIC.items():
+    for magic, what in FOREIGN_MAGIC.items():
         if head.startswith(magic):
             raise CaptureError(
                 f"{path}: is {what}, which cannot be read; known are {KNOWN_FORMATS}"

@@ -21,7 +21,6 @@ from syncline_analyzer.capture import CaptureFacts
 from syncline_schemas.batch import FrameBatch, Gap
 from syncline_schemas.errors import CaptureError
 
-MF4_MAGIC: Final = (b"MDF     ", b"UnFinMF ")
 PIP_LINE: Final = "pip install 'syncline[mf4]'"
 PATIENCE_S: Final = 90.0
 """How long a message may take, and for each 4 MB of the file a second more."""

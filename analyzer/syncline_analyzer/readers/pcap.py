@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from syncline_analyzer.capture import CaptureFacts, Unread
 from syncline_analyzer.readers.can_packets import can_packets
 from syncline_analyzer.readers.chain import chained
+from syncline_analyzer.readers.magic import PCAP_MAGIC
 from syncline_analyzer.readers.resolution import Resolution
 from syncline_analyzer.readers.source import CaptureSource
 from syncline_analyzer.readers.times import FIRST_UTC_NS, SECOND_NS
@@ -24,13 +25,6 @@ from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
 from syncline_schemas.byte_columns import ByteColumns, ByteOrder, Places
 from syncline_schemas.errors import CaptureError
 
-PCAP_MAGIC: Final[dict[bytes, tuple[ByteOrder, int]]] = {
-    b"\xd4\xc3\xb2\xa1": ("<", 1000),
-    b"\xa1\xb2\xc3\xd4": (">", 1000),
-    b"\x4d\x3c\xb2\xa1": ("<", 1),
-    b"\xa1\xb2\x3c\x4d": (">", 1),
-}
-"""Byte order and what the fraction of a second is counted in [ns]."""
 MAX_PACKET: Final = 1 << 20
 """A record that claims more is none."""
 MAX_BUSES: Final = 256

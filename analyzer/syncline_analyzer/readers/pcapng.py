@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.readers.chain import chained
+from syncline_analyzer.readers.magic import PCAPNG_MAGIC
 from syncline_analyzer.readers.pcap import MAX_PACKET, PacketReader, Packets
 from syncline_analyzer.readers.times import SECOND_NS
 from syncline_schemas.byte_columns import ByteColumns, ByteOrder, Column, Places
 
-PCAPNG_MAGIC: Final = b"\x0a\x0d\x0d\x0a"
 SECTION, INTERFACE, OLD_PACKET, SIMPLE_PACKET, STATISTICS, PACKET = 0x0A0D0D0A, 1, 2, 3, 5, 6
 BYTE_ORDER_MAGIC: Final = 0x1A2B3C4D
 _ORDER_OF_MAGIC: Final[dict[bytes, ByteOrder]] = {

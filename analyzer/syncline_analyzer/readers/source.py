@@ -154,13 +154,13 @@ class LineSource:
         """
         rest = b""
         for part in self._parts():
-            text = rest + part
-            end = text.rfind(b"\n") + 1
-            if end == 0 and len(text) > MAX_LINE_BYTES:
-                end = len(text)
-            rest = text[end:]
+            end = part.rfind(b"\n") + 1
+            if end == 0 and len(rest) + len(part) > MAX_LINE_BYTES:
+                end = len(part)
             if end:
-                yield text[:end]
+                yield b"".join((rest, memoryview(part)[:end]))
+                rest = b""
+            rest += part[end:]
         if rest:
             yield rest
 

@@ -54,10 +54,21 @@ _WHOLE = np.dtype((np.void, RECORD.itemsize))
 """A record as bytes: numpy copies these many times as fast as it copies field by field."""
 
 
-def joined(parts: Sequence[Records]) -> Records:
-    """All records of several."""
-    whole = [np.ascontiguousarray(part).view(_WHOLE) for part in parts]
-    return np.concatenate(whole).view(RECORD) if whole else np.zeros(0, RECORD)
+def joined(parts: list[Records]) -> Records:
+    """All records of several, in order of `seq`; the list is empty then.
+
+    Each is copied once, straight to its place: new memory costs more than what is written to it.
+    """
+    seq = np.concatenate([np.zeros(0, np.int64), *(each["seq"] for each in parts)])
+    order = np.argsort(seq, kind="stable")
+    places = np.empty_like(order)
+    places[order] = np.arange(len(order))
+    found, begin = np.empty(len(order), _WHOLE), 0
+    while parts:
+        part = np.ascontiguousarray(parts.pop(0)).view(_WHOLE)
+        found[places[begin : begin + len(part)]] = part
+        begin += len(part)
+    return found.view(RECORD)
 
 
 def picked(records: Records, rows: slice | NDArray[np.bool_] | NDArray[np.intp]) -> Records:
@@ -77,6 +88,11 @@ class SdoObject:
     sub: int | None
     name: str | None = None
     code: int | None = None
+
+    @property
+    def key(self) -> tuple[int | None, int]:
+        """Index and sub-index, which is 0 where none is told."""
+        return self.index, self.sub or 0
 
 
 class RowMaker(Protocol):

@@ -104,7 +104,7 @@ class SdoTransfers(Sequence[SdoRow]):
 
     def of_object(self, index: int, sub: int) -> "SdoTransfers":
         """Transfers of one object, of all nodes."""
-        return self.of_objects(lambda each: (each.index, each.sub or 0) == (index, sub))
+        return self.of_objects(lambda each: each.key == (index, sub))
 
     def nodes(self) -> list[tuple[str, int]]:
         """(bus, node) of which there are transfers."""

@@ -3,9 +3,10 @@
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
-from syncline_schemas.proto import syncline_pb2
+if TYPE_CHECKING:
+    from syncline_schemas.proto import syncline_pb2
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +27,7 @@ class AdapterFit:
     rate_ppb: int
 
     @classmethod
-    def of(cls, sample: syncline_pb2.ClockSample, before: "AdapterFit | None") -> Self:
+    def of(cls, sample: "syncline_pb2.ClockSample", before: "AdapterFit | None") -> Self:
         """The fit with one sample more; `before` is None at the first."""
         return cls(
             before.samples + 1 if before else 1,

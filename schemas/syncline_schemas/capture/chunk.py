@@ -131,7 +131,7 @@ def compress(plain: bytes, compression: Compression, zstd_level: int = ZSTD_LEVE
 
 def decompress(data: bytes | memoryview, compression: str, size: int) -> bytes | str:
     """The plain bytes, or in words why they cannot be had; never raises on damaged bytes."""
-    if size > MAX_CHUNK or (size > _BOMB_BYTES and size > _BOMB_RATIO * len(data)):
+    if not is_plausible(size, len(data)):
         return f"claims {size} bytes"
     plain = _decompress(data, compression, size)
     if isinstance(plain, bytes) and len(plain) != size:
@@ -139,8 +139,13 @@ def decompress(data: bytes | memoryview, compression: str, size: int) -> bytes |
     return plain
 
 
+def is_plausible(size: int, packed: int) -> bool:
+    """Whether a chunk may have so many plain bytes; a damaged size must not take all memory."""
+    return size <= MAX_CHUNK and (size <= _BOMB_BYTES or size <= _BOMB_RATIO * packed)
+
+
 MAX_CHUNK = 1 << 30
-"""Largest chunk that is read; a damaged size field must not take all memory."""
+"""Largest chunk that is read."""
 _BOMB_BYTES = 64 << 20
 _BOMB_RATIO = 200
 """No frames pack so well as a large chunk of zeros."""

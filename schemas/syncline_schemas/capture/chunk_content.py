@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cache
 
 import mcap.records as mcap_records
 import numpy as np
-from google.protobuf.message import DecodeError
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
@@ -21,14 +21,12 @@ from syncline_schemas.capture.frame_record import (
     gather_frames,
 )
 from syncline_schemas.capture.layout import PROTOBUF, frames_topic
-from syncline_schemas.capture.message import schema_of
 from syncline_schemas.capture.record_file import (
     Definition,
     MessageIndex,
     RawChunk,
     parse_definition,
 )
-from syncline_schemas.proto import syncline_pb2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -221,6 +219,10 @@ def parse_frame(payload: bytes) -> tuple[int, int, int, bytes] | None:
 
     A length that the data contradict becomes the number of data bytes, marked DLC_INVALID.
     """
+    from google.protobuf.message import DecodeError
+
+    from syncline_schemas.proto import syncline_pb2
+
     try:
         frame = syncline_pb2.Frame.FromString(payload)
     except DecodeError:
@@ -243,17 +245,21 @@ def frame_channels_by_content(
     undescribed: rows of messages of channels that nothing describes. A channel is taken for frames
     when each of its messages has every tag and length of `pack_frames`.
     """
+    schema = _lost_frame_schema()
     definitions: list[Definition] = []
     for channel in np.unique(content.channel[undescribed]).tolist():
         rows = undescribed[content.channel[undescribed] == channel]
         if _gathered(content, rows, np.zeros(1 << 16, np.int16)).regular.all():
             topic = frames_topic(f"channel{channel}")
-            definitions.append(
-                mcap_records.Channel(channel, topic, PROTOBUF, {}, LOST_FRAME_SCHEMA.id)
-            )
-    return [LOST_FRAME_SCHEMA, *definitions] if definitions else []
+            definitions.append(mcap_records.Channel(channel, topic, PROTOBUF, {}, schema.id))
+    return [schema, *definitions] if definitions else []
 
 
-_FRAME = schema_of(syncline_pb2.Frame.DESCRIPTOR)
-LOST_FRAME_SCHEMA = mcap_records.Schema(0xFFFE, _FRAME.data, _FRAME.encoding, _FRAME.name)
-"""Of channels whose own record is lost; its id is far from those that writers count up."""
+@cache
+def _lost_frame_schema() -> mcap_records.Schema:
+    """Of channels whose own record is lost; its id is far from those that writers count up."""
+    from syncline_schemas.capture.message import schema_of
+    from syncline_schemas.proto import syncline_pb2
+
+    frame = schema_of(syncline_pb2.Frame.DESCRIPTOR)
+    return mcap_records.Schema(0xFFFE, frame.data, frame.encoding, frame.name)

@@ -9,13 +9,14 @@ from numpy.typing import NDArray
 from syncline_schemas import native
 from syncline_schemas.batch import FrameBatch
 from syncline_schemas.capture.channels import ChannelTable, Kind
+from syncline_schemas.capture.chunk import is_plausible
 from syncline_schemas.capture.chunk_content import ChunkContent, open_joined, unpacked
-from syncline_schemas.capture.frame_record import FRAME_HEAD, MAX_DATA, gather_frames
+from syncline_schemas.capture.frame_record import FRAME_HEAD, gather_frames
 from syncline_schemas.capture.limit import Unread
 from syncline_schemas.capture.record_file import Definition, Document, Lost, RawChunk, Record
 
-GROUP_BYTES = 1 << 20
-"""Unpacked chunks are joined until they have as many bytes: about 20,000 frames."""
+GROUP_BYTES = 4 << 20
+"""Unpacked chunks are joined until they have as many bytes: about 80,000 frames."""
 
 Other = Lost | Definition | Document | Unread
 
@@ -30,6 +31,7 @@ class PlainGroup:
         others: messages of bus states, clocks and marks, and perhaps more; with the `Kind` of each.
         first_ns: log time of the first message.
         last_ns: the latest log time at the end of a chunk.
+        chunks: how many they are.
     """
 
     frames: FrameBatch
@@ -37,11 +39,12 @@ class PlainGroup:
     others: list[tuple[ChunkContent, NDArray[np.uint8]]]
     first_ns: int
     last_ns: int
+    chunks: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OpenedGroup:
-    """Chunks and, where they could be read as one by the channels known then, their content.
+    """Chunks and, where they are plain by the channels known then, their content.
 
     `version` is that of the channel table: with another one `plain` may be wrong.
     """
@@ -71,43 +74,39 @@ def grouped(records: Iterable[Record | Unread]) -> Iterator[list[RawChunk] | Oth
         yield group
 
 
-def open_group(group: list[RawChunk] | Other, channels: ChannelTable) -> OpenedGroup | Other:
+def open_group(group: list[RawChunk] | Other, channels: ChannelTable) -> list[OpenedGroup] | Other:
     """Unpack a group and read its frames; it may be called in any thread."""
     if not isinstance(group, list):
         return group
     # The table may grow meanwhile: whoever takes the group compares the versions.
     version = channels.version
-    return OpenedGroup(group, version, _plain(group, channels))
-
-
-def _plain(group: list[RawChunk], channels: ChannelTable) -> PlainGroup | None:
-    return (_plain_by_walk if native.available() else _plain_by_index)(group, channels)
+    if not native.available():
+        return [OpenedGroup(group, version, _plain_by_index(group, channels))]
+    opened = []
+    while group:
+        plain = _plain_by_walk(group, channels)
+        count = plain.chunks if plain is not None else 0
+        if count:
+            opened.append(OpenedGroup(group[:count], version, plain))
+        if count < len(group):
+            opened.append(OpenedGroup(group[count : count + 1], version, None))
+        group = group[count + 1 :]
+    return opened
 
 
 def _plain_by_walk(group: list[RawChunk], channels: ChannelTable) -> PlainGroup | None:
-    """Record by record, whatever the message indexes say."""
-    plains = []
+    """The chunks up to the first that is not plain, whatever the message indexes say.
+
+    Each is walked through as soon as it is unpacked: then it is still in the cache.
+    """
+    claimed = ((raw.uncompressed_size, len(raw.data)) for raw in group)
+    size = sum(size for size, packed in claimed if is_plausible(size, packed))
+    columns = native.ChunkFrames(size // FRAME_HEAD, channels.kind, channels.bus)
+    others, firsts_ns, lasts_ns = [], [], []
     for raw in group:
         plain = unpacked(raw)
-        if not isinstance(plain, bytes):
-            return None
-        plains.append(plain)
-    for width in (8, MAX_DATA):
-        columns = native.ChunkFrames(sum(map(len, plains)) // FRAME_HEAD, width)
-        walked = _walked(columns, plains, channels)
-        if walked is not None or not columns.too_narrow:
-            return walked
-    return None
-
-
-def _walked(
-    columns: native.ChunkFrames, plains: Sequence[bytes], channels: ChannelTable
-) -> PlainGroup | None:
-    others, firsts_ns, lasts_ns = [], [], []
-    for plain in plains:
-        found = columns.add(plain, channels.kind, channels.bus)
-        if found is None:
-            return None
+        if not isinstance(plain, bytes) or (found := columns.add(plain)) is None:
+            break
         if len(found.others):
             offset, end, channel, log_time_ns = found.others.T
             buffer, ids = np.frombuffer(plain, np.uint8), channel.astype(np.uint16)
@@ -115,11 +114,14 @@ def _walked(
             others.append((content, channels.kind.take(ids)))
         firsts_ns.append(found.first_ns)
         lasts_ns.append(found.last_ns)
+    if not firsts_ns:
+        return None
     frames = FrameBatch(
         columns.t_ns, columns.bus, columns.can_id, columns.flags, columns.dlc, columns.data
     )
     kept = slice(columns.count)
-    return PlainGroup(frames[kept], columns.log_time_ns[kept], others, firsts_ns[0], max(lasts_ns))
+    log_time_ns, first_ns = columns.log_time_ns[kept], firsts_ns[0]
+    return PlainGroup(frames[kept], log_time_ns, others, first_ns, max(lasts_ns), len(firsts_ns))
 
 
 def _plain_by_index(group: list[RawChunk], channels: ChannelTable) -> PlainGroup | None:
@@ -146,4 +148,5 @@ def _plain_by_index(group: list[RawChunk], channels: ChannelTable) -> PlainGroup
         [(content, kind)],
         int(content.log_time_ns[0]),
         int(content.log_time_ns[ends].max()),
+        len(group),
     )

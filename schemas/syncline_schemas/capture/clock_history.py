@@ -10,12 +10,15 @@ moves all stamps before it. Of a clock that is set twice between two samples onl
 import json
 from collections.abc import Mapping
 from dataclasses import astuple, dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from syncline_schemas.capture.adapter_fit import AdapterFit
-from syncline_schemas.proto import syncline_pb2
+
+if TYPE_CHECKING:
+    from syncline_schemas.proto import syncline_pb2
 
 STEP_NS = 1_000_000
 """UTC that moves less against the elapsed time was not set, but slewed or read late."""
@@ -97,7 +100,7 @@ class ClockHistory:
         self._last, self.last_utc_ns = (log_ns, utc_offset_ns, log_offset_ns), last_utc_ns
         return True
 
-    def add(self, log_ns: int, sample: syncline_pb2.ClockSample) -> None:
+    def add(self, log_ns: int, sample: "syncline_pb2.ClockSample") -> None:
         """Take in a sample that stands at this log time; those of adapters tell of them alone."""
         if sample.HasField("bus"):
             if sample.HasField("residual_ns"):

@@ -1,14 +1,20 @@
 """A Gap as the message of `/recorder/gap`, and back."""
 
+from typing import TYPE_CHECKING
+
 from syncline_schemas.batch import Gap
-from syncline_schemas.proto import syncline_pb2
+
+if TYPE_CHECKING:
+    from syncline_schemas.proto import syncline_pb2
 
 DID_NOT_RUN = "the recorder did not run"
 """Reason of the gap at the head of a recording that follows another one in the same folder."""
 
 
-def gap_message(gap: Gap) -> syncline_pb2.Gap:
+def gap_message(gap: Gap) -> "syncline_pb2.Gap":
     """The message of a gap."""
+    from syncline_schemas.proto import syncline_pb2
+
     return syncline_pb2.Gap(
         start_ns=gap.start_ns,
         end_ns=gap.end_ns,
@@ -18,7 +24,7 @@ def gap_message(gap: Gap) -> syncline_pb2.Gap:
     )
 
 
-def gap_of(message: syncline_pb2.Gap) -> Gap:
+def gap_of(message: "syncline_pb2.Gap") -> Gap:
     """The gap that a message tells of."""
     return Gap(
         message.start_ns,

@@ -1,8 +1,10 @@
 """Moments that somebody wants to find again, as the recorder marked them."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from syncline_schemas.proto import syncline_pb2
+if TYPE_CHECKING:
+    from syncline_schemas.proto import syncline_pb2
 
 MAX_MARKS = 1000
 """Marks of one file that are kept; the rest is only counted."""
@@ -18,12 +20,14 @@ class Mark:
     node: int | None = None
 
 
-def mark_message(mark: Mark) -> syncline_pb2.Mark:
+def mark_message(mark: Mark) -> "syncline_pb2.Mark":
     """The message of a mark."""
+    from syncline_schemas.proto import syncline_pb2
+
     return syncline_pb2.Mark(t_ns=mark.t_ns, reason=mark.reason, bus=mark.bus, node=mark.node)
 
 
-def mark_of(message: syncline_pb2.Mark) -> Mark:
+def mark_of(message: "syncline_pb2.Mark") -> Mark:
     """The mark that a message tells of."""
     return Mark(
         message.t_ns,

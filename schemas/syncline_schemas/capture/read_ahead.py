@@ -2,10 +2,12 @@
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from syncline_schemas.processors import processors
+
+if TYPE_CHECKING:
+    from concurrent.futures import Future
 
 MOST_WORKERS = 2
 """Threads that unpack: with two, unpacking is never slower than what uses it."""
@@ -43,6 +45,8 @@ def read_ahead(
     if workers < 2:
         yield from map(work, waiting_items)
         return
+    from concurrent.futures import ThreadPoolExecutor
+
     waiting: deque[Future[_R]] = deque()
     with ThreadPoolExecutor(workers, thread_name_prefix="syncline-read-ahead") as pool:
         try:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from syncline_schemas.batch import FrameBatch, FrameFlag
 from syncline_schemas.byte_columns import ByteColumns, ByteOrder, Places
 from syncline_schemas.capture.chunk_content import ChunkContent, open_chunk
+from syncline_schemas.capture.layout import PROFILE
 from syncline_schemas.capture.record_file import Definition, Lost, RawChunk, RecordFile
 
 CLASSIC_SCHEMAS: Final = ("can_msgs/msg/Frame", "ros2_socketcan_msgs/msg/Frame")
@@ -36,6 +37,8 @@ def bag_schemas(path: Path) -> list[str]:
     """Names of the CAN schemas in an MCAP file; empty where it is no ROS 2 bag with CAN frames."""
     with path.open("rb") as file:
         records = RecordFile(file)
+        if records.profile() == PROFILE:
+            return []
         summary = records.summary()
         if summary is not None and summary.schemas:
             return sorted({s.name for s in summary.schemas} & set(SCHEMAS))

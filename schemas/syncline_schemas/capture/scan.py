@@ -5,11 +5,10 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import mcap.records as mcap_records
 import numpy as np
-from google.protobuf.message import DecodeError, Message
 from numpy.typing import NDArray
 
 from syncline_schemas.batch import FrameBatch, Gap
@@ -54,14 +53,18 @@ from syncline_schemas.capture.record_file import (
 )
 from syncline_schemas.errors import CaptureError
 from syncline_schemas.memory import keep_freed_memory
-from syncline_schemas.proto import syncline_pb2
+
+if TYPE_CHECKING:
+    from google.protobuf.message import Message
+
+    from syncline_schemas.proto import syncline_pb2
 
 FRAMES_PER_BATCH = 1 << 16
 """Frames of small chunks are joined until a batch has at least as many; less often only once, as
 soon as the first are there."""
 
 
-_M = TypeVar("_M", bound=Message)
+_M = TypeVar("_M", bound="Message")
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +73,7 @@ class BusStatusSample:
 
     t_ns: int
     bus: int
-    status: syncline_pb2.BusStatus
+    status: "syncline_pb2.BusStatus"
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +81,7 @@ class ClockReading:
     """The clocks read together at a time."""
 
     t_ns: int
-    sample: syncline_pb2.ClockSample
+    sample: "syncline_pb2.ClockSample"
 
 
 _EMPTY = "the file is empty"
@@ -168,7 +171,7 @@ class CaptureScan:
         with _opened(self.path, self.facts.damage) as file:
             groups = grouped(self._chunks(file))
             for opened in read_ahead(groups, partial(open_group, channels=self._channels)):
-                for item in self._items_of_group(opened):
+                for item in self._items_of_groups(opened):
                     yield from pending.add(item)
         yield from pending.flush()
         yield from self._range.wanted(self._losses.finish())
@@ -218,6 +221,10 @@ class CaptureScan:
         return channels is None or any(kind[channel] == Kind.CLOCK for channel in channels)
 
     def _add_clocks(self, content: ChunkContent, history: ClockHistory) -> None:
+        from google.protobuf.message import DecodeError
+
+        from syncline_schemas.proto import syncline_pb2
+
         for row in np.flatnonzero(self._channels.kind[content.channel] == Kind.CLOCK).tolist():
             with suppress(DecodeError):
                 sample = syncline_pb2.ClockSample.FromString(content.payload(row))
@@ -280,15 +287,20 @@ class CaptureScan:
         if record.name == METADATA_NAME:
             self.facts.metadata = CaptureMetadata.from_record(record.metadata)
 
-    def _items_of_group(self, opened: OpenedGroup | Other) -> Iterator[Item]:
-        if isinstance(opened, Lost):
+    def _items_of_groups(self, opened: list[OpenedGroup] | Other) -> Iterator[Item]:
+        if isinstance(opened, list):
+            for group in opened:
+                yield from self._items_of_group(group)
+        elif isinstance(opened, Lost):
             yield from self._items_of(opened)
         elif isinstance(opened, Unread):
             yield from self._range.wanted(self._losses.read(opened.start_ns, opened.end_ns))
             opened.tell()
-        elif not isinstance(opened, OpenedGroup):
+        else:
             self._register(opened)
-        elif opened.plain is None or opened.version != self._channels.version:
+
+    def _items_of_group(self, opened: OpenedGroup) -> Iterator[Item]:
+        if opened.plain is None or opened.version != self._channels.version:
             for raw in opened.raws:
                 yield from self._items_of(raw)
         else:
@@ -360,6 +372,8 @@ class CaptureScan:
         return replace(frames, t_ns=self.repair.t_ns(frames.t_ns, log_time_ns))
 
     def _gap(self, content: ChunkContent, row: int) -> Gap | None:
+        from syncline_schemas.proto import syncline_pb2
+
         message = self._parsed(syncline_pb2.Gap, content, row)
         if message is None or self.repair is None:
             return None if message is None else gap_of(message)
@@ -369,6 +383,8 @@ class CaptureScan:
 
     def _take_marks(self, content: ChunkContent, kind: NDArray[np.uint8]) -> None:
         for row in np.flatnonzero(kind == Kind.MARK).tolist():
+            from syncline_schemas.proto import syncline_pb2
+
             message = self._parsed(syncline_pb2.Mark, content, row)
             if message is None:
                 continue
@@ -382,6 +398,8 @@ class CaptureScan:
     def _samples(self, content: ChunkContent, kind: NDArray[np.uint8]) -> Iterator[Item]:
         if not self._sampled:
             return
+        from syncline_schemas.proto import syncline_pb2
+
         for row in np.flatnonzero((kind == Kind.STATUS) | (kind == Kind.CLOCK)).tolist():
             t_ns = content.publish_time_ns(row)
             if not self._range.holds(t_ns):
@@ -398,6 +416,8 @@ class CaptureScan:
                     )
 
     def _parsed(self, kind: type[_M], content: ChunkContent, row: int) -> _M | None:
+        from google.protobuf.message import DecodeError
+
         try:
             return kind.FromString(content.payload(row))
         except DecodeError:

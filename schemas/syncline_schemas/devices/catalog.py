@@ -1,6 +1,5 @@
 """Finding devices: by name, by file, or by what a node answered."""
 
-import difflib
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
@@ -62,6 +61,8 @@ def is_path(name: str) -> bool:
 
 
 def _unknown(name: str, catalog: Iterable[str]) -> str:
+    import difflib
+
     names = list(catalog)
     near = difflib.get_close_matches(name.lower(), names, n=3, cutoff=0.4)
     hint = f"did you mean {' or '.join(near)}?" if near else f"known are {', '.join(names)}."

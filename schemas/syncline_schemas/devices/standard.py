@@ -1,11 +1,12 @@
 """Devices of which nothing is known but the CiA profile that they follow."""
 
 from functools import cache
-from importlib.resources import files as package_files
+from pathlib import Path
 
 from syncline_schemas.devices.model import Device, Jump, Key, ObjectFacts
 from syncline_schemas.devices.profile import Profile, read_profile
 
+_PROFILES = Path(__file__).parent / "profiles"
 _INTEGER16, _INTEGER32, _UNSIGNED32 = 0x03, 0x04, 0x07
 _CHANNELS = range(1, 9)
 """Channels of encoders with several sensors that are looked for."""
@@ -33,13 +34,9 @@ _SIGNED: dict[int, dict[int, int]] = {
 @cache
 def standard_profiles() -> dict[int, Profile]:
     """Device profiles by CiA number (`profiles/406.toml` ...)."""
-    folder = package_files("syncline_schemas.devices") / "profiles"
     return {
-        int(entry.name.removesuffix(".toml")): read_profile(
-            entry.read_text(encoding="utf-8"), entry.name
-        )
-        for entry in folder.iterdir()
-        if entry.name.endswith(".toml")
+        int(path.stem): read_profile(path.read_text(encoding="utf-8"), path.name)
+        for path in _PROFILES.glob("*.toml")
     }
 
 

@@ -3,12 +3,24 @@
 Who calls a function asks `available()` first. Results are those of numpy bit for bit.
 """
 
+from syncline_schemas.native.busy import fullest_window, stretches
 from syncline_schemas.native.chunks import MOST_OTHERS, ChunkFrames, ChunkWalk
 from syncline_schemas.native.keys import MOST_KEYS, grouping
 from syncline_schemas.native.library import SWITCH, available
-from syncline_schemas.native.places import before, differences, kinds, limits, repeated, since
-from syncline_schemas.native.series import extremes, histogram
+from syncline_schemas.native.places import (
+    before,
+    differences,
+    kinds,
+    limits,
+    repeated,
+    running,
+    since,
+)
+from syncline_schemas.native.series import extremes, histogram, tally
 from syncline_schemas.native.text import MOST_LENGTH, KnownLines, lines
+from syncline_schemas.native.waiting import BusRows, bounds, close, marked
+from syncline_schemas.native.waiting_senders import seen_ids, sent_by, short_keys
+from syncline_schemas.native.waiting_sums import delays
 from syncline_schemas.native.wire import WIRE_TABLES, wire_bits
 
 __all__ = [
@@ -17,19 +29,31 @@ __all__ = [
     "MOST_OTHERS",
     "SWITCH",
     "WIRE_TABLES",
+    "BusRows",
     "ChunkFrames",
     "ChunkWalk",
     "KnownLines",
     "available",
     "before",
+    "bounds",
+    "close",
+    "delays",
     "differences",
     "extremes",
+    "fullest_window",
     "grouping",
     "histogram",
     "kinds",
     "limits",
     "lines",
+    "marked",
     "repeated",
+    "running",
+    "seen_ids",
+    "sent_by",
+    "short_keys",
     "since",
+    "stretches",
+    "tally",
     "wire_bits",
 ]

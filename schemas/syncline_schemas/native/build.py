@@ -5,7 +5,6 @@ imported here, and setuptools, which knows the compilers.
 """
 
 import sys
-import tempfile
 import zlib
 from pathlib import Path
 
@@ -31,6 +30,8 @@ def build() -> None:
 
     Raises: whatever is wrong with it; there may be none.
     """
+    import tempfile
+
     import setuptools  # noqa: F401  before its copy of distutils
     from setuptools._distutils.ccompiler import new_compiler
     from setuptools._distutils.sysconfig import customize_compiler

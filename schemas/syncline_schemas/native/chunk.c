@@ -13,6 +13,14 @@
 #define FRAME_HEAD 45
 #define MAX_DATA 64
 
+/* From byte 31 on: tag of the identifier, its four bytes, of which the highest three bits are 0, tag
+ * of the flags, two bytes of them. From byte 37 on: the flags, of which the higher two bytes are 0,
+ * tag of the length, length, tag of the data, their number. */
+#define FIXED_31 0x0000FFE0000000FFull
+#define TAGS_31 0x000015000000000Dull
+#define FIXED_37 0x00FF00FFFFFF0000ull
+#define TAGS_37 0x0022001800000000ull
+
 #define PLAIN 0
 #define NOT_PLAIN 1
 #define TOO_WIDE 2
@@ -21,17 +29,17 @@
  * form in which pack_frames writes it. */
 static int is_regular(const uint8_t *record, uint64_t length)
 {
-    uint32_t data, dlc, flags;
+    uint32_t data, dlc;
     if (length < FRAME_HEAD - 9)
         return 0;
-    data = record[44], dlc = record[42], flags = u16_at(record + 37);
-    if (record[31] != 0x0D || record[36] != 0x15 || record[41] != 0x18 || record[43] != 0x22)
+    if ((u64_at(record + 31) & FIXED_31) != TAGS_31 || (u64_at(record + 37) & FIXED_37) != TAGS_37)
         return 0;
-    if (record[35] & 0xE0 || u16_at(record + 39) || data > MAX_DATA || dlc > MAX_DATA)
+    data = record[44], dlc = record[42];
+    if (data > MAX_DATA || dlc > MAX_DATA)
         return 0;
     if (length != data + (FRAME_HEAD - 9))
         return 0;
-    return flags & REMOTE ? data == 0 : data == dlc;
+    return record[37] & REMOTE ? data == 0 : data == dlc;
 }
 
 struct columns {

@@ -9,6 +9,9 @@ from syncline_schemas.native.library import AT, INT, Loop, column_of
 
 MOST_OTHERS = 4096
 """Messages that are no frames, in a chunk that is read at once."""
+MAX_DATA = 64
+_NARROW = 8
+"""Bytes of data in a row: of classic frames alone, and of any."""
 _PLAIN, _TOO_WIDE = 0, 2
 """Of `chunk.c`."""
 _CHUNK_FRAMES = Loop("chunk_frames", AT, INT, AT, AT, INT, INT, INT, *[AT] * 7, INT, AT, AT)
@@ -34,43 +37,60 @@ class ChunkFrames:
 
     Attributes:
         count: frames so far.
-        too_narrow: whether the last chunk was refused because of a frame wider than `width`.
-        t_ns, log_time_ns, bus, can_id, flags, dlc: (capacity,), data: (capacity, width).
+        t_ns, log_time_ns, bus, can_id, flags, dlc: (capacity,), data: (capacity, 8), or 64 wide
+            from the first frame on that has more bytes.
 
     Args:
         capacity: frames of all chunks at most.
-        width: 8, or 64.
+        kind, bus_of_channel: (65536,) by channel id.
     """
 
-    def __init__(self, capacity: int, width: int) -> None:
+    def __init__(
+        self, capacity: int, kind: NDArray[np.uint8], bus_of_channel: NDArray[np.int16]
+    ) -> None:
         self.count = 0
-        self.too_narrow = False
         self.t_ns = np.empty(capacity, np.int64)
         self.log_time_ns = np.empty(capacity, np.int64)
         self.bus = np.empty(capacity, np.uint8)
         self.can_id = np.empty(capacity, np.uint32)
         self.flags = np.empty(capacity, np.uint16)
         self.dlc = np.empty(capacity, np.uint8)
-        self.data = np.empty((capacity, width), np.uint8)
+        self.data = np.empty((capacity, _NARROW), np.uint8)
+        self._kind = column_of(kind, np.uint8, 1 << 16)
+        self._bus_of_channel = column_of(bus_of_channel, np.int16, 1 << 16)
         self._others = np.empty((MOST_OTHERS, 4), np.int64)
         self._told = np.empty(4, np.int64)
+        self._places = self._found_places()
 
-    def add(
-        self, chunk: bytes, kind: NDArray[np.uint8], bus_of_channel: NDArray[np.int16]
-    ) -> ChunkWalk | None:
-        """Take in the frames of a chunk; None where not all of it is plain, or it is too wide.
+    def add(self, chunk: bytes) -> ChunkWalk | None:
+        """Take in the frames of a chunk; None where not all of it is plain."""
+        found = self._walk(chunk)
+        if found == _TOO_WIDE and self.data.shape[1] < MAX_DATA:
+            self._widen()
+            found = self._walk(chunk)
+        if found != _PLAIN:
+            return None
+        frames, others, first_ns, last_ns = self._told.tolist()
+        self.count += frames
+        return ChunkWalk(self._others[:others].copy(), first_ns, last_ns)
 
-        kind, bus_of_channel: (65536,) by channel id.
-        """
+    def _walk(self, chunk: bytes) -> int:
         capacity, width = self.data.shape
-        found = _CHUNK_FRAMES(
-            chunk,
-            len(chunk),
-            column_of(kind, np.uint8, 1 << 16),
-            column_of(bus_of_channel, np.int16, 1 << 16),
-            width,
-            capacity,
-            self.count,
+        tables, columns, told = self._places
+        return _CHUNK_FRAMES(
+            chunk, len(chunk), *tables, width, capacity, self.count, *columns, MOST_OTHERS, *told
+        )
+
+    def _widen(self) -> None:
+        """Make room for frames of more bytes of data."""
+        narrow = self.data
+        self.data = np.zeros((len(narrow), MAX_DATA), np.uint8)
+        self.data[: self.count, :_NARROW] = narrow[: self.count]
+        self._places = self._found_places()
+
+    def _found_places(self) -> tuple[list[int], list[int], list[int]]:
+        """Where tables, columns and what is told begin: to ask for each chunk costs as much as it."""
+        columns = (
             self.t_ns,
             self.log_time_ns,
             self.bus,
@@ -78,13 +98,7 @@ class ChunkFrames:
             self.flags,
             self.dlc,
             self.data,
-            MOST_OTHERS,
-            self._others,
-            self._told,
         )
-        self.too_narrow = found == _TOO_WIDE
-        if found != _PLAIN:
-            return None
-        frames, others, first_ns, last_ns = self._told.tolist()
-        self.count += frames
-        return ChunkWalk(self._others[:others].copy(), first_ns, last_ns)
+        tables, told = (self._kind, self._bus_of_channel), (self._others, self._told)
+        at = [[column.ctypes.data for column in each] for each in (tables, columns, told)]
+        return at[0], at[1], at[2]

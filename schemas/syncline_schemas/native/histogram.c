@@ -1,22 +1,51 @@
-/* Counts of values in bins of equal width: analyzer distribution.py. */
+/* Counts of values in bins: analyzer distribution.py, folds/timing/load_shares.py. */
 
 #include "kernels.h"
 
-/* Adds values to `counts`: (bins,). One of `ints` and `floats` holds them: (n,).
- * outside: (n,) rows of those that lie in none of the bins from `low` on.
- * Returns: how many these are. */
-EXPORT int64_t syncline_histogram(int64_t n, const int64_t *ints, const double *floats, double low,
-                                  double width, int64_t bins, int64_t *counts, int64_t *outside)
+/* The coarse bin of a value: exponent and leading bits of the mantissa of value + 1. */
+static int64_t coarse_key(double value, int64_t shift, int64_t first_key, int64_t bins)
 {
-    const double end = (double)bins;
-    int64_t i, left = 0;
+    const double above = value + 1.0;
+    int64_t bits, key;
+    memcpy(&bits, &above, sizeof bits);
+    key = bits < 0 ? 0 : (bits >> shift) - first_key;
+    return key < 0 ? 0 : key < bins ? key : bins - 1;
+}
+
+/* Adds values to `fine`: (fine_bins,) bins of equal width from `low` on, those that lie in none of
+ * them to `coarse`: (coarse_bins,) bins of floating point numbers from `first_key` on.
+ * One of `ints` and `floats` holds them: (n,). Returns: how many are in coarse bins. */
+EXPORT int64_t syncline_histogram(int64_t n, const int64_t *ints, const double *floats, double low,
+                                  double width, int64_t fine_bins, int64_t *fine, int64_t shift,
+                                  int64_t first_key, int64_t coarse_bins, int64_t *coarse)
+{
+    const double end = (double)fine_bins;
+    int64_t i, outside = 0;
     for (i = 0; i < n; i++) {
-        const double above = (ints != 0 ? (double)ints[i] : floats[i]) - low;
-        const double place = above / width;
-        if (place >= 0.0 && place < end)
-            counts[(int64_t)place]++;
-        else
-            outside[left++] = i;
+        const double value = ints != 0 ? (double)ints[i] : floats[i];
+        const double place = (value - low) / width;
+        if (place >= 0.0 && place < end) {
+            fine[(int64_t)place]++;
+        } else {
+            coarse[coarse_key(value, shift, first_key, coarse_bins)]++;
+            outside++;
+        }
     }
-    return left;
+    return outside;
+}
+
+/* Adds to the count of each key how often it comes, and to its sum all that it weighs.
+ * keys, weights: (n,). counts, sums: (bins,). Returns: 0, or -1 where a key is none of the bins. */
+EXPORT int64_t syncline_tally(int64_t n, const uint32_t *keys, const double *weights, int64_t bins,
+                              int64_t *counts, double *sums)
+{
+    int64_t i;
+    for (i = 0; i < n; i++) {
+        const uint32_t key = keys[i];
+        if ((int64_t)key >= bins)
+            return -1;
+        counts[key]++;
+        sums[key] += weights[i];
+    }
+    return 0;
 }

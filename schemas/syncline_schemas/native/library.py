@@ -55,15 +55,26 @@ class Loop:
 
     def __call__(self, *arguments: float | bytes | NDArray[Any]) -> int:
         """Run it; arrays are contiguous, of the type and length that it takes."""
-        given = [each.ctypes.data if isinstance(each, np.ndarray) else each for each in arguments]
+        given = [_begin(each) if isinstance(each, np.ndarray) else each for each in arguments]
         return int(self._function(*given))
+
+
+_NOTHING = ctypes.c_char * 0
+
+
+def _begin(column: NDArray[Any]) -> int:
+    """Where a column begins in memory."""
+    if column.flags.writeable:  # by a quarter of the time that numpy takes to tell
+        return ctypes.addressof(_NOTHING.from_buffer(column))  # type: ignore[arg-type]
+    return column.ctypes.data
 
 
 def column_of(values: NDArray[Any], dtype: DTypeLike, size: int) -> NDArray[Any]:
     """So many numbers of a type, one behind the other; a copy only where they are not."""
-    column = np.require(values, dtype, ["C", "A"])
-    check(column.size == size)
-    return column
+    check(values.size == size)
+    if values.dtype == dtype and values.flags.c_contiguous and values.flags.aligned:
+        return values
+    return np.require(values, dtype, ["C", "A"])
 
 
 def check(kept: bool) -> None:

@@ -48,6 +48,19 @@ EXPORT int64_t syncline_before(int64_t n, int64_t m, const int64_t *rows, int64_
     return 0;
 }
 
+/* A first value and all values up to each one, added up; both (n,). */
+EXPORT int64_t syncline_running(int64_t n, int64_t first, const int64_t *values, int64_t *sums)
+{
+    /* Without a sign, as numpy wraps around. */
+    uint64_t sum = (uint64_t)first;
+    int64_t i;
+    for (i = 0; i < n; i++) {
+        sum += (uint64_t)values[i];
+        sums[i] = (int64_t)sum;
+    }
+    return 0;
+}
+
 /* Least and largest value of each place: (p, 2). */
 EXPORT int64_t syncline_limits(int64_t p, const int64_t *places, const int64_t *values,
                                int64_t *limits)

@@ -9,6 +9,7 @@ from syncline_schemas.native.library import AT, INT, Loop, check, column_of
 
 _SINCE = Loop("since", INT, AT, AT, INT, AT, INT, *[AT] * 3)
 _BEFORE = Loop("before", INT, INT, AT, AT)
+_RUNNING = Loop("running", INT, INT, AT, AT)
 _LIMITS = Loop("limits", INT, *[AT] * 3)
 _DIFFERENCES = Loop("differences", INT, *[AT] * 5)
 _REPEATED = Loop("repeated", INT, *[AT] * 3)
@@ -48,6 +49,13 @@ def since(
     )
     check(told == 0)
     return of_rows, passed
+
+
+def running(values: NDArray[np.int64], first: int) -> NDArray[np.int64]:
+    """(n,) `first` and the values up to each one, added up."""
+    found = np.empty(len(values), np.int64)
+    _RUNNING(len(values), first, column_of(values, np.int64, len(values)), found)
+    return found
 
 
 def limits(places: NDArray[np.intp], values: NDArray[np.int64]) -> NDArray[np.int64]:

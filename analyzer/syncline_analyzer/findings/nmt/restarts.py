@@ -4,7 +4,6 @@ from bisect import bisect_left
 from collections.abc import Iterator, Sequence
 from collections.abc import Set as AbstractSet
 from itertools import groupby
-from statistics import median
 
 from syncline_analyzer.findings.device.identity import absences
 from syncline_analyzer.findings.nmt.guarding_story import told_by_guarding
@@ -16,6 +15,7 @@ from syncline_analyzer.findings.stretch import Stretch, seconds, several
 from syncline_analyzer.folds.nmt.events import Lost
 from syncline_analyzer.folds.nmt.table import BootUp, NodeKey
 from syncline_analyzer.folds.nmt.timeline import Timeline
+from syncline_analyzer.median import median
 from syncline_analyzer.results import EmcyRow, Finding, NmtCommandRow
 from syncline_schemas.canopen.nmt import RESETS, NmtState, command_name
 from syncline_schemas.devices import quirks

@@ -85,6 +85,8 @@ def _aborts(facts: Facts) -> Iterator[Finding]:
 def _refused(facts: Facts) -> SdoTransfers:
     """Transfers that were refused or broken off, and that no other finding tells."""
     aborted = facts.analysis.sdo.aborted
+    if not len(aborted):
+        return aborted
     told = [rows.records["seq"] for rows in (aborted[:0], *failed_configurations(facts))]
     left = ~np.isin(aborted.records["abort_code"], TOLD_BY_PROTOCOL) & ~timed_out_of(aborted)
     return aborted.part(left & ~np.isin(aborted.records["seq"], np.concatenate(told)))

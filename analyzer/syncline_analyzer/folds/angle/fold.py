@@ -194,12 +194,15 @@ class AngleFold:
         if not self._context.timed or not len(t_ns):
             return last_seq
         limit_ns = int(t_ns[-1]) - HELD_NS
-        done = np.flatnonzero(t_ns <= limit_ns)
+        if block.batch.ascending:
+            done = int(np.searchsorted(t_ns, limit_ns, side="right")) - 1
+        else:
+            done = int(np.flatnonzero(t_ns <= limit_ns).max(initial=-1))
         until = -1
         while self._ends and self._ends[0][0] <= limit_ns:
             until = self._ends.popleft()[1]
         self._ends.append((int(t_ns[-1]), last_seq))
-        return block.batch.seq(int(done[-1])) if len(done) else until
+        return block.batch.seq(done) if done >= 0 else until
 
     def _quantity(self, key: Key) -> tuple[int, int, str, int]:
         """What an object measures: two objects of the same axis measure the same."""

@@ -1,7 +1,6 @@
 """Encoders that follow one another although nobody says that they sit on one shaft."""
 
 from dataclasses import field
-from fractions import Fraction
 from itertools import combinations
 from typing import NamedTuple
 
@@ -244,5 +243,7 @@ def _simple(ratio: float, turned_deg: float) -> float:
     >>> _simple(-1.9999, 3600.0), round(_simple(0.3183, 36000.0), 4)
     (-2.0, 0.3183)
     """
+    from fractions import Fraction
+
     simple = float(Fraction(ratio).limit_denominator(_SIMPLE))
     return simple if abs(simple - ratio) * turned_deg <= TOLERANCE_DEG / 2 else ratio

@@ -123,7 +123,7 @@ class SampleReader:
             if owner is None or owner.guess or owner.kind != "tpdo":
                 continue
             mapping = self._bindings.mapping(owner, begin)
-            low, high = np.searchsorted(block.batch.seqs[rows], [begin, stop])
+            low, high = np.searchsorted(block.batch.seqs_at(rows), [begin, stop])
             if mapping is not None and high > low:
                 yield from self._decode(block, owner, mapping, rows[low:high], can_id)
 
@@ -247,7 +247,7 @@ def _samples(
         raw = (raw + half) % (2 * half) - half
     return Samples(
         entry,
-        block.batch.seqs[rows],
+        block.batch.seqs_at(rows),
         block.frames.t_ns[rows],
         raw,
         column.valid,

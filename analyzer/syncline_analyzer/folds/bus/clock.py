@@ -102,29 +102,40 @@ class ClockFold:
     def _follow(self, bus: int, batch: IndexedBatch) -> None:
         t_ns = batch.frames.t_ns
         last = self._last.get(bus)
-        passed = np.empty_like(t_ns)
-        passed[0] = 0 if last is None else t_ns[0] - last
-        np.subtract(t_ns[1:], t_ns[:-1], out=passed[1:])
+        first_ns = np.int64(0) if last is None else t_ns[0] - last
         self._last[bus] = int(t_ns[-1])
-        if not batch.ascending or passed[0] < 0:
-            for row in np.flatnonzero(passed < 0)[: MAX_STEPS - len(self._steps)].tolist():
-                seq, back_ns = batch.seq(row), -int(passed[row])
+        if not batch.ascending or first_ns < 0:
+            back = _rows(first_ns < 0, batch.apart_ns < 0)[: MAX_STEPS - len(self._steps)]
+            for row, passed_ns in zip(back.tolist(), _passed(batch, back, first_ns), strict=True):
                 name = self._context.bus_name(bus)
-                self._steps.append(ClockStep(name, seq, int(t_ns[row]), back_ns))
-        self._keep_longest(bus, batch, passed)
+                self._steps.append(ClockStep(name, batch.seq(row), int(t_ns[row]), -int(passed_ns)))
+        self._keep_longest(bus, batch, first_ns)
 
-    def _keep_longest(self, bus: int, batch: IndexedBatch, passed: NDArray[np.int64]) -> None:
+    def _keep_longest(self, bus: int, batch: IndexedBatch, first_ns: np.int64) -> None:
         kept = self._silences.get(bus, _NO_SILENCES)
         full = kept.shape[1] >= MAX_SILENCES
         shortest = int((kept[_END] - kept[_START]).min()) if full else 0
-        rows = np.flatnonzero(passed > shortest)
+        rows = _rows(first_ns > shortest, batch.apart_ns > shortest)
+        passed = _passed(batch, rows, first_ns)
         if len(rows) > MAX_SILENCES:
-            limit = int(np.partition(passed[rows], -MAX_SILENCES)[-MAX_SILENCES])
-            rows = rows[passed[rows] >= limit]
+            long = passed >= np.partition(passed, -MAX_SILENCES)[-MAX_SILENCES]
+            rows, passed = rows[long], passed[long]
         if len(rows):
             t_ns = batch.frames.t_ns[rows]
-            found = np.stack((t_ns - passed[rows], t_ns, batch.seqs[rows]))
+            found = np.stack((t_ns - passed, t_ns, batch.seqs_at(rows)))
             self._silences[bus] = _longest(np.concatenate((kept, found), axis=1))
+
+
+def _rows(first: bool | np.bool_, later: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Rows by whether it is the first one, and which of the later ones."""
+    rows = np.flatnonzero(later) + 1
+    return np.concatenate(([0], rows)) if first else rows
+
+
+def _passed(batch: IndexedBatch, rows: NDArray[np.intp], first_ns: np.int64) -> NDArray[np.int64]:
+    """Time from the frame before to each of some rows."""
+    t_ns = batch.frames.t_ns
+    return np.where(rows > 0, t_ns[rows] - t_ns[rows - 1], first_ns)
 
 
 def _longest(silences: NDArray[np.int64]) -> NDArray[np.int64]:

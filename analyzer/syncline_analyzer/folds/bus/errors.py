@@ -182,7 +182,7 @@ class BusErrorFold:
         kind.count += len(rows)
         kind.last_ns = int(t_ns[-1])
         room = MAX_EVIDENCE - len(kind.evidence)
-        kind.evidence.extend(batch.seqs[rows[:room]].tolist())
+        kind.evidence.extend(batch.seqs_at(rows[:room]).tolist())
 
     def _stretch(
         self,
@@ -355,7 +355,7 @@ def _extend(
     for number, count in zip(*np.unique(group, return_counts=True), strict=True):
         stretch.kinds[errors[int(number)].words] += int(count)
     room = MAX_EVIDENCE - len(stretch.evidence)
-    stretch.evidence.extend(batch.seqs[rows[:room]].tolist())
+    stretch.evidence.extend(batch.seqs_at(rows[:room]).tolist())
 
 
 def _followed(

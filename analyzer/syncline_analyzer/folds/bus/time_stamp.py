@@ -168,7 +168,7 @@ class TimeFold:
             dlc, t_ns = frames.dlc[rows], frames.t_ns[rows]
             decoded = decode_time(frames.data[rows], dlc)
             valid = decoded.valid & (dlc == 6)
-            name, seq = self._context.bus_name(bus), batch.seqs[rows]
+            name, seq = self._context.bus_name(bus), batch.seqs_at(rows)
             told = _Messages(name, can_id, seq, t_ns, decoded.t_ns, valid, dlc)
             state = self._states.setdefault((bus, can_id), _State())
             state.count += len(rows)

@@ -107,9 +107,9 @@ class _Writes:
 
 def _before(writes: _Writes | None, emcy: EmcyRow) -> list[SdoRow]:
     """The last writes that ended before an EMCY, the latest first."""
-    if writes is None:
+    last = int(writes.ends.searchsorted(emcy.seq, "right")) if writes is not None else 0
+    if writes is None or not last:
         return []
-    last = int(np.searchsorted(writes.ends, emcy.seq, "right"))
     latest = slice(max(0, last - MAX_WRITES), last)
     passed = emcy.t_ns - writes.rows.records["end_ns"][latest]
     if not ((passed >= 0) & (passed <= WRITE_NS)).any():

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.context import Context
+from syncline_analyzer.distinct import distinct
 from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.folds.emcy.ids import SYNC_BYTES, EmcyIds, beats_like_sync
 from syncline_analyzer.folds.emcy.rates import (
@@ -90,7 +91,7 @@ class EmcyFold:
         keep = np.ones(len(rows), np.bool_)
         empty = np.flatnonzero(frames.dlc[rows] <= SYNC_BYTES)
         sender = frames.bus[rows[empty]].astype(np.int64) << 11 | frames.can_id[rows[empty]]
-        for number in np.unique(sender).tolist():
+        for number in distinct(sender):
             mine = empty[sender == number]
             key = (number >> 11, number & 0x7FF)
             seen = self._empty.get(key, 0)

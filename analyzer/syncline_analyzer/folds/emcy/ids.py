@@ -74,7 +74,7 @@ class EmcyIds:
         sender = np.array([self._sender(bus, can_id, seq) for seq in moments], np.uint8)
         sync = np.array([self._is_sync(bus, can_id, seq) for seq in moments])
         self._settled[bus, can_id] = int(sender[-1]), bool(sync[-1])
-        at = np.searchsorted(moments, batch.seqs[rows], side="right") - 1
+        at = np.searchsorted(moments, batch.seqs_at(rows), side="right") - 1
         empty = batch.frames.dlc[rows] <= SYNC_BYTES
         return np.where(sync[at] & empty, 0, sender[at]).astype(np.uint8)
 

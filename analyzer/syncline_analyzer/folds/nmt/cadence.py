@@ -4,13 +4,13 @@ from bisect import bisect_left
 from collections.abc import Iterable
 from dataclasses import field
 from operator import sub
-from statistics import median
 from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from syncline_analyzer.median import median
 from syncline_analyzer.results import Quantiles
 from syncline_schemas.records import dataclass
 

@@ -161,7 +161,7 @@ class CalmNodes:
         batch, sent = self._tail
         place = batch.place(self._bus, FIRST_ID + node)
         after = sent[self._bus, node].after(int(batch.rows_by_id[place.stop - 1]))
-        return batch.seqs[after], batch.frames.t_ns[after]
+        return batch.seqs_at(after), batch.frames.t_ns[after]
 
 
 def _whole(places: dict[int, slice]) -> slice:

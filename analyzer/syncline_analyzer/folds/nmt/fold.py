@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.context import Context
+from syncline_analyzer.distinct import distinct
 from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.folds.bus.clock import ClockTable
 from syncline_analyzer.folds.nmt.cadence import Int64s, Mask
@@ -234,7 +235,7 @@ class NmtFold:
         if control is None:
             control = self._control[key] = ErrorControl(timed=self._context.timed)
         remote = (frames.flags[rows] & FrameFlag.REMOTE) != 0
-        columns = (batch.seqs[rows], frames.t_ns[rows], remote, frames.dlc[rows])
+        columns = (batch.seqs_at(rows), frames.t_ns[rows], remote, frames.dlc[rows])
         heard = self._heard[key] = Columns(*columns, frames.data[rows, 0])
         for found in control.hear(heard, marks):
             if found.since_seq is None or not self._commanded(key, found.since_seq, found.seq):
@@ -277,7 +278,7 @@ class NmtFold:
         # A request that a logger stored as a data frame without data is no sign of life.
         told = ~(beat & (frames.dlc[rows] == 0))
         alive = rows[told]
-        life = (batch.seqs[alive], frames.t_ns[alive])
+        life = (batch.seqs_at(alive), frames.t_ns[alive])
         self._note_cuts(key, heard or no_columns(), life, beat[told])
         control.live(life)
         if heard is not None:
@@ -474,4 +475,4 @@ def _asked(batch: IndexedBatch, bus: int) -> dict[int, Rows]:
     asked = batch.rows_of(Service.ERROR_CONTROL, remote=True)
     asked = asked[batch.frames.bus[asked] == bus]
     nodes = batch.frames.can_id[asked] & 0x7F
-    return {node: asked[nodes == node] for node in np.unique(nodes).tolist()}
+    return {node: asked[nodes == node] for node in distinct(nodes)}

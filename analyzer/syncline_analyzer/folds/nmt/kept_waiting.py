@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.context import Context
+from syncline_analyzer.distinct import distinct
 from syncline_analyzer.folds.nmt.events import KeptWaiting, Lost
 from syncline_analyzer.folds.nmt.table import NodeKey
 from syncline_analyzer.folds.nmt.timeline import Timeline
@@ -121,7 +122,7 @@ class HeartbeatWaits:
         begin = len(state.before.t_ns) if state.before is not None else 0
         beats = np.flatnonzero(fresh.node > 0)
         late = []
-        for node in np.unique(fresh.node[beats]).tolist():
+        for node in distinct(fresh.node[beats]):
             rows = beats[fresh.node[beats] == node]
             before, off = _overdue(state, node, fresh.t_ns[rows])
             if off.any():

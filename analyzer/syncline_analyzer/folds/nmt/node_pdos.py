@@ -75,7 +75,7 @@ class NodePdos:
             for can_id, place in sent[key].pdos if key in sent else ():
                 mine = asked[(asked_id == can_id) & (asked_bus == key[0])] if len(asked) else asked
                 columns = batch.seqs_by_id[place], batch.t_ns_by_id[place]
-                fresh.append(_Frames(can_id, *columns, batch.seqs[mine] if len(mine) else mine))
+                fresh.append(_Frames(can_id, *columns, batch.seqs_at(mine) if len(mine) else mine))
             self._follow(key, spans, fresh)
 
     def close(self, bus: int | None) -> None:

@@ -193,7 +193,7 @@ class HeartbeatPeriods:
         lengths = np.concatenate(([before], passed))
         longer = np.maximum(lengths[1:], lengths[:-1])
         cuts = np.flatnonzero(longer >= ALIKE * np.minimum(lengths[1:], lengths[:-1]))
-        edges = np.unique(np.concatenate(([0], cuts, [len(passed)])))
+        edges = np.concatenate(([0], cuts[cuts > 0], [len(passed)]))
         if len(cuts) and cuts[0] == 0:
             self._end_run()
         for begin, stop in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):

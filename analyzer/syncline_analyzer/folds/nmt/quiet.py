@@ -1,11 +1,11 @@
 """Stretches in which a whole bus was silent for clearly longer than it usually is."""
 
 from collections.abc import Sequence
-from statistics import median
 
 import numpy as np
 
 from syncline_analyzer.folds.bus.clock import BusSilence
+from syncline_analyzer.median import median
 
 LONGER = 1.3
 """A silence of the bus so many times as long as its usual longest ones is none of these."""

@@ -25,7 +25,6 @@ from syncline_analyzer.results.sdo_records import (
     Records,
     SdoObject,
     joined,
-    picked,
 )
 
 MAX_ROWS = 500_000
@@ -83,11 +82,10 @@ class SdoLog:
         self._write(lasting=True)
         records = joined(self._records)
         payload = np.concatenate([np.zeros(0, np.uint8), *self._payloads])
-        self._records, self._payloads = [], []
+        self._payloads = []
         objects = [_object(context, *place) for place in self._objects]
-        order = np.argsort(records["seq"], kind="stable")
         maker = Decoded(objects, payload, timed=context.timed)
-        return SdoTransfers(picked(records, order), objects, maker)
+        return SdoTransfers(records, objects, maker)
 
     def _kept(self, answers: NDArray[np.intp], ended: Sequence[Ended]) -> NDArray[np.bool_]:
         """Which of the plain transfers, then of the others, still become rows."""

@@ -53,7 +53,7 @@ class Stretch:
         channel = [numbers.setdefault(id(each.channel), len(numbers)) for each in self._sides]
         self.channels = list({id(each.channel): each.channel for each in self._sides}.values())
         self._frames = SdoFrames(
-            batch.seqs[rows],
+            batch.seqs_at(rows),
             frames.t_ns[rows],
             np.minimum(frames.dlc[rows], 8).astype(np.uint8),
             _first_eight(frames.data, rows),

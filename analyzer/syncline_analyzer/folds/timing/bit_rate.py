@@ -9,11 +9,12 @@ nothing at its limit, unless a node answers after a constant time: that pile doe
 length of the frame as the wire would have it.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
+from syncline_analyzer.distribution import quantile_of
 from syncline_schemas.records import dataclass
 
 CANDIDATES = (10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
@@ -84,6 +85,10 @@ class _Runs:
     frames: int
     apart_ns: Ints
     bits: Ints
+
+    def part(self, rows: NDArray[np.bool_]) -> "_Runs":
+        """Some of them."""
+        return _Runs(self.frames, self.apart_ns[rows], self.bits[rows])
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,8 +165,7 @@ def estimate(apart_ns: Ints, bits: Ints, resolution_ns: int) -> Estimate | None:
     resolution_ns = max(resolution_ns, _step_ns(apart_ns))
     off_ns = _off_ns(apart_ns, bits)
     impossible = _impossible(apart_ns, bits, resolution_ns + _JITTER_NS[-1])
-    before = np.concatenate((bits[:1], bits[:-1]))
-    for runs, shifted in zip(_runs(apart_ns, bits), _runs(apart_ns, before), strict=True):
+    for runs in _runs(apart_ns, bits, _RUNS):
         piles = [
             pile
             for pile in _piles(runs, resolution_ns, off_ns, impossible)
@@ -174,6 +178,8 @@ def estimate(apart_ns: Ints, bits: Ints, resolution_ns: int) -> Estimate | None:
         }
         if len(limits) == 1:
             pile = next(iter(limits.values()))
+            before = np.concatenate((bits[:1], bits[:-1]))
+            (shifted,) = _runs(apart_ns, before, (runs.frames,))
             confident = _most_alike(shifted, pile.within_ns) < pile.count
             return Estimate(pile.bitrate, confident, pile.count, pile.within_ns)
         guess = max(
@@ -190,10 +196,18 @@ def _step_ns(apart_ns: Ints) -> int:
     """Step of the stamps by themselves: a converter or a host may know of finer ones only [ns]."""
     counting = apart_ns[apart_ns >= 0]
     for step_ns in _STEPS_NS:
-        on_step = (counting + step_ns // 50) % step_ns <= step_ns // 25
-        if len(counting) and on_step.mean() >= _ON_STEP:
+        # Where too many of the first ones are beside the step, the others need no look.
+        first = counting[: len(counting) // 4]
+        if np.count_nonzero(~_on_step(first, step_ns)) > (1 - _ON_STEP) * len(counting) + 1:
+            continue
+        if len(counting) and _on_step(counting, step_ns).mean() >= _ON_STEP:
             return step_ns
     return 1
+
+
+def _on_step(apart_ns: Ints, step_ns: int) -> NDArray[np.bool_]:
+    """Which spacings are multiples of a step, a fiftieth of it more or less."""
+    return (apart_ns + step_ns // 50) % step_ns <= step_ns // 25
 
 
 def stamps_starts(apart_ns: Ints, bits: Ints, bitrate: int, resolution_ns: int) -> bool:
@@ -240,7 +254,7 @@ def _off_ns(apart_ns: Ints, bits: Ints) -> float:
     if not counting.any():
         return 0.0
     short = bits[counting] * (1e9 / CANDIDATES[-1]) - apart_ns[counting]
-    return max(0.0, float(np.quantile(short, _TRUSTED)))
+    return max(0.0, quantile_of(np.asarray(short, np.float64), _TRUSTED))
 
 
 def _holds_singly(pile: _Pile, apart_ns: Ints, bits: Ints) -> bool:
@@ -261,18 +275,18 @@ def _impossible(apart_ns: Ints, bits: Ints, off_ns: int) -> dict[int, int]:
     }
 
 
-def _runs(apart_ns: Ints, bits: Ints) -> Iterator[_Runs]:
-    """Single spacings, then those of ever more frames in a row."""
+def _runs(apart_ns: Ints, bits: Ints, counts: Iterable[int]) -> Iterator[_Runs]:
+    """Spacings of so many frames in a row."""
+    if len(apart_ns) and apart_ns[0] < 0:
+        apart_ns, bits = apart_ns[1:], bits[1:]
     time = np.concatenate(([0], np.cumsum(np.maximum(apart_ns, 0))))
     length = np.concatenate(([0], np.cumsum(bits)))
     breaks = np.concatenate(([0], np.cumsum(apart_ns < 0)))
-    for count in _RUNS:
+    for count in counts:
         if len(apart_ns) < count:
             return
-        whole = breaks[count:] == breaks[:-count]
-        yield _Runs(
-            count, (time[count:] - time[:-count])[whole], (length[count:] - length[:-count])[whole]
-        )
+        runs = _Runs(count, time[count:] - time[:-count], length[count:] - length[:-count])
+        yield runs.part(breaks[count:] == breaks[:-count]) if breaks[-1] else runs
 
 
 def _piles(
@@ -282,23 +296,33 @@ def _piles(
 
     Candidates that more spacings contradict than could lie at their limit are left out.
     """
-    if not len(runs.bits):
+    count = len(runs.bits)
+    if not count:
         return
-    usual = float(np.median(runs.bits))
+    usual = _median(runs.bits)
+    close = runs
     for bitrate in CANDIDATES:
         bit_ns = 1e9 / bitrate
         withins = [resolution_ns + jitter_ns for jitter_ns in _JITTER_NS]
         withins = [each for each in withins if off_ns <= each <= _SHARP * usual * bit_ns]
-        if not withins or impossible[bitrate] > _IMPOSSIBLE * len(runs.bits):
+        if not withins or impossible[bitrate] > _IMPOSSIBLE * count:
             continue
-        beyond = runs.apart_ns - runs.bits * bit_ns
+        beyond = close.apart_ns - close.bits * bit_ns
         near = beyond <= 3 * withins[-1]
-        close = _Runs(runs.frames, runs.apart_ns[near], runs.bits[near])
+        # What is too far apart for one bit rate is so for every faster one.
+        close = close.part(near)
         beyond = beyond[near]
         for within_ns in withins:
             at = np.abs(beyond) <= within_ns
             if np.count_nonzero(at) >= _FEW:
                 yield _pile(close, bitrate, within_ns, beyond, at)
+
+
+def _median(lengths: Ints) -> float:
+    """The median of at least one number; lengths are small, so that counting beats ordering."""
+    below = np.cumsum(np.bincount(lengths))
+    middle = (len(lengths) - 1) // 2, len(lengths) // 2
+    return float(np.searchsorted(below, middle, "right").sum()) / 2
 
 
 def _pile(
@@ -309,10 +333,10 @@ def _pile(
     below = int(np.count_nonzero(beyond < -within_ns))
     beside = int(np.count_nonzero((beyond > within_ns) & (beyond <= 3 * within_ns)))
     bits = runs.bits[at]
-    low, high = np.quantile(bits, (_CORE, 1 - _CORE))
+    low, high = quantile_of(bits, _CORE), quantile_of(bits, 1 - _CORE)
     alone = below + beside <= _ALONE * count
     slope = _slope(bits, runs.apart_ns[at]) if alone else None
-    return _Pile(bitrate, within_ns, count, below, beside, float(high - low), slope, runs.frames)
+    return _Pile(bitrate, within_ns, count, below, beside, high - low, slope, runs.frames)
 
 
 def _slope(bits: Ints, apart_ns: Ints) -> tuple[float, float] | None:

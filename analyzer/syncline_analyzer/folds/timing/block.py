@@ -129,7 +129,10 @@ class Block:
     def apart_ns(self, bus: int) -> NDArray[np.int64]:
         """(k - 1,) time from each frame of a bus to the next, negative where the clock was set."""
         if bus not in self._apart_ns:
-            t_ns = self.frames.t_ns[self.by_bus[bus]]
+            rows = self.by_bus[bus]
+            if isinstance(rows, slice):
+                return self.batch.apart_ns
+            t_ns = self.frames.t_ns[rows]
             self._apart_ns[bus] = t_ns[1:] - t_ns[:-1]
         return self._apart_ns[bus]
 

@@ -1,6 +1,7 @@
 """What the PDOs of one bus waited for, summed up block by block for all of them at once."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -8,8 +9,9 @@ from numpy.typing import NDArray
 
 from syncline_analyzer.folds.timing.delays import MAX_IDS, Delay, Delays
 from syncline_analyzer.folds.timing.senders import Sender
-from syncline_analyzer.folds.timing.waiting import UNKNOWN
+from syncline_analyzer.folds.timing.waiting import UNKNOWN, Asked, Ready
 from syncline_analyzer.folds.timing.waiting_bus import Bools, BusBlock, Floats, Ints, laid_out
+from syncline_schemas import native
 from syncline_schemas.records import dataclass
 
 _AT_ONCE = 1 << 12
@@ -60,6 +62,8 @@ class _Cells:
 
     def grown(self, pdos: int, groups: int) -> "_Cells":
         """The same with room for more."""
+        if self.frames.shape == (pdos, groups):
+            return self
         grown = _Cells.empty(pdos, groups)
         grown.add(np.arange(self.frames.shape[0]), np.arange(self.frames.shape[1]), self)
         return grown
@@ -95,6 +99,10 @@ class _Cells:
             self.worst_seq * kept,
         )
 
+    def single(self) -> "_Cells":
+        """The same as if no answer had waited for several frames of a group."""
+        return replace(self, delayed=self.frames)
+
     def joined(self, group: Places, groups: int) -> "_Cells":
         """The sums of larger groups: (g,) `group` of each column; every one has some."""
         order = np.argsort(group, kind="stable")
@@ -128,25 +136,22 @@ class DelaySums:
         self._senders: dict[int, int] = {}
         self._by_key, self._by_sender = _Cells.empty(0, 0), _Cells.empty(0, 0)
 
-    def add(
-        self, block: BusBlock, cob_ids: Sequence[int], own: Sequence[int], victims: Victims
-    ) -> None:
-        """Take in the answers of a block that waited.
+    def add(self, block: BusBlock, cob_ids: Sequence[int], asked: Asked, ready: Ready) -> None:
+        """Take in the answers of a block.
 
         Args:
             block: its frames.
-            cob_ids, own: identifiers of the PDOs by their numbers, and who sends them: frames of the
-                same sender delay nobody.
-            victims: the answers.
+            cob_ids: identifiers of the PDOs by their numbers. Frames of their own senders delay
+                nobody.
+            asked, ready: the answers.
         """
-        if not len(victims.rows):
+        found = (
+            _compiled(block, asked, ready) if native.available() else _plain(block, asked, ready)
+        )
+        if found is None:
             return
-        senders = block.senders_by_key[0]
-        several = block.same_sender_within(victims.first, victims.rows)
-        again = victims.chosen(np.flatnonzero(several))
-        keys = _by_key(block, len(cob_ids), victims, again)
-        sums = _by_sender(block, keys, again)
-        sender = np.array(own, np.int16)[:, None]
+        keys, sums = found
+        senders, sender = block.senders_by_key[0], asked.senders[:, None]
         keys = keys.without(block.key_sender == sender)
         sums = sums.without((senders == sender) | (senders == UNKNOWN))
         pdos = np.array([self._pdos.setdefault(each, len(self._pdos)) for each in cob_ids])
@@ -204,6 +209,42 @@ def _delay(
     )
 
 
+def _compiled(block: BusBlock, asked: Asked, ready: Ready) -> tuple[_Cells, _Cells] | None:
+    """What they waited for by identifier and by sender, None where none of them did."""
+    senders, of_key = block.senders_by_key
+    sums = native.delays(
+        (block.places, block.wire_ns, block.carried.sender, block.seq),
+        of_key,
+        len(senders),
+        asked.starts,
+        (asked.rows, ready.first, ready.known),
+        _AT_ONCE,
+    )
+    if not sums.waited:
+        return None
+    delayed = sums.frames - sums.again
+    keys = _Cells(sums.frames, delayed, sums.ns, sums.worst_ns, sums.worst_seq)
+    cells = keys.single().joined(of_key, len(senders))
+    cells.delayed -= sums.group_again
+    cells.note_worst(sums.group_worst_ns, sums.group_worst_seq)
+    return keys, cells
+
+
+def _plain(block: BusBlock, asked: Asked, ready: Ready) -> tuple[_Cells, _Cells] | None:
+    """The same by numpy."""
+    waited = np.flatnonzero((ready.first < asked.rows) & (ready.first >= 0) & ready.known)
+    if not len(waited):
+        return None
+    # In order of arrival, what they waited for lies close together.
+    waited = waited.take(np.argsort(asked.rows.take(waited), kind="stable"))
+    pdo = asked.each(np.arange(len(asked.starts)))
+    victims = Victims(pdo.take(waited), asked.rows.take(waited), ready.first.take(waited))
+    several = block.same_sender_within(victims.first, victims.rows)
+    again = victims.chosen(np.flatnonzero(several))
+    keys = _by_key(block, len(asked.starts), victims, again)
+    return keys, _by_sender(block, keys, again)
+
+
 def _by_key(block: BusBlock, pdos: int, victims: Victims, again: Victims) -> _Cells:
     """What they waited for by identifier, in the order of `BusBlock.keys`.
 
@@ -245,8 +286,7 @@ def _by_key(block: BusBlock, pdos: int, victims: Victims, again: Victims) -> _Ce
 def _by_sender(block: BusBlock, keys: _Cells, again: Victims) -> _Cells:
     """The same by sender, in the order of `BusBlock.senders_by_key`."""
     senders, of_key = block.senders_by_key
-    by_key = _Cells(keys.frames, keys.frames, keys.ns, keys.worst_ns, keys.worst_seq)
-    cells = by_key.joined(of_key, len(senders))
+    cells = keys.single().joined(of_key, len(senders))
     if len(again.rows):
         place = np.append(of_key, len(senders)).take(block.places)
         _join_again(block, cells, place, again)

@@ -48,15 +48,15 @@ class DoubleSync:
     _single: list[float] = field(default_factory=list)
     """Periods [ns] that single SYNCs kept for a while."""
 
-    def add(self, t_ns: Ints, seq: Ints, periods: Ints) -> None:
-        """Take in periods in order, each with the stamp and `seq` of its end."""
+    def add(self, t_ns: Ints, seq: Ints, periods: Ints, median: float) -> None:
+        """Take in periods in order, each with the stamp and `seq` of its end, and their median."""
         if len(periods) < MIN_PAIRS:
             return
         least = int(periods.min())
         if int(periods.max()) - least <= _SAME * least:
             # Equal periods from end to end: nothing comes between the beats.
             if len(periods) > MIN_PAIRS:
-                self._learn([_run_of(periods, 0, len(periods))])
+                self._learn([_Run(0, len(periods), median)])
             return
         runs = self._runs(periods)
         self._learn(runs)

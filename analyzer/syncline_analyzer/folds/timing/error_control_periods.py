@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.context import Context
+from syncline_analyzer.distinct import distinct
 from syncline_analyzer.distribution import Distribution, quantile_of
+from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.folds.nmt.table import NodeNmt
 from syncline_analyzer.folds.timing.block import Block
 from syncline_analyzer.folds.timing.overdue import LATE, Overdue
@@ -171,7 +173,7 @@ class ErrorControlPeriods:
         rows = rows[short & (block.frames.bus[rows] == bus)]
         rows = rows[block.frames.can_id[rows] >> 7 == FIRST_ID >> 7]
         node = block.frames.can_id[rows] - FIRST_ID
-        return {int(one): rows[node == one] for one in np.unique(node)}
+        return {one: rows[node == one] for one in distinct(node)}
 
     def _state(self, bus: int, node: int) -> _State:
         if (bus, node) not in self._states:
@@ -191,7 +193,7 @@ class ErrorControlPeriods:
         """Take in heartbeats alone, under one setting."""
         batch, can_id = block.batch, FIRST_ID + node
         rows, seq, t_ns = (each(bus, can_id) for each in (batch.rows, batch.seqs_of, batch.t_ns_of))
-        state.answers.add(rows, rows[:0], block.frames.t_ns, batch.seqs, timed=True)
+        state.answers.add(batch, rows, rows[:0], timed=True)
         told_ns = self._told_ns(bus, node, int(seq[0]))
         self._judge(state, state.beats.add(seq, t_ns, None), told_ns)
 
@@ -217,21 +219,22 @@ class ErrorControlPeriods:
     ) -> None:
         part = _part(block, state, data, remote)
         state.remote_seen |= bool(len(remote))
-        seqs = block.batch.seqs
         asked = part.rows[part.asks]
         answering = part.rows[~part.asks]
         if len(asked):
             follows = np.ones(len(asked), np.bool_)
-            state.requests.add(seqs[asked], block.frames.t_ns[asked], follows)
-        state.answers.add(answering, asked, block.frames.t_ns, seqs, timed=True)
+            state.requests.add(block.batch.seqs_at(asked), block.frames.t_ns[asked], follows)
+        state.answers.add(block.batch, answering, asked, timed=True)
         for piece, told_ns in self._pieces(block, bus, node, part):
-            self._beat(seqs, state, piece, told_ns)
+            self._beat(block.batch, state, piece, told_ns)
 
     def _pieces(
         self, block: Block, bus: int, node: int, part: _Part
     ) -> list[tuple[_Part, int | None]]:
         """The frames between two settings of 1017h, with the setting [ns]."""
-        edges = np.searchsorted(block.batch.seqs[part.rows], self._cuts(block, bus, node)).tolist()
+        edges = np.searchsorted(
+            block.batch.seqs_at(part.rows), self._cuts(block, bus, node)
+        ).tolist()
         found = []
         for begin, stop in pairwise([0, *edges, len(part.rows)]):
             if stop > begin:
@@ -247,7 +250,7 @@ class ErrorControlPeriods:
         return found
 
     @classmethod
-    def _beat(cls, seqs: Ints, state: _State, part: _Part, told_ns: int | None) -> None:
+    def _beat(cls, batch: IndexedBatch, state: _State, part: _Part, told_ns: int | None) -> None:
         """Periods of the heartbeats; what else comes in between breaks them."""
         breaks = np.cumsum(part.starts | (~part.beats & ~part.asks))
         rows = np.flatnonzero(part.beats)
@@ -257,7 +260,7 @@ class ErrorControlPeriods:
         follows = np.diff(breaks[rows], prepend=0) == 0
         follows[0] &= not state.broken
         state.broken = bool(breaks[-1] > breaks[rows[-1]])
-        seq, t_ns = seqs[part.rows[rows]], part.t_ns[rows]
+        seq, t_ns = batch.seqs_at(part.rows[rows]), part.t_ns[rows]
         cls._judge(state, state.beats.add(seq, t_ns, follows), told_ns)
 
     @staticmethod

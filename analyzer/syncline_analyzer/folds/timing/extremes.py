@@ -1,7 +1,7 @@
 """The exact worst cases of a quantity, each with the frame that ended it."""
 
 from dataclasses import field
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,12 +80,6 @@ class Extremes:
 def limits_of(values: Ints) -> tuple[int, int]:
     """The least and the largest of at least one value."""
     return int(np.minimum.reduce(values)), int(np.maximum.reduce(values))
-
-
-def limits_of_each(values: NDArray[Any], starts: Ints) -> list[tuple[float, float]]:
-    """The same of several parts that begin at `starts`, none of them empty."""
-    least, most = np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)
-    return list(zip(least.tolist(), most.tolist(), strict=True))
 
 
 def _largest(key: Ints, above: int | None) -> NDArray[np.intp]:

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from syncline_analyzer.distinct import distinct
 from syncline_analyzer.folds.timing.block import Block
 from syncline_analyzer.pdo_binding import Pdo
 
@@ -108,7 +109,7 @@ def clock_set(block: Block, bus: int, syncs: NDArray[np.intp]) -> list[ClockSet]
 def _as_late(block: Block, bus: int, behind: NDArray[np.intp], late_ns: int) -> list[int]:
     """Identifiers of steady frames behind a silence; none unless all of them are as late."""
     as_late = []
-    for can_id in np.unique(block.frames.can_id[behind]).tolist():
+    for can_id in distinct(block.frames.can_id[behind]):
         own = block.batch.rows(bus, can_id)
         at = int(np.searchsorted(own, behind[0]))
         if len(own) <= _LEARN or not 0 < at < len(own):

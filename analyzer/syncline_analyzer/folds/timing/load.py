@@ -120,7 +120,7 @@ class LoadFold:
             back = (np.flatnonzero(block.apart_ns(bus) < -_STEP_BACK_NS) + 1).tolist()
         for first, stop in pairwise([0, *back, len(t_ns)]):
             part = slice(first, stop)
-            self._stretch(bus, state, t_ns[part], bits[part], error[part])
+            self._stretch(bus, state, t_ns[part], bits[part], error[part], block.batch.ascending)
 
     def gap(self, bus: int | None) -> None:
         """Close the windows: what lies in a gap is not load."""
@@ -175,9 +175,15 @@ class LoadFold:
         return {cob_id: node for cob_id, node in moved.items() if cob_id is not None}
 
     def _stretch(
-        self, bus: int, state: _State, t_ns: Ints, bits: Floats, error: NDArray[np.bool_]
+        self,
+        bus: int,
+        state: _State,
+        t_ns: Ints,
+        bits: Floats,
+        error: NDArray[np.bool_],
+        ascending: bool,
     ) -> None:
-        """Frames whose stamps run forward."""
+        """Frames whose stamps run forward, but for small steps back where they are not ascending."""
         if state.last_ns is not None and t_ns[0] < state.last_ns - _STEP_BACK_NS:
             state.close()
         bit_ns = self._bit_ns(bus)
@@ -187,17 +193,20 @@ class LoadFold:
             state.last_ns = int(t_ns[0])
             state.bits -= float(bits[0])
         assert state.last_ns is not None
-        forward = _forward(t_ns, state.last_ns)
+        forward = t_ns
+        if not ascending or t_ns[0] < state.last_ns:
+            forward = np.maximum.accumulate(np.maximum(t_ns, state.last_ns))
         state.listened_ns += int(forward[-1]) - state.last_ns
         state.last_ns = int(forward[-1])
+        wire_ns = bits * bit_ns if bit_ns else None
         for windows in (state.seconds, state.tenths):
             windows.begin(int(forward[0]))
-            whole = windows.add(forward, bits, bit_ns)
+            whole = windows.add(forward, bits, wire_ns, bit_ns)
             if windows is state.seconds and bit_ns:
                 _add_full(state.full, self._context.bus_name(bus), whole, bit_ns)
-        if bit_ns and not error.all():
+        if wire_ns is not None and not error.all():
             sent = ~error if error.any() else slice(None)
-            state.busy.add(forward[sent], bits[sent] * bit_ns, bit_ns, self._context.resolution_ns)
+            state.busy.add(forward[sent], wire_ns[sent], bit_ns, self._context.resolution_ns)
 
     def _bit_ns(self, bus: int) -> float:
         """Length of a bit, 0 where it is not known."""
@@ -247,14 +256,6 @@ class LoadFold:
         )
         bitrate = self._percentages(bus, state)
         return _with_percent(row, state, bitrate, self._context.resolution_ns) if bitrate else row
-
-
-def _forward(t_ns: Ints, least_ns: int) -> Ints:
-    """The stamps, each no less than those before it and than the first may be."""
-    if t_ns[0] >= least_ns and bool((t_ns[1:] >= t_ns[:-1]).all()):
-        return t_ns
-    forward: Ints = np.maximum.accumulate(np.maximum(t_ns, least_ns))
-    return forward
 
 
 def _with_percent(row: BusLoadRow, state: _State, bitrate: int, resolution_ns: int) -> BusLoadRow:

@@ -1,10 +1,12 @@
 """How long a bus was busy without a pause, and its fullest moment."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from syncline_schemas import native
 from syncline_schemas.records import dataclass
 
 BURST_NS = 10_000_000
@@ -78,15 +80,15 @@ class Busy:
 
     def add(self, t_ns: Ints, wire_ns: Floats, bit_ns: float, resolution_ns: int) -> None:
         """Take in frames whose stamps run forward, with the time that each was on the wire."""
-        before = t_ns[0] if self._current is None else self._current.end_ns
-        idle_ns = np.diff(t_ns, prepend=before) - wire_ns
-        if self._current is None:
-            idle_ns[0] = 0
         # Sooner than the wire allows: stamped late, after the recorder had kept some of them.
-        soon = idle_ns < -_TOLD_BITS * bit_ns - resolution_ns
+        least_ns = -_TOLD_BITS * bit_ns - resolution_ns
+        most_ns = PAUSE_BITS * bit_ns + resolution_ns
+        before_ns = None if self._current is None else self._current.end_ns
+        stretches = native.stretches if native.available() else _stretches
+        soon, too_soon, rows = stretches(t_ns, wire_ns, before_ns, least_ns, most_ns)
         self._spacings += len(t_ns)
-        self._too_soon += int(np.count_nonzero(soon))
-        self._add_stretches(t_ns, wire_ns, soon | (idle_ns > PAUSE_BITS * bit_ns + resolution_ns))
+        self._too_soon += too_soon
+        self._add_stretches(t_ns, wire_ns, rows)
         self._add_bursts(t_ns, wire_ns, soon)
 
     def close(self) -> None:
@@ -100,27 +102,21 @@ class Busy:
         if stretch and (self.longest is None or stretch.lasts_ns > self.longest.lasts_ns):
             self.longest = stretch
 
-    def _add_stretches(self, t_ns: Ints, wire_ns: Floats, paused: NDArray[np.bool_]) -> None:
-        """Join the frames that come without a pause before them."""
-        paused[0] |= self._current is None
-        begins = np.flatnonzero(paused)
-        if not len(begins) or begins[0] > 0:
+    def _add_stretches(self, t_ns: Ints, wire_ns: Floats, rows: Sequence[int]) -> None:
+        """Join the frames that come without a pause before them: rows as told by `_stretches`."""
+        first, last, longest, end = rows
+        if first > 0:
             assert self._current is not None
-            stop = int(begins[0]) if len(begins) else len(t_ns)
             self._current = Stretch(
-                self._current.start_ns, int(t_ns[stop - 1]), self._current.frames + stop
+                self._current.start_ns, int(t_ns[first - 1]), self._current.frames + first
             )
-        if not len(begins):
+        if first == len(t_ns):
             return
         self._take(self._current)
-        ends = np.append(begins[1:], len(t_ns)) - 1
-        starts_ns = t_ns[begins] - np.rint(wire_ns[begins]).astype(np.int64)
-        longest = int(np.argmax(t_ns[ends] - starts_ns))
-        for k in (longest, -1):
-            self._current = Stretch(
-                int(starts_ns[k]), int(t_ns[ends[k]]), int(ends[k] - begins[k]) + 1
-            )
-            if k == longest:
+        for begin, stop in ((longest, end), (last, len(t_ns) - 1)):
+            start_ns = int(t_ns[begin]) - round(float(wire_ns[begin]))
+            self._current = Stretch(start_ns, int(t_ns[stop]), stop - begin + 1)
+            if begin == longest:
                 self._take(self._current)
 
     def _add_bursts(self, t_ns: Ints, wire_ns: Floats, soon: NDArray[np.bool_]) -> None:
@@ -135,76 +131,108 @@ class Busy:
         wire_ns = np.concatenate([self._recent_wire_ns, wire_ns])
         soon = np.concatenate([self._recent_soon, soon])
         late = int(np.searchsorted(end_ns, end_ns[-1] - BURST_NS))
-        self._recent_ns, self._recent_wire_ns = end_ns[late:], wire_ns[late:]
-        self._recent_soon = soon[late:]
+        # Copies: what is kept must not hold on to the columns of the whole block.
+        self._recent_ns, self._recent_wire_ns = end_ns[late:].copy(), wire_ns[late:].copy()
+        self._recent_soon = soon[late:].copy()
         if self.burst is not None and self.burst[0] >= 1.0:
             return
-        since = (end_ns - self._begun_ns).astype(np.float64)
-        spoiled = _Spoiled.by(since, soon) if soon.any() else None
+        spoiled = _Spoiled.by(end_ns, soon, self._begun_ns)
         # Windows up to the frames that are known were looked at before.
-        looked_at = float(since[known - 1]) if known else 0.0
-        if spoiled is not None and spoiled.all_within(looked_at, float(since[-1])):
+        looked_at = float(end_ns[known - 1] - self._begun_ns) if known else 0.0
+        if spoiled.all_within(looked_at, float(end_ns[-1] - self._begun_ns)):
             return
-        busy = np.cumsum(wire_ns)
-        ends = self._ends(since, wire_ns, busy, known, spoiled)
-        ends = ends[(ends >= BURST_NS) & (ends <= since[-1])]
-        if spoiled is not None:
-            ends = ends[~spoiled.ends(ends)]
-        if not len(ends):
-            return
-        at = np.searchsorted(since, np.concatenate([ends, ends - BURST_NS]))
-        near = np.zeros(len(since) + 2, np.bool_)
-        near[at], near[at + 1], near[at + 2] = True, True, True
-        knots, levels = _busy_around(np.flatnonzero(near[1:-1]), since, wire_ns, busy)
-        carried = np.interp(ends, knots, levels) - np.interp(ends - BURST_NS, knots, levels)
-        fullest = int(np.argmax(carried))
-        share = min(1.0, float(carried[fullest]) / BURST_NS)
-        if self.burst is None or share > self.burst[0]:
-            self.burst = share, self._begun_ns + round(float(ends[fullest])) - BURST_NS
-
-    def _ends(
-        self,
-        since: Floats,
-        wire_ns: Floats,
-        busy: Floats,
-        known: int,
-        spoiled: "_Spoiled | None",
-    ) -> Floats:
-        """(w,) ends of the windows that may be the fullest, of those from row `known` on.
-
-        A window that ends with a frame carries no more than the frames that end in it, and no less
-        than these without the first; one that ends between two frames no more than one frame more
-        than the window that ends with the former.
-        """
-        longest = float(wire_ns.max())
         best = self.burst[0] * BURST_NS if self.burst is not None else 0.0
-        # Fewer frames than this cannot carry more than the fullest window so far.
-        count = max(1, math.ceil((best - longest) / longest) if longest else 1)
-        if count > len(since):
-            return np.zeros(0)
-        rows = np.flatnonzero(since[count - 1 :] - since[: len(since) - count + 1] < BURST_NS)
-        rows += count - 1
-        if best:
-            rows = rows[_may_carry(best, since, wire_ns, longest).take(rows)]
-        before = np.searchsorted(since, since[rows] - BURST_NS, "right") - 1
-        most = busy[rows] - np.where(before >= 0, busy[before], 0.0)
-        sure = (rows >= known) & (since[rows] >= BURST_NS)
-        if spoiled is not None:
-            sure &= ~spoiled.ends(since[rows])
-        least = max(best, float(most[sure].max(initial=0.0)) - longest)
-        chosen = most >= least - longest
-        rows, before = rows[chosen], before[chosen]
-        # Windows that begin with a frame and end behind one of these rows, before the next frame.
-        next_ns = since[np.minimum(rows + 1, len(since) - 1)]
-        stop = np.searchsorted(since, next_ns - BURST_NS + longest, "right")
-        begins = np.zeros(len(since) + 1, np.int64)
-        np.add.at(begins, np.maximum(before, 0), 1)
-        np.add.at(begins, np.maximum(stop, np.maximum(before, 0)), -1)
-        starting = np.flatnonzero(np.cumsum(begins) > 0)
-        starting = starting[starting < len(since)]
-        return np.concatenate(
-            [since[rows[rows >= known]], since[starting] - wire_ns[starting] + BURST_NS]
-        )
+        found = _fullest_window(end_ns, wire_ns, known, self._begun_ns, best, spoiled)
+        if found is None:
+            return
+        carried, until = found
+        share = min(1.0, carried / BURST_NS)
+        if self.burst is None or share > self.burst[0]:
+            self.burst = share, self._begun_ns + round(until) - BURST_NS
+
+
+def _stretches(
+    t_ns: Ints, wire_ns: Floats, before_ns: int | None, least_ns: float, most_ns: float
+) -> tuple[NDArray[np.bool_], int, list[int]]:
+    """Frames back to back, as `native.stretches` tells them."""
+    idle_ns = np.diff(t_ns, prepend=t_ns[0] if before_ns is None else before_ns) - wire_ns
+    if before_ns is None:
+        idle_ns[0] = 0
+    soon = idle_ns < least_ns
+    begins = soon | (idle_ns > most_ns)
+    begins[0] |= before_ns is None
+    rows, too_soon = np.flatnonzero(begins), int(np.count_nonzero(soon))
+    if not len(rows):
+        return soon, too_soon, [len(t_ns)] * 4
+    ends = np.append(rows[1:], len(t_ns)) - 1
+    starts_ns = t_ns[rows] - np.rint(wire_ns[rows]).astype(np.int64)
+    longest = int(np.argmax(t_ns[ends] - starts_ns))
+    return soon, too_soon, [int(each) for each in (rows[0], rows[-1], rows[longest], ends[longest])]
+
+
+def _fullest_window(
+    end_ns: Ints,
+    wire_ns: Floats,
+    known: int,
+    begun_ns: int,
+    best: float,
+    spoiled: "_Spoiled",
+) -> tuple[float, float] | None:
+    """(what it carries, its end) of the fullest window, `known` and `best` as for `_ends`."""
+    if native.available():
+        after, until = spoiled.after, spoiled.until
+        return native.fullest_window(end_ns, wire_ns, known, begun_ns, BURST_NS, best, after, until)
+    since = (end_ns - begun_ns).astype(np.float64)
+    busy = np.cumsum(wire_ns)
+    ends = _ends(since, wire_ns, busy, known, best, spoiled)
+    ends = ends[(ends >= BURST_NS) & (ends <= since[-1])]
+    ends = ends[~spoiled.ends(ends)]
+    if not len(ends):
+        return None
+    at = np.searchsorted(since, np.concatenate([ends, ends - BURST_NS]))
+    near = np.zeros(len(since) + 2, np.bool_)
+    near[at], near[at + 1], near[at + 2] = True, True, True
+    knots, levels = _busy_around(np.flatnonzero(near[1:-1]), since, wire_ns, busy)
+    carried = np.interp(ends, knots, levels) - np.interp(ends - BURST_NS, knots, levels)
+    fullest = int(np.argmax(carried))
+    return float(carried[fullest]), float(ends[fullest])
+
+
+def _ends(
+    since: Floats, wire_ns: Floats, busy: Floats, known: int, best: float, spoiled: "_Spoiled"
+) -> Floats:
+    """(w,) ends of the windows that may be the fullest, of those from row `known` on.
+
+    A window that ends with a frame carries no more than the frames that end in it, and no less
+    than these without the first; one that ends between two frames no more than one frame more
+    than the window that ends with the former.
+    """
+    longest = float(wire_ns.max())
+    # Fewer frames than this cannot carry more than the fullest window so far.
+    count = max(1, math.ceil((best - longest) / longest) if longest else 1)
+    if count > len(since):
+        return np.zeros(0)
+    rows = np.flatnonzero(since[count - 1 :] - since[: len(since) - count + 1] < BURST_NS)
+    rows += count - 1
+    if best:
+        rows = rows[_may_carry(best, since, wire_ns, longest).take(rows)]
+    before = np.searchsorted(since, since[rows] - BURST_NS, "right") - 1
+    most = busy[rows] - np.where(before >= 0, busy[before], 0.0)
+    sure = (rows >= known) & (since[rows] >= BURST_NS) & ~spoiled.ends(since[rows])
+    least = max(best, float(most[sure].max(initial=0.0)) - longest)
+    chosen = most >= least - longest
+    rows, before = rows[chosen], before[chosen]
+    # Windows that begin with a frame and end behind one of these rows, before the next frame.
+    next_ns = since[np.minimum(rows + 1, len(since) - 1)]
+    stop = np.searchsorted(since, next_ns - BURST_NS + longest, "right")
+    begins = np.zeros(len(since) + 1, np.int64)
+    np.add.at(begins, np.maximum(before, 0), 1)
+    np.add.at(begins, np.maximum(stop, np.maximum(before, 0)), -1)
+    starting = np.flatnonzero(np.cumsum(begins) > 0)
+    starting = starting[starting < len(since)]
+    return np.concatenate(
+        [since[rows[rows >= known]], since[starting] - wire_ns[starting] + BURST_NS]
+    )
 
 
 def _may_carry(best: float, since: Floats, wire_ns: Floats, longest: float) -> NDArray[np.bool_]:
@@ -255,11 +283,13 @@ class _Spoiled:
     until: Floats
 
     @classmethod
-    def by(cls, since: Floats, soon: NDArray[np.bool_]) -> "_Spoiled":
-        """By the (n,) stamps of the frames, and whether each is impossible; at least one is."""
+    def by(cls, end_ns: Ints, soon: NDArray[np.bool_], begun_ns: int) -> "_Spoiled":
+        """By the (n,) stamps of the frames, and whether each is impossible; times since `begun_ns`."""
         at = np.flatnonzero(soon)
-        after = np.where(at > 0, since[np.maximum(at - 1, 0)], -np.inf)
-        until = since[at] + BURST_NS
+        if not len(at):
+            return cls(np.zeros(0), np.zeros(0))
+        after = np.where(at > 0, end_ns[np.maximum(at - 1, 0)] - begun_ns, -np.inf)
+        until = (end_ns[at] - begun_ns).astype(np.float64) + BURST_NS
         # Each spoils the ends from the frame before it on; most of these stretches overlap.
         first = np.flatnonzero(np.concatenate(([True], after[1:] > until[:-1])))
         last = np.append(first[1:], len(at)) - 1
@@ -267,6 +297,8 @@ class _Spoiled:
 
     def ends(self, ends: Floats) -> NDArray[np.bool_]:
         """(w,) which windows are spoiled."""
+        if not len(self.after):
+            return np.zeros(len(ends), np.bool_)
         place = np.searchsorted(self.after, ends) - 1
         spoiled: NDArray[np.bool_] = (place >= 0) & (ends <= self.until[np.maximum(place, 0)])
         return spoiled

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from syncline_analyzer.pdo_binding import Pdo
 from syncline_analyzer.results import BusShareRow, NodeShareRow
+from syncline_schemas import native
 from syncline_schemas.batch import FrameBatch, FrameFlag
 from syncline_schemas.records import dataclass
 
@@ -106,6 +107,11 @@ class Shares:
         return rows, _by_node(bus, rows)
 
     def _add_short(self, key: NDArray[np.integer[Any]], bits: NDArray[np.float64]) -> None:
+        if native.available():
+            sums = np.zeros(2 * _REMOTE)
+            native.tally(key, bits, self._frames, sums)
+            self._bits += sums
+            return
         self._frames += np.bincount(key, minlength=2 * _REMOTE)
         self._bits += np.bincount(key, bits, minlength=2 * _REMOTE)
 

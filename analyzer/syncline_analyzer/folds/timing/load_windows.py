@@ -55,15 +55,16 @@ class Windows:
         if self._origin_ns is None:
             self._origin_ns = origin_ns
 
-    def add(self, t_ns: Ints, bits: Floats, bit_ns: float) -> Whole:
+    def add(self, t_ns: Ints, bits: Floats, wire_ns: Floats | None, bit_ns: float) -> Whole:
         """Take in frames whose stamps run forward from the origin on; windows that are whole now.
 
-        `bit_ns` is 0 where the bit rate is not known: a frame then takes no time.
+        `wire_ns` is how long they took. Where the bit rate is not known it is None, `bit_ns` is 0,
+        and a frame takes no time.
         """
         assert self._origin_ns is not None
         begins, number = self._begins(t_ns)
-        if bit_ns:
-            split, its_number, early = self._early(t_ns, bits * bit_ns, begins, number)
+        if wire_ns is not None:
+            split, its_number, early = self._early(t_ns, wire_ns, begins, number)
             before = np.minimum(early / bit_ns, bits[split])
         else:
             split, its_number, before = begins[:0], number[:0], bits[:0]

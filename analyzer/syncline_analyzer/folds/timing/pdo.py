@@ -20,6 +20,7 @@ from syncline_analyzer.folds.timing.sync import SyncFold
 from syncline_analyzer.folds.timing.sync_index import SyncIndex
 from syncline_analyzer.folds.timing.waiting_fold import WaitingFold
 from syncline_analyzer.pdo_binding import Pdo, PdoBindings, Transmission, settled
+from syncline_schemas import native
 from syncline_schemas.batch import FrameFlag
 from syncline_schemas.canopen.services import SERVICE_OF_ID, Service
 from syncline_schemas.records import dataclass
@@ -133,13 +134,7 @@ class PdoFold:
             number = passing.numbers[can_id]
             follow(passing.columns, number, state, frames, sync, timed=self._context.timed)
         asked = state.requested.follow(frames.rows, requests)
-        state.request_answers.add(
-            frames.rows,
-            requests,
-            block.frames.t_ns,
-            block.batch.seqs,
-            timed=self._context.timed,
-        )
+        state.request_answers.add(block.batch, frames.rows, requests, timed=self._context.timed)
         if sync is not None:
             self._answer(passing, can_id, state, frames, sync, asked)
 
@@ -169,7 +164,7 @@ class PdoFold:
             bits = bits + block.error * np.int64(UNKNOWN_BITS)
         if len(block.batch.buses) > 1:
             bits = np.where(block.frames.bus == bus, bits, 0)
-        sent: NDArray[np.int64] = np.cumsum(bits) + self._sent.get(bus, 0)
+        sent = running(bits, self._sent.get(bus, 0))
         self._sent[bus] = int(sent[-1])
         return sent
 
@@ -320,7 +315,7 @@ class PdoFold:
         alone = extra[state.rhythm.beside_answers(ordinal[first], ordinal[extra], _kind(state))]
         state.extra_alone += len(alone)
         more = rows[alone[: MAX_EVIDENCE - len(state.extra_seq)]]
-        state.extra_seq.extend(block.batch.seqs[more].tolist())
+        state.extra_seq.extend(block.batch.seqs_at(more).tolist())
         widen(state.extra_ns, block.frames.t_ns[rows[alone]])
 
     @staticmethod
@@ -385,6 +380,15 @@ class PdoFold:
             return None
         window_us = self._context.shadow.number(bus, state.owner.node, 0x1007, 0, seq)
         return window_us * 1000 if window_us else None
+
+
+def running(values: NDArray[np.int64], first: int) -> NDArray[np.int64]:
+    """(n,) `first` and the values up to each one, added up."""
+    if native.available():
+        return native.running(values, first)
+    sums: NDArray[np.int64] = np.cumsum(values)
+    sums += first
+    return sums
 
 
 def _remote(block: Block, bus: int) -> NDArray[np.intp]:

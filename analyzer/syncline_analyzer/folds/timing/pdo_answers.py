@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import TypeVar
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,6 @@ from syncline_analyzer.folds.timing.pdo_state import PdoState
 from syncline_analyzer.folds.timing.sync_index import SyncIndex
 from syncline_schemas.records import dataclass
 
-_T = TypeVar("_T", np.int16, np.uint32)
 Ints = NDArray[np.int64]
 
 
@@ -59,18 +58,20 @@ class AnswersTo:
         return [slice(start, start + count) for start, count in edges]
 
     @cached_property
-    def rows(self) -> NDArray[np.intp]:
-        """(r,) rows in the block."""
-        return np.concatenate([each.frames.rows for each in self.pdos])
+    def _place(self) -> slice | None:
+        """Where they stand in the columns by identifier, None where others lie between them."""
+        places = [each.frames.place for each in self.pdos]
+        whole = [place for place in places if isinstance(place, slice)]
+        if len(whole) < len(places) or any(a.stop != b.start for a, b in pairwise(whole)):
+            return None
+        return slice(whole[0].start, whole[-1].stop)
 
     @cached_property
-    def pdo(self) -> NDArray[np.intp]:
-        """(r,) number of the PDO of each."""
-        return np.repeat(np.arange(len(self.pdos)), self._counts)
-
-    def each(self, column: NDArray[_T]) -> NDArray[_T]:
-        """(r,) what is told of the PDOs, (p,), for each of their answers."""
-        return np.repeat(column, self._counts)
+    def rows(self) -> NDArray[np.intp]:
+        """(r,) rows in the block."""
+        if self._place is not None:
+            return self.block.batch.rows_by_id[self._place]
+        return np.concatenate([each.frames.rows for each in self.pdos])
 
     @cached_property
     def seq(self) -> Ints:
@@ -80,14 +81,13 @@ class AnswersTo:
     @cached_property
     def position(self) -> Ints:
         """(r,) of the SYNC that each answers."""
+        if self._place is not None:
+            return self.sync.before_by_id[self._place]
         return np.concatenate([each.position for each in self.pdos])
-
-    @cached_property
-    def sync_ns(self) -> Ints:
-        """(r,) stamp of that SYNC."""
-        return self.sync.t_ns.take(self.position)
 
     @cached_property
     def response(self) -> Ints:
         """(r,) time since that SYNC [ns]."""
+        if self._place is not None:
+            return self.sync.since_by_id[self._place]
         return np.concatenate([each.response for each in self.pdos])

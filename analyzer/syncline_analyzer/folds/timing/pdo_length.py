@@ -106,7 +106,7 @@ class PdoLengthFold:
         """Follow the changes within a batch in which the shadow learned something."""
         first, last = batch.seq0, batch.last_seq
         edges = [first, *self._bindings.cuts(bus, can_id, first, last), last + 1]
-        seqs = batch.seqs[rows]
+        seqs = batch.seqs_at(rows)
         for begin, stop in pairwise(edges):
             part = rows[np.searchsorted(seqs, begin) : np.searchsorted(seqs, stop)]
             now = self._expect(bus, can_id, begin, version)

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from syncline_analyzer.distinct import distinct
 from syncline_analyzer.folds.nmt.cadence import CANDIDATE_RATIO, MIN_PERIODS, Int64s, Mask
 from syncline_analyzer.folds.nmt.events import PdoSpan
 from syncline_schemas.records import dataclass
@@ -103,13 +104,14 @@ class Quietness:
         rows = np.flatnonzero(~beat & (passed > self._limits(t_ns, beat)[number]))
         found = []
         edges = np.concatenate(([-1], np.flatnonzero(beat), [len(seq)]))
-        for segment in np.unique(number[rows]).tolist():
+        for segment in distinct(number[rows]):
             part = slice(edges[segment] + 1, edges[segment + 1])
             longest = np.maximum.accumulate(passed[part])
             before = np.concatenate(([0], longest[:-1]))
             before = np.maximum(before, self._longest_ns if segment == 0 else 0)
             fresh = np.flatnonzero(passed[part] > before) + part.start
-            found += [(int(seq[row]) - 1, int(t_ns[row])) for row in np.intersect1d(fresh, rows)]
+            ends = np.intersect1d(fresh, rows, assume_unique=True)
+            found += [(int(seq[row]) - 1, int(t_ns[row])) for row in ends]
         begun = self._longest_ns if not beat.any() else 0
         self._longest_ns = max(begun, int(passed[edges[-2] + 1 :].max(initial=0)))
         self._keep(t_ns[beat])

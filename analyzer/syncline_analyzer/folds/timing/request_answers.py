@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.distribution import Distribution
+from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.folds.timing.extremes import Extremes
 from syncline_analyzer.folds.timing.rhythm import Missed
 from syncline_schemas.records import dataclass
@@ -30,24 +31,23 @@ class RequestAnswers:
 
     def add(
         self,
+        batch: IndexedBatch,
         rows: NDArray[np.intp],
         requests: NDArray[np.intp],
-        t_ns: NDArray[np.int64],
-        seqs: NDArray[np.int64],
         *,
         timed: bool,
     ) -> None:
         """Take in a block.
 
         Args:
+            batch: its frames.
             rows: rows of the frames, and of requests that a logger wrote down as empty ones.
             requests: rows of the requests.
-            t_ns: stamps of the block.
-            seqs: `seq` of its rows.
             timed: whether the stamps mean anything.
         """
         if not len(requests) and self._open is None:
             return
+        t_ns, seqs = batch.frames.t_ns, batch.seqs
         sent = rows[~np.isin(rows, requests)]
         place, asked_ns = seqs[requests], t_ns[requests]
         if self._open is not None:

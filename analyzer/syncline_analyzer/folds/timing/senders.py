@@ -4,7 +4,7 @@ The predefined connection set tells what nothing else does.
 """
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from syncline_analyzer.service_ids import (
     moved_emcy_id,
     sync_id,
 )
+from syncline_schemas import native
 from syncline_schemas.batch import FrameBatch, FrameFlag
 from syncline_schemas.canopen.services import SERVICE_OF_ID, Service
 
@@ -72,26 +73,17 @@ class Senders:
     def nodes(self, frames: FrameBatch, bus: int, seq: int) -> NDArray[np.int16]:
         """(n,) sender of each frame of a bus as of `seq`; `UNKNOWN` for 29-bit and FD frames."""
         self._bindings.refresh(bus)
-        kinds = int(np.bitwise_or.reduce(frames.flags, initial=0))
-        place: NDArray[np.integer[Any]] = frames.can_id
-        plain = None
-        if kinds & (_NO_SERVICE | FrameFlag.REMOTE):
-            remote = (frames.flags & FrameFlag.REMOTE) != 0
-            place = (place & 0x7FF) | np.where(remote, np.uint32(_REMOTE), np.uint32(0))
-            plain = (frames.flags & _NO_SERVICE) == 0
-        node = np.full(2 * _REMOTE, UNKNOWN, np.int16)
-        told = place if plain is None else place[plain]
-        seen = np.bincount(told, minlength=len(node)) > 0
+        seen = _seen(frames)
         spoken = np.flatnonzero(seen[:_REMOTE] & _SPOKEN) % _NODES
         self._heard.setdefault(bus, set()).update(spoken.tolist())
         known = self._known(bus, seq)
+        node = np.full(2 * _REMOTE, UNKNOWN, np.int16)
         for key in np.flatnonzero(seen).tolist():
             name = key & 0x7FF, key >= _REMOTE
             if name not in known:
                 known[name] = self.of(bus, name[0], seq, remote=name[1])
             node[key] = known[name].node
-        sender = node.take(place)
-        return sender if plain is None else np.where(plain, sender, np.int16(UNKNOWN))
+        return _sent_by(frames, node)
 
     def told(self, bus: int) -> Mapping[tuple[int, bool], Sender]:
         """By identifier, and whether its frames are remote ones: those that `nodes` told last."""
@@ -155,3 +147,25 @@ class Senders:
             if isinstance(told, int) and told & PRODUCES and not told & FRAME_29_BIT:
                 found[told & 0x7FF] = Sender(node, "SYNC")
         return found
+
+
+def _seen(frames: FrameBatch) -> NDArray[np.bool_]:
+    """(4096,) identifiers of frames of services, those of remote ones behind the others."""
+    if native.available():
+        return native.seen_ids(frames.can_id, frames.flags, int(_NO_SERVICE))
+    place = _places(frames)
+    return np.bincount(place[(frames.flags & _NO_SERVICE) == 0], minlength=2 * _REMOTE) > 0
+
+
+def _sent_by(frames: FrameBatch, node: NDArray[np.int16]) -> NDArray[np.int16]:
+    """(n,) `node` of each frame by its identifier, see `_seen`."""
+    if native.available():
+        return native.sent_by(frames.can_id, frames.flags, int(_NO_SERVICE), node, UNKNOWN)
+    plain = (frames.flags & _NO_SERVICE) == 0
+    return np.where(plain, node.take(_places(frames)), np.int16(UNKNOWN))
+
+
+def _places(frames: FrameBatch) -> NDArray[np.uint32]:
+    remote = (frames.flags & FrameFlag.REMOTE) != 0
+    place: NDArray[np.uint32] = frames.can_id & 0x7FF | remote.astype(np.uint32) << 11
+    return place

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import field
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -38,6 +39,7 @@ _OTHERS = 8
 """So many identifiers beside the heartbeats are enough to witness a step of the clock."""
 _PRE_OPERATIONAL = 0x7F
 _NMT = 0x000
+_NONE = np.zeros(0, np.intp)
 
 Ints = NDArray[np.int64]
 
@@ -115,13 +117,12 @@ class SilenceFold:
         """Take in the frames of one bus of a block."""
         self._told.clear()
         state = self._buses.get(bus) or self._buses.setdefault(bus, _Bus())
-        if state.last_ns is None:
-            apart = block.apart_ns(bus)
+        apart = _apart(block.frames.t_ns[block.by_bus[bus]], state.last_ns)
+        least_ns, most_ns = (int(apart.min()), int(apart.max())) if len(apart) else (0, 0)
+        if least_ns >= 0:
+            state.apart.add(apart, (least_ns, most_ns))
         else:
-            first_ns = block.frames.t_ns[block.by_bus[bus]][:1]
-            apart = np.concatenate((first_ns - state.last_ns, block.apart_ns(bus)))
-        least_ns = int(apart.min(initial=0))
-        state.apart.add(apart if least_ns >= 0 else apart[apart >= 0])
+            state.apart.add(apart[apart >= 0])
         ids = [can_id for on, can_id in block.batch.ids() if on == bus]
         others = [i for i in ids if i not in HEARTBEATS and i not in state.others]
         state.others.extend(others[: _OTHERS - len(state.others)])
@@ -131,7 +132,8 @@ class SilenceFold:
         _follow(state.waiting, lines, last_ns)
         state.waiting.clear()
         usual_ns = state.apart.quantile(0.98) if state.apart.count else 0.0
-        long = np.flatnonzero(apart > _BRIEF * usual_ns)[:MAX_SILENCES]
+        brief_ns = _BRIEF * usual_ns
+        long = np.flatnonzero(apart > brief_ns)[:MAX_SILENCES] if most_ns > brief_ns else _NONE
         if least_ns < -STAMP_NS or len(long):
             self._add_silences(block, bus, state, apart, usual_ns, long, lines)
             _follow(state.waiting, lines, last_ns)
@@ -236,6 +238,16 @@ class SilenceFold:
         return found
 
 
+def _apart(t_ns: Ints, last_ns: int | None) -> Ints:
+    """Time from each stamp to the next, the first one counted from the last before, if any."""
+    if last_ns is None:
+        return t_ns[1:] - t_ns[:-1]
+    apart = np.empty(len(t_ns), np.int64)
+    apart[:1] = t_ns[:1] - last_ns
+    np.subtract(t_ns[1:], t_ns[:-1], out=apart[1:])
+    return apart
+
+
 def _stalled(apart: Ints, row: int, span_ns: int) -> bool:
     """Whether at least half of what comes in the time before a frame came at once behind it."""
     behind = apart[row + 1 : row + 1 + _BURST]
@@ -256,7 +268,7 @@ def within_silence(
 
 
 class _Line:
-    """The frames of an identifier in a block: (n,) `seq` and stamps, and their first bytes.
+    """The frames of an identifier in a block: (n,) stamps and `seq`, and their first bytes.
 
     Without remote frames that a logger wrote down as empty data frames of error control.
     """
@@ -264,16 +276,21 @@ class _Line:
     def __init__(self, block: Block, bus: int, can_id: int) -> None:
         batch = block.batch
         rows = batch.rows(bus, can_id)
-        self.t_ns, self.seq = batch.t_ns_of(bus, can_id), batch.seqs_of(bus, can_id)
+        self.t_ns = batch.t_ns_of(bus, can_id)
         if can_id in HEARTBEATS:
             sent = block.frames.dlc[rows] > 0
             if not sent.all():
-                rows, self.t_ns, self.seq = rows[sent], self.t_ns[sent], self.seq[sent]
-        self._rows, self._data = rows, block.frames.data
+                rows, self.t_ns = rows[sent], self.t_ns[sent]
+        self._rows, self._batch = rows, batch
+
+    @cached_property
+    def seq(self) -> Ints:
+        """Position of each frame in the capture."""
+        return self._batch.seqs_at(self._rows)
 
     def state(self, at: int) -> int:
         """First byte of a frame without its highest bit."""
-        return int(self._data[self._rows[at], 0]) & 0x7F
+        return int(self._batch.frames.data[self._rows[at], 0]) & 0x7F
 
 
 def _last_frame(block: Block, bus: int) -> tuple[int, int]:
@@ -332,13 +349,15 @@ def _starts_anew(silence: Silence, last: Last, state: int) -> bool:
 
 def _add_period(state: _Bus, can_id: int, line: _Line) -> None:
     times, before = line.t_ns, state.heard.get(can_id)
-    periods = times[1:] - times[:-1]
-    if before is not None and len(times):
-        periods = np.concatenate((times[:1] - before.t_ns, periods))
+    periods = _apart(times, before.t_ns if before is not None else None)
     if can_id not in state.period:
         state.period[can_id] = Distribution(moments=False)
-    state.period[can_id].add(periods if int(periods.min(initial=1)) > 0 else periods[periods > 0])
-    last = _last(before, line, len(line.seq))
+    least_ns, most_ns = (int(periods.min()), int(periods.max())) if len(periods) else (0, 0)
+    if least_ns > 0:
+        state.period[can_id].add(periods, (least_ns, most_ns))
+    else:
+        state.period[can_id].add(periods[periods > 0])
+    last = _last(before, line, len(times))
     if last is not None:
         state.heard[can_id] = last
 

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.context import Context
+from syncline_analyzer.distribution import quantile_of
 from syncline_analyzer.folds.timing.backlog import PAUSE, TOO_SHORT, backlog
 from syncline_analyzer.folds.timing.block import LONGEST_ERROR, UNKNOWN_BITS, Block
 from syncline_analyzer.folds.timing.bundles import bundled, lacking, paced
@@ -220,7 +221,7 @@ class SyncFold:
         state.over_time.add({"t_ns": ahead_ns, "value": ahead.astype(np.float64) / 1000})
         state.pace.add(periods, usual)
         if not in_bundles:
-            state.double.add(t_ns, seq, periods)
+            state.double.add(t_ns, seq, periods, median)
             state.doubled.add(seq, periods, usual)
             self._find_jitter(state, bus, index, t_ns, seq, periods)
 
@@ -241,7 +242,7 @@ class SyncFold:
         if not whole.any():
             return
         if whole.all():
-            cycles = cycles_of(periods)
+            cycles = cycles_of(periods, median if len(periods) >= _LEARN else None)
         else:
             cycles = np.full(len(periods), median)
             cycles[whole] = cycles_of(periods[whole])
@@ -275,7 +276,7 @@ class SyncFold:
         if in_bundles:
             usual = np.full(len(periods), max(median, paced(periods)))
         cycles = periods / usual
-        blur = float(np.quantile(cycles, 0.95)) if in_bundles else 1.0
+        blur = quantile_of(cycles, 0.95) if in_bundles else 1.0
         long = (cycles > MISSING) & ~index.bundled[index.first : -1]
         missing = np.maximum(np.rint(cycles - blur), 0).astype(np.int64)
         missing = np.where(long & ~_sustained(long) & ~waits, missing, 0)

@@ -15,12 +15,13 @@ _MOSTLY = 0.75
 """Where more than this share of the periods are as close to the median as that, it is the cycle."""
 
 
-def cycles_of(periods: NDArray[np.int64]) -> NDArray[np.float64]:
+def cycles_of(periods: NDArray[np.int64], median: float | None = None) -> NDArray[np.float64]:
     """(n,) the producer's cycle around each of its periods; it may change within a block.
 
     The mean of a late period and the early one beside it is the cycle; a median may be either.
+    `median` is theirs, where it is known.
     """
-    usual = float(np.median(periods))
+    usual = float(np.median(periods)) if median is None else median
     steady = float(np.mean(np.abs(periods - usual) <= _STEADY * usual))
     mean = usual if steady > _MOSTLY else float(periods.mean())
     if float(np.abs(periods - mean).max()) <= OFF * mean:

@@ -5,13 +5,13 @@ identifier wins (ISO 11898-1). So a frame was not ready yet when the bus was idl
 node started one of lower priority; and it was ready at its own start at the latest.
 """
 
-from collections.abc import Callable
 from functools import cached_property
-from typing import Any
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from syncline_schemas import native
 from syncline_schemas.batch import FrameBatch, FrameFlag
 from syncline_schemas.records import dataclass
 from syncline_schemas.wire_length import INTERMISSION_BITS
@@ -35,6 +35,7 @@ ENOUGH_CLOSE = 50
 _NOISE_NS = (0, 1000, 2000, 5000, 10_000, 20_000, 50_000, 100_000, 200_000, 500_000)
 """What stamps may be off, in steps."""
 
+_T = TypeVar("_T", np.int16, np.uint32, np.int64)
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -60,6 +61,50 @@ def rank(frames: FrameBatch) -> NDArray[np.uint32]:
     return place
 
 
+class Asked(NamedTuple):
+    """Answers of PDOs to SYNCs, those of a PDO behind one another.
+
+    Attributes:
+        starts: (p,) where those of each PDO begin, none of them without any.
+        ranks, senders: (p,) of the PDOs.
+        rows: (r,) of the answers.
+        position: (r,) of the SYNC that each answers.
+        sync_rows, sync_ns: (m,) rows of the SYNCs, -1 where they lie before these frames, and stamps.
+        low_ns, most_ns: (r,) bounds of the time that the device took.
+    """
+
+    starts: Ints
+    ranks: NDArray[np.uint32]
+    senders: NDArray[np.int16]
+    rows: Ints
+    position: Ints
+    sync_rows: Ints
+    sync_ns: Ints
+    low_ns: Floats
+    most_ns: Floats
+
+    def each(self, column: NDArray[_T]) -> NDArray[_T]:
+        """(r,) what is told of the PDOs, (p,), for each of their answers."""
+        return np.repeat(column, np.diff(self.starts, append=len(self.rows)))
+
+
+class Most(NamedTuple):
+    """Figures of the answers of one PDO in a block: those of a known time only.
+
+    Attributes:
+        waited: how many waited.
+        own_ns: longest time on the wire.
+        most_ns: longest time that the device can have taken.
+        least_ns, waiting_ns: least and most of both.
+    """
+
+    waited: int
+    own_ns: float
+    most_ns: float
+    least_ns: tuple[float, float]
+    waiting_ns: tuple[float, float]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Ready:
     """When frames can have been ready.
@@ -79,16 +124,15 @@ class Ready:
     free: Bools
     known: Bools
 
-    def put(self, column: Callable[[NDArray[Any]], NDArray[Any]]) -> "Ready":
-        """The same, in another order or a part of it: what `column` makes of each column."""
-        columns = self.least_ns, self.waiting_ns, self.first, self.free, self.known
-        return Ready(*(column(each) for each in columns))
-
-    def within(self, least_ns: Floats, most_ns: Floats) -> "Ready":
-        """The same within other bounds of the moment."""
-        least = np.minimum(np.maximum(self.least_ns, least_ns), most_ns)
-        waiting = np.minimum(self.waiting_ns, np.maximum(most_ns - least, 0.0))
-        return Ready(least, waiting, self.first, self.free, self.known)
+    def part(self, rows: slice) -> "Ready":
+        """Some of them."""
+        return Ready(
+            self.least_ns[rows],
+            self.waiting_ns[rows],
+            self.first[rows],
+            self.free[rows],
+            self.known[rows],
+        )
 
 
 def order_is_told(slack_ns: float, bit_ns: float) -> bool:
@@ -98,9 +142,6 @@ def order_is_told(slack_ns: float, bit_ns: float) -> bool:
 
 class Arbitration:
     """The frames of one bus in order of arrival.
-
-    Attributes:
-        end_ns: (n,) end of each frame, after the first stamp.
 
     Args:
         t_ns: (n,) stamps at the ends of the frames.
@@ -125,15 +166,11 @@ class Arbitration:
     ) -> None:
         self.rank = rank
         self.sender = sender
+        self._t_ns = t_ns
         self._base_ns = int(t_ns[0]) if len(t_ns) else 0
-        self.end_ns = (t_ns - self._base_ns).astype(np.float64)
         self._wire_ns = wire_ns
         self.bit_ns = bit_ns
         self._step_ns = resolution_ns - 1
-        self._apart_ns = np.empty_like(self.end_ns)
-        self._apart_ns[:1] = np.nan
-        np.subtract(self.end_ns[1:], self.end_ns[:-1], out=self._apart_ns[1:])
-        self._spare_ns = self._apart_ns - wire_ns
         self.noise_ns = noise_ns
 
     @property
@@ -146,6 +183,21 @@ class Arbitration:
         """Whether the stamps are exact enough to tell what was on the bus one after the other."""
         return order_is_told(self.slack_ns, self.bit_ns)
 
+    @property
+    def _idle_ns(self) -> float:
+        """Frames apart for longer than this, or closer by more, are not back to back."""
+        return self.slack_ns + _IDLE_BITS * self.bit_ns
+
+    @cached_property
+    def _rows(self) -> native.BusRows:
+        """The same frames for the compiled loops."""
+        return native.BusRows(self._t_ns, self._wire_ns, self.rank, self.sender, self._idle_ns)
+
+    @cached_property
+    def end_ns(self) -> Floats:
+        """(n,) end of each frame, after the first stamp."""
+        return (self._t_ns - self._base_ns).astype(np.float64)
+
     @cached_property
     def start_ns(self) -> Floats:
         """(n,) start of each frame after the first stamp, NaN where its length is not known."""
@@ -153,9 +205,20 @@ class Arbitration:
         return started
 
     @cached_property
+    def _apart_ns(self) -> Floats:
+        """(n,) from the end of the frame before to that of each one."""
+        return np.diff(self.end_ns, prepend=np.nan)
+
+    @cached_property
+    def _spare_ns(self) -> Floats:
+        """(n,) how much longer that is than the frame."""
+        spare: Floats = self._apart_ns - self._wire_ns
+        return spare
+
+    @cached_property
     def exact(self) -> Bools:
         """(n,) True where length and stamp of a frame fit those beside it."""
-        closer = self._spare_ns < -(self.slack_ns + _IDLE_BITS * self.bit_ns)
+        closer = self._spare_ns < -self._idle_ns
         sound = np.isfinite(self._wire_ns) & ~closer
         # The stamp of the one before may be as wrong: too late.
         sound[:-1] &= ~closer[1:]
@@ -169,14 +232,9 @@ class Arbitration:
     @cached_property
     def idle(self) -> Bools:
         """(n,) True where the bus was idle before a frame."""
-        waited = self._spare_ns > self.slack_ns + _IDLE_BITS * self.bit_ns
+        waited = self._spare_ns > self._idle_ns
         found: Bools = waited & self.exact & self._after_frame
         return found
-
-    @cached_property
-    def _measured(self) -> bool:
-        """Whether the length of every frame is known."""
-        return bool(np.isfinite(self._wire_ns).all())
 
     @cached_property
     def _last_idle(self) -> Ints:
@@ -186,7 +244,7 @@ class Arbitration:
     @cached_property
     def _steps_back(self) -> Ints | None:
         """(n,) how often the stamps stepped back up to each row, None where they never do."""
-        back = self._apart_ns < -(self.slack_ns + _IDLE_BITS * self.bit_ns)
+        back = self._apart_ns < -self._idle_ns
         return np.cumsum(back) if back.any() else None
 
     @cached_property
@@ -199,28 +257,23 @@ class Arbitration:
     def _sender_before(self) -> NDArray[np.int16]:
         return np.concatenate((np.array([UNKNOWN], np.int16), self.sender[:-1]))
 
-    def ready(
-        self,
-        rows: Ints,
-        sync_rows: Ints,
-        sync_ns: Ints,
-        can_rank: NDArray[np.uint32] | int,
-        sender: NDArray[np.int16] | int,
-    ) -> Ready:
-        """When frames can have been ready.
+    def ready(self, asked: Asked) -> tuple[Ready, list[Most]]:
+        """When answers can have been ready, and the figures of each PDO."""
+        if native.available():
+            margins_ns = self.slack_ns, _JOIN_BITS * self.bit_ns, INTERMISSION_BITS * self.bit_ns
+            found = self._rows.ready(*asked, margins_ns)
+            return Ready(*found[:5]), _told(found.figures)
+        ready = self._ready(asked)
+        return ready, _told(_figures(asked, ready, self.own_ns(asked.rows)))
 
-        Args:
-            rows: (r,) the frames.
-            sync_rows: (r,) row of the SYNC that each answers, -1 where it lies before these frames.
-            sync_ns: (r,) stamp of that SYNC.
-            can_rank, sender: of the identifier, or (r,) of that of each frame.
-        """
-        first = self.last_without(rows, can_rank, sender)
+    def _ready(self, asked: Asked) -> Ready:
+        """When they can have been ready, by numpy."""
+        rows, sync_rows = asked.rows, asked.sync_rows.take(asked.position)
+        first = self.last_without(rows, asked.each(asked.ranks), asked.each(asked.senders))
         untold = np.flatnonzero(first <= sync_rows)
-        synced = (sync_ns - self._base_ns).astype(np.float64)
+        synced = (asked.sync_ns.take(asked.position) - self._base_ns).astype(np.float64)
         begun = self.start_ns.take(rows)
-        if not self._measured:
-            begun = np.where(np.isfinite(begun), begun, self.end_ns.take(rows))
+        begun = np.where(np.isfinite(begun), begun, self.end_ns.take(rows))
         free = first == rows
         earliest = self.start_ns.take(first)
         earliest -= self.slack_ns
@@ -235,32 +288,38 @@ class Arbitration:
         if back is not None:
             known = back[rows] == np.where(sync_rows >= 0, back[sync_rows], 0)
         earliest -= synced
-        return Ready(
-            np.maximum(earliest, 0.0, out=earliest),
-            np.maximum(waiting, 0.0, out=waiting),
-            first,
-            free,
-            known,
-        )
+        least = np.minimum(np.maximum(np.maximum(earliest, 0.0), asked.low_ns), asked.most_ns)
+        most = np.maximum(asked.most_ns - least, 0.0)
+        waiting = np.minimum(np.maximum(waiting, 0.0), most)
+        return Ready(least, waiting, first, free, known)
+
+    def own_ns(self, rows: Ints) -> Floats:
+        """(r,) time on the wire of frames without intermission."""
+        own: Floats = self._wire_ns.take(rows) - INTERMISSION_BITS * self.bit_ns
+        return own
 
     def last_without(
         self,
         rows: Ints,
-        can_rank: NDArray[np.uint32] | int,
-        sender: NDArray[np.int16] | int,
+        ranks: NDArray[np.uint32],
+        senders: NDArray[np.int16],
         *,
         itself: bool = False,
     ) -> Ints:
-        """(r,) the last row up to each one at whose start no frame of an identifier was ready.
+        """(r,) the last row up to each one at whose start no frame of a PDO was ready.
 
         That is where the bus was idle, or another node started a frame of lower priority. This
         proves nothing right behind a frame of the sender itself, which may have to load the next
         one, nor ahead of one of lower priority of its own, behind which it may have stood in line.
-        `itself`: the rows are frames of others, each of which may be such a one as well.
+
+        Args:
+            rows: (r,) frames.
+            ranks, senders: (r,) of the PDOs.
+            itself: the rows are frames of others, each of which may be such a one as well.
         """
+        if native.available():
+            return self._rows.last_without(rows, ranks, senders, itself=itself)
         found: Ints = self._last_idle.take(rows)
-        senders = np.broadcast_to(np.asarray(sender, np.int16), rows.shape)
-        ranks = np.broadcast_to(np.asarray(can_rank, np.uint32), rows.shape)
         if itself:
             proof = (found < rows) & self._proof(rows, ranks, senders) & (senders > MASTER)
             found[proof] = rows[proof]
@@ -306,8 +365,34 @@ class Arbitration:
         return np.maximum.accumulate(begins)
 
 
+def _figures(asked: Asked, ready: Ready, own_ns: Floats) -> Floats:
+    """(p, 7) what `Most` holds."""
+    known, starts, most, least = ready.known, asked.starts, np.maximum.reduceat, np.minimum.reduceat
+    low, high = np.where(known, ready.least_ns, np.inf), np.where(known, ready.least_ns, -np.inf)
+    short = np.where(known, ready.waiting_ns, np.inf)
+    long = np.where(known, ready.waiting_ns, -np.inf)
+    columns = (
+        np.add.reduceat((ready.first < asked.rows) & known, starts, dtype=np.float64),
+        np.fmax(np.fmax.reduceat(own_ns, starts), 0.0),
+        most(np.where(known, asked.most_ns, 0.0), starts),
+        least(low, starts),
+        most(high, starts),
+        least(short, starts),
+        most(long, starts),
+    )
+    return np.stack(columns, axis=1)
+
+
+def _told(figures: Floats) -> list[Most]:
+    return [
+        Most(int(w), own, most, (a, b), (c, d)) for w, own, most, a, b, c, d in figures.tolist()
+    ]
+
+
 def close_ns(t_ns: Ints, wire_ns: Floats, bit_ns: float) -> Floats:
     """(c,) distances of frames close behind one another, less the time of the later one [ns]."""
+    if native.available():
+        return native.close(t_ns, wire_ns, _CLOSE_BITS * bit_ns)
     apart_ns = np.diff(t_ns).astype(np.float64)
     spare_ns = apart_ns - wire_ns[1:]
     near = (spare_ns < _CLOSE_BITS * bit_ns) & (apart_ns >= 0) & np.isfinite(wire_ns[:-1])

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from syncline_analyzer.folds.timing.senders import Sender, Senders
 from syncline_analyzer.folds.timing.waiting import MASTER, UNKNOWN, Arbitration, Ready
 from syncline_analyzer.results import Ahead
+from syncline_schemas import native
 from syncline_schemas.batch import FrameFlag
 from syncline_schemas.records import dataclass
 
@@ -119,6 +120,8 @@ class BusBlock:
     senders: Senders
     told: Mapping[tuple[int, bool], Sender]
     """Senders of the identifiers of the block itself."""
+    shift: int | None = None
+    """So many rows further on than in the block stands each frame; None where some are left out."""
     _identities: dict[int, tuple[int, Sender]] = field(default_factory=dict)
     _named: dict[int, Ahead] = field(default_factory=dict)
 
@@ -149,7 +152,7 @@ class BusBlock:
     @cached_property
     def ahead_ns(self) -> Floats:
         """(n,) how long each frame keeps others waiting; nothing where that is not known."""
-        return np.nan_to_num(self.wire_ns)
+        return np.where(np.isnan(self.wire_ns), 0.0, self.wire_ns)
 
     @cached_property
     def _frame(self) -> Bools:
@@ -159,7 +162,7 @@ class BusBlock:
 
     @cached_property
     def _errors(self) -> bool:
-        return not bool(self._frame.all())
+        return bool(np.bitwise_or.reduce(self.carried.flags, initial=0) & FrameFlag.ERROR)
 
     def idle_at(self, t_ns: Floats) -> Bools:
         """(r,) whether no frame was on the bus at each moment, as far as these frames show."""
@@ -176,19 +179,21 @@ class BusBlock:
         found: Bools = np.searchsorted(own, stop) > np.searchsorted(own, first)
         return found
 
-    def last_sdo_ns(self, node: int, rows: Ints) -> Ints:
-        """(r,) stamp of the last SDO frame with a node before each row, the smallest without any.
+    def sdo_since(self, node: int, rows: Ints, since_ns: Ints) -> Bools:
+        """(r,) whether the last SDO frame with a node before each row came from a moment on.
 
         Only by the predefined identifiers (CiA 301 7.3.5).
         """
         every, whose = self._sdo
         sdo = every[whose == node]
-        if not len(sdo):
-            return np.full(len(rows), np.iinfo(np.int64).min)
+        stamps = self.t_ns.take(sdo)
+        if native.available():
+            return native.marked(rows, since_ns, sdo, stamps)
         # The stamp of each holds for the rows from the first one behind it on.
-        stamps = np.append(np.iinfo(np.int64).min, self.t_ns.take(sdo))
-        counts = np.bincount(np.searchsorted(rows, sdo, "right"), minlength=len(rows) + 1)
-        return stamps.take(np.cumsum(counts[:-1]))
+        behind = np.searchsorted(rows, sdo, "right")
+        stamps = np.append(np.iinfo(np.int64).min, stamps)
+        last: Ints = np.repeat(stamps, np.diff(behind, prepend=0, append=len(rows)))
+        return last >= since_ns
 
     @cached_property
     def sdo_nodes(self) -> set[int]:
@@ -204,35 +209,27 @@ class BusBlock:
         return rows, (can_id[rows] & 0x7F).astype(np.int64)
 
     @cached_property
-    def _identified(self) -> tuple[Ints, NDArray[np.intp]]:
-        """(b,) keys and (n,) the place of each frame's key among them."""
-        flags = self.carried.flags
-        remote = ((flags & FrameFlag.REMOTE) != 0).astype(np.int64)
-        key = self.carried.can_id.astype(np.int64) & 0x7FF | remote << 11
-        wide = np.flatnonzero((flags & FrameFlag.EXTENDED) != 0)
-        key[wide] = _SHORT_KEYS
-        seen = np.bincount(key, minlength=_SHORT_KEYS + 1)[:_SHORT_KEYS]
-        short = np.flatnonzero(seen)
-        table = np.zeros(_SHORT_KEYS + 1, np.intp)
-        table[short] = np.arange(len(short))
-        place = table[key]
-        long = self.carried.can_id[wide] | remote[wide] << 29 | _EXTENDED_KEY
-        others, places = np.unique(long, return_inverse=True)
-        place[wide] = len(short) + places
-        keys = (short & 0x7FF) | (short >> 11) << 29
-        return np.concatenate((keys, others)).astype(np.int64), place
+    def _identified(self) -> tuple[Ints, NDArray[np.int16], NDArray[np.intp]]:
+        """(b,) keys, (b,) the sender of the last frame of each, (n,) the place of each frame's."""
+        can_id, flags, sender = self.carried.can_id, self.carried.flags, self.carried.sender
+        if native.available():
+            found = native.short_keys(can_id, flags, sender)
+            if found is not None:
+                return found
+        keys, place = _keyed(can_id, flags)
+        senders = np.zeros(len(keys), np.int16)
+        senders[place] = sender
+        return keys, senders, place
 
     @property
     def keys(self) -> Ints:
         """(b,) every identifier of the bus with its kind, see `sender_of`."""
         return self._identified[0]
 
-    @cached_property
+    @property
     def key_sender(self) -> NDArray[np.int16]:
         """(b,) sender of each."""
-        sender = np.zeros(len(self.keys), np.int16)
-        sender[self._identified[1]] = self.carried.sender
-        return sender
+        return self._identified[1]
 
     @cached_property
     def names(self) -> list[tuple[int, int]]:
@@ -268,7 +265,7 @@ class BusBlock:
         rows = np.arange(first, row)
         if self._errors:
             rows = rows[self._frame[first:row]]
-        places = self._identified[1].take(rows)
+        places = self._identified[2].take(rows)
         for at in places.tolist():
             if at not in self._named:
                 self._named[at] = self.named(at)
@@ -277,7 +274,7 @@ class BusBlock:
     @cached_property
     def places(self) -> NDArray[np.intp]:
         """(n,) place of each frame's key among `keys`, behind all of them for errors."""
-        place = self._identified[1]
+        place = self._identified[2]
         return np.where(self._frame, place, len(self.keys)) if self._errors else place
 
     def same_sender_within(self, first: Ints, stop: Ints) -> Bools:
@@ -308,8 +305,26 @@ class BusBlock:
             if self._errors:
                 sent = self._frame[ahead]
                 victim, ahead = victim[sent], ahead[sent]
-            place = self._identified[1][ahead]
+            place = self._identified[2][ahead]
             yield Blame(part, rows[part], victim, place, self.ahead_ns[ahead])
+
+
+def _keyed(can_id: NDArray[np.uint32], flags: NDArray[np.uint16]) -> tuple[Ints, NDArray[np.intp]]:
+    """(b,) keys of frames, and (n,) the place of each frame's among them."""
+    remote = ((flags & FrameFlag.REMOTE) != 0).astype(np.int64)
+    key = can_id.astype(np.int64) & 0x7FF | remote << 11
+    wide = np.flatnonzero((flags & FrameFlag.EXTENDED) != 0)
+    key[wide] = _SHORT_KEYS
+    seen = np.bincount(key, minlength=_SHORT_KEYS + 1)[:_SHORT_KEYS]
+    short = np.flatnonzero(seen)
+    table = np.zeros(_SHORT_KEYS + 1, np.intp)
+    table[short] = np.arange(len(short))
+    place = table[key]
+    long = can_id[wide] | remote[wide] << 29 | _EXTENDED_KEY
+    others, places = np.unique(long, return_inverse=True)
+    place[wide] = len(short) + places
+    keys = (short & 0x7FF) | (short >> 11) << 29
+    return np.concatenate((keys, others)).astype(np.int64), place
 
 
 def laid_out(first: Ints, stop: Ints) -> tuple[Ints, Ints]:

@@ -1,25 +1,32 @@
 """What synchronous PDOs wait for on every bus, block by block."""
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.folds.timing.block import Block
-from syncline_analyzer.folds.timing.delay_sums import DelaySums, Victims
+from syncline_analyzer.folds.timing.delay_sums import DelaySums
 from syncline_analyzer.folds.timing.delays import Delays
 from syncline_analyzer.folds.timing.on_wire import OnWire
 from syncline_analyzer.folds.timing.pdo_answers import AnswersTo
 from syncline_analyzer.folds.timing.senders import Senders
 from syncline_analyzer.folds.timing.sync_index import SyncIndex
 from syncline_analyzer.folds.timing.tables import TimingTables
-from syncline_analyzer.folds.timing.waiting import MASTER, Arbitration, Ready, order_is_told, rank
+from syncline_analyzer.folds.timing.waiting import (
+    MASTER,
+    Arbitration,
+    Asked,
+    Most,
+    Ready,
+    order_is_told,
+    rank,
+)
 from syncline_analyzer.folds.timing.waiting_bus import BusBlock, Carried, sender_of
-from syncline_analyzer.folds.timing.waiting_pdo import Answers, Most, Waits, named
+from syncline_analyzer.folds.timing.waiting_pdo import Answers, Waits, named
 from syncline_analyzer.pdo_binding import Pdo, PdoBindings
 from syncline_analyzer.results import DelayRow, PdoRow
-from syncline_schemas.wire_length import INTERMISSION_BITS
 
 BESIDE_NS = 10_000_000
 """An SDO frame so long before a SYNC may keep its node busy still [ns]."""
@@ -70,7 +77,10 @@ class WaitingFold:
             resolution_ns=self._context.resolution_ns,
             noise_ns=self._on_wire.noise_ns(bus),
         )
-        self._now = BusBlock(bus, carried, arbitration, self._senders, self._senders.told(bus))
+        whole = isinstance(block.by_bus[bus], slice)
+        shift = len(carried.seq) - len(block.batch) if whole else None
+        told_senders = self._senders.told(bus)
+        self._now = BusBlock(bus, carried, arbitration, self._senders, told_senders, shift)
 
     def gap(self, bus: int | None) -> None:
         """Nothing is known of the frames in a gap."""
@@ -92,60 +102,44 @@ class WaitingFold:
         if now is None:
             nothing = np.full(len(low_ns), np.nan)
             return nothing, nothing
-        mine = now.rows(answers.seq)
-        ready = self._ready(now, answers, mine).within(low_ns, most_ns)
-        self._add_each(now, answers, ready, mine, most_ns)
-        waited = np.flatnonzero((ready.first < mine) & (ready.first >= 0) & ready.known)
-        # In order of arrival, what they waited for lies close together.
-        waited = waited.take(np.argsort(mine.take(waited), kind="stable"))
-        self._sums.setdefault(now.bus, DelaySums()).add(
-            now,
-            [each.can_id for each in answers.pdos],
-            [_sender(each.state.owner) for each in answers.pdos],
-            Victims(answers.pdo.take(waited), mine.take(waited), ready.first.take(waited)),
-        )
+        asked = _asked(now, answers, low_ns, most_ns)
+        ready, figures = now.arbitration.ready(asked)
+        self._add_each(now, answers, ready, figures, asked)
+        names = [each.can_id for each in answers.pdos]
+        self._sums.setdefault(now.bus, DelaySums()).add(now, names, asked, ready)
         if ready.known.all():
             return ready.least_ns, ready.waiting_ns
         nothing = np.where(ready.known, 0.0, np.nan)
         return ready.least_ns + nothing, ready.waiting_ns + nothing
 
-    @staticmethod
-    def _ready(now: BusBlock, answers: AnswersTo, rows: Ints) -> Ready:
-        """When the answers can have been ready, which stand in these rows."""
-        senders = np.array([_sender(each.state.owner) for each in answers.pdos], np.int16)
-        ranks = np.array([each.can_id << 21 for each in answers.pdos], np.uint32)
-        return now.arbitration.ready(
-            rows,
-            now.rows(answers.sync.seq).take(answers.position),
-            answers.sync_ns,
-            answers.each(ranks),
-            answers.each(senders),
-        )
-
     def _add_each(
-        self, now: BusBlock, answers: AnswersTo, ready: Ready, rows: Ints, most_ns: Floats
+        self,
+        now: BusBlock,
+        answers: AnswersTo,
+        ready: Ready,
+        figures: Sequence[Most],
+        asked: Asked,
     ) -> None:
         """Take in the answers PDO by PDO."""
-        own_ns = now.wire_ns.take(rows) - INTERMISSION_BITS * now.arbitration.bit_ns
-        figures = _figures(answers.starts, ready, rows, own_ns, most_ns)
         for each, part, most in zip(answers.pdos, answers.parts, figures, strict=True):
-            owner, sync = each.state.owner, answers.sync
+            owner, sync, mine = each.state.owner, answers.sync, ready.part(part)
             window_ns, sync_ns = each.state.window_ns, None
             if window_ns is not None or (owner is not None and owner.node in now.sdo_nodes):
                 sync_ns = sync.t_ns.take(each.position)
-            shown = None
+            rows, own_ns, shown = asked.rows[part], None, None
             if sync_ns is not None and window_ns is not None:
-                shown = now.idle_at(sync_ns + window_ns - own_ns[part])
+                own_ns = now.arbitration.own_ns(rows)
+                shown = now.idle_at(sync_ns + window_ns - own_ns)
             found = Answers(
-                rows[part],
+                rows,
                 sync.seq,
                 each.position,
                 each.response,
-                own_ns[part],
-                most_ns[part],
-                ready.put(lambda column, part=part: column[part]),  # type: ignore[misc]
-                self._beside_sdo(now, owner, rows[part], sync_ns),
+                asked.most_ns[part],
+                mine,
+                self._beside_sdo(now, owner, rows, sync_ns),
                 window_ns,
+                own_ns,
                 shown,
                 most,
             )
@@ -169,7 +163,7 @@ class WaitingFold:
             return None
         if owner.node not in now.sdo_nodes:
             return None
-        return now.last_sdo_ns(owner.node, rows) >= sync_ns - BESIDE_NS
+        return now.sdo_since(owner.node, rows, sync_ns - BESIDE_NS)
 
     def unanswered(self, cob_id: int, owner: Pdo | None, position: Ints, sync: SyncIndex) -> None:
         """Note when the bus was free for a PDO that left SYNCs of this block unanswered."""
@@ -179,7 +173,9 @@ class WaitingFold:
         if now is None or waits is None or not len(position):
             return
         begun, end = now.rows(sync.seq[position]), now.rows(sync.seq[position + 1])
-        last = now.arbitration.last_without(end, cob_id << 21, _sender(owner), itself=True)
+        ranks = np.full(len(end), cob_id << 21, np.uint32)
+        senders = np.full(len(end), _sender(owner), np.int16)
+        last = now.arbitration.last_without(end, ranks, senders, itself=True)
         free_ns = now.arbitration.start_ns[last] - now.arbitration.end_ns[begun]
         # What stands in line behind frames of its own node waits for its device.
         kept = (begun >= 0) & ~now.sends_between(_sender(owner), np.maximum(last, begun), end)
@@ -225,28 +221,20 @@ class WaitingFold:
         )
 
 
-def _figures(
-    starts: Ints, ready: Ready, rows: Ints, own_ns: Floats, most_ns: Floats
-) -> Iterator[Most]:
-    """Those of the answers of each PDO, which begin at `starts`."""
-    known, most, least = ready.known, np.maximum.reduceat, np.minimum.reduceat
-    low, high = ready.least_ns, ready.least_ns
-    short, long = ready.waiting_ns, ready.waiting_ns
-    if not known.all():
-        low, high = np.where(known, low, np.inf), np.where(known, low, -np.inf)
-        short, long = np.where(known, short, np.inf), np.where(known, short, -np.inf)
-        most_ns = np.where(known, most_ns, 0.0)
-    columns = (
-        np.add.reduceat((ready.first < rows) & known, starts, dtype=np.int64),
-        np.fmax.reduceat(own_ns, starts),
-        most(most_ns, starts),
-        least(low, starts),
-        most(high, starts),
-        least(short, starts),
-        most(long, starts),
+def _asked(now: BusBlock, answers: AnswersTo, low_ns: Floats, most_ns: Floats) -> Asked:
+    """What stands in the frames of a bus of some answers, see `WaitingFold.answers`."""
+    rows = now.rows(answers.seq) if now.shift is None else answers.rows + now.shift
+    return Asked(
+        answers.starts,
+        np.array([each.can_id << 21 for each in answers.pdos], np.uint32),
+        np.array([_sender(each.state.owner) for each in answers.pdos], np.int16),
+        rows,
+        answers.position,
+        now.rows(answers.sync.seq),
+        answers.sync.t_ns,
+        low_ns,
+        most_ns,
     )
-    for waited, own, latest, a, b, c, d in zip(*(each.tolist() for each in columns), strict=True):
-        yield Most(waited, max(own, 0.0), latest, (a, b), (c, d))
 
 
 def _sender(owner: Pdo | None) -> int:

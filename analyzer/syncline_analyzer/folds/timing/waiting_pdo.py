@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from syncline_analyzer.distribution import Distribution
 from syncline_analyzer.folds.timing.late_behind import LateBehind
-from syncline_analyzer.folds.timing.waiting import Ready
+from syncline_analyzer.folds.timing.waiting import Most, Ready
 from syncline_analyzer.folds.timing.waiting_bus import Blame, BusBlock, Span
 from syncline_analyzer.results import Ahead, LatenessRow, PdoRow, WaitRow
 from syncline_schemas.records import dataclass
@@ -37,23 +37,6 @@ def _no_moments() -> Distribution:
     return Distribution(moments=False)
 
 
-class Most(NamedTuple):
-    """Figures of the answers of one PDO in a block: those of a known time only.
-
-    Attributes:
-        waited: how many waited.
-        own_ns: longest time on the wire.
-        most_ns: longest time that the device can have taken.
-        least_ns, waiting_ns: least and most of both.
-    """
-
-    waited: int
-    own_ns: float
-    most_ns: float
-    least_ns: tuple[float, float]
-    waiting_ns: tuple[float, float]
-
-
 @dataclass(frozen=True, eq=False)
 class Answers:
     """Answers of a PDO in one block of its bus.
@@ -62,11 +45,12 @@ class Answers:
         rows: (r,) rows on the bus.
         sync_seq: (m,) `seq` of the SYNCs.
         position: (r,) of the one that each answers.
-        response_ns, own_ns: (r,) response, and time on the wire without intermission.
+        response_ns: (r,) response.
         most_ns: (r,) the device took no longer than this.
         ready: when they can have been ready.
         beside_sdo: (r,) whether there was SDO traffic with the node; None for none at all.
         window_ns: 1007h, None where it is not known.
+        own_ns: (r,) time on the wire without intermission; None without a window.
         shown: (r,) whether the bus was idle when the frame had to start to be in time: a device that
             was slower would have been seen. None without a window.
         most: of the whole of them.
@@ -76,13 +60,13 @@ class Answers:
     sync_seq: Ints
     position: Ints
     response_ns: Ints
-    own_ns: Floats
     most_ns: Floats
     ready: Ready
     beside_sdo: Bools | None
     window_ns: int | None
+    own_ns: Floats | None
     shown: Bools | None
-    most: "Most"
+    most: Most
 
     @cached_property
     def late(self) -> Bools:
@@ -95,7 +79,7 @@ class Answers:
     @cached_property
     def device_late(self) -> Bools:
         """(r,) whether an answer would have been late on an idle bus."""
-        if self.window_ns is None:
+        if self.window_ns is None or self.own_ns is None:
             return np.zeros(len(self.rows), np.bool_)
         late: Bools = self.ready.least_ns + self.own_ns > self.window_ns
         return late
@@ -162,7 +146,7 @@ class Waits:
         if len(least_ns):
             self.least.add(least_ns, most.least_ns)
             self.waiting.add(waiting_ns, most.waiting_ns)
-        self.free.add(least_ns[free])
+        self.free.add(np.compress(free, least_ns))
         self.waited += most.waited
         if answers.shown is not None:
             self.shown += int(np.count_nonzero(ready.known & answers.shown))
@@ -278,7 +262,9 @@ class Waits:
         """Tell the (k,) times of the answers that are `known` apart by SDO traffic beside them."""
         if beside is not None and known is not None:
             beside = beside[known]
-        if self.without_sdo is None and beside is not None and beside.any():
+        if beside is not None and not beside.any():
+            beside = None
+        if self.without_sdo is None and beside is not None:
             self.without_sdo = deepcopy(self.least)
         if self.without_sdo is None:
             return

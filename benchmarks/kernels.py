@@ -81,15 +81,15 @@ def print_kernels(capture: Path, log: Path) -> None:
         lambda: Grouping._by_sorting(batch, 0),
     )
     group, channels = given_to(
-        chunk_group, "_plain_by_walk", lambda: first(open_capture(capture).batches(), 3)
+        chunk_group, "_by_walk", lambda: first(open_capture(capture).batches(), 3)
     )
-    plain = chunk_group._plain_by_walk(group, channels)
+    ((_, plain),) = chunk_group._by_walk(group, channels)
     assert plain is not None
     unpack = chunk_content.unpacked
     compared(
         "columns out of unpacked chunks, and unpacking",
         len(plain.frames),
-        lambda: chunk_group._plain_by_walk(group, channels),
+        lambda: list(chunk_group._by_walk(group, channels)),
         lambda: chunk_group._plain_by_index(group, channels),
     )
     compared("  of which unpacking", len(plain.frames), *[lambda: [*map(unpack, group)]] * 2)

@@ -72,39 +72,45 @@ else:
 
     def _init(cls, options):
         """The `__init__` of the standard library, made in a quarter of its time."""
-        assign = "_object_set(self, {0!r}, {1})" if options["frozen"] else "self.{0} = {1}"
-        names = {"_object_set": object.__setattr__, "_UNSET": object()}
-        parameters, keywords, body = ["self"], ["*"], []
-        for field in dataclasses.fields(cls):
-            names[f"_default_{field.name}"] = field.default
-            names[f"_make_{field.name}"] = field.default_factory
+        listed = dataclasses.fields(cls)
+        this = "__self__" if any(field.name == "self" for field in listed) else "self"
+        assign = (
+            f"__set__({this}, {{0!r}}, {{1}})" if options["frozen"] else f"{this}.{{0}} = {{1}}"
+        )
+        names = {"__set__": object.__setattr__, "__unset__": object()}
+        parameters, keywords, body = [this], ["*"], []
+        for field in listed:
+            names[f"__default_{field.name}"] = field.default
+            names[f"__make_{field.name}"] = field.default_factory
             if field.init:
                 (keywords if field.kw_only else parameters).append(field.name + _default(field))
             if value := _value(field, options["slots"]):
                 body.append(assign.format(field.name, value))
         if hasattr(cls, "__post_init__"):
-            body.append("self.__post_init__()")
+            body.append(f"{this}.__post_init__()")
         if len(keywords) > 1:
             parameters += keywords
         exec(f"def __init__({', '.join(parameters)}):\n " + "\n ".join(body or ["pass"]), names)
         function = names["__init__"]
         function.__module__, function.__qualname__ = cls.__module__, f"{cls.__qualname__}.__init__"
+        told = {field.name: field.type for field in listed if field.init}
+        function.__annotations__ = told | {"return": None}
         return function
 
     def _default(field):
         """What follows the name of the parameter."""
         if field.default is not dataclasses.MISSING:
-            return f"=_default_{field.name}"
-        return "" if field.default_factory is dataclasses.MISSING else "=_UNSET"
+            return f"=__default_{field.name}"
+        return "" if field.default_factory is dataclasses.MISSING else "=__unset__"
 
     def _value(field, slots):
         """What is assigned; empty where there is nothing, or where the class holds it."""
         name = field.name
         if field.default_factory is not dataclasses.MISSING:
-            return f"_make_{name}()" + f" if {name} is _UNSET else {name}" * field.init
+            return f"__make_{name}()" + f" if {name} is __unset__ else {name}" * field.init
         if field.init:
             return name
-        return f"_default_{name}" if slots and field.default is not dataclasses.MISSING else ""
+        return f"__default_{name}" if slots and field.default is not dataclasses.MISSING else ""
 
     def _of_twin(cls, name, options):
         """The method of a dataclass of the same fields that has no other one."""

@@ -293,3 +293,11 @@ def test_frames_of_switched_bit_rate_count_where_both_are_known() -> None:
 def test_series_of_both_windows_are_kept() -> None:
     names = [s.name for s in timing(context(), traffic(regular(3000, 1 * MS))).series]
     assert names == ["bus load", "bus load in 100 ms"]
+
+
+def test_a_stretch_begins_no_earlier_than_a_stamp_can_be() -> None:
+    earliest_ns = int(np.iinfo(np.int64).min)
+    begin = earliest_ns - T0
+    back_to_back = [begin + BITS * 10 * US * number for number in range(9)]
+    row = load(traffic([*back_to_back, begin + SECOND]))
+    assert row.longest_busy_ns == earliest_ns

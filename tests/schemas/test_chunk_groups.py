@@ -114,7 +114,7 @@ def test_groups_tell_what_their_chunks_tell(
     write(path, chunks)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(read_ahead, "default_workers", lambda: 1)
-        for way in ("_plain_by_walk", "_plain_by_index"):
-            patch.setattr(chunk_group, way, lambda group, channels: None)
+        patch.setattr(chunk_group._Run, "add", lambda run, raw: False)
+        patch.setattr(chunk_group, "_plain_by_index", lambda group, channels: None)
         one_by_one = items(path)
     assert items(path) == one_by_one

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -121,8 +122,8 @@ def raw_chunk(plain: bytes) -> RawChunk:
 
 def walked(raws: list[RawChunk], table: ChannelTable) -> PlainGroup | None:
     """What is read record by record, where that is all of the chunks."""
-    group = chunk_group._plain_by_walk(raws, table)
-    return group if group is not None and group.chunks == len(raws) else None
+    (_, group), *more = chunk_group._by_walk(raws, table)
+    return None if more else group
 
 
 def told(group: PlainGroup | None) -> list[object] | None:
@@ -180,7 +181,7 @@ def test_every_bit_of_a_record(data: bytes, flags: int) -> None:
 @settings(max_examples=100, deadline=None)
 @given(st.lists(_RECORD, min_size=1, max_size=20))
 def test_frames_of_a_chunk_are_what_protobuf_reads(records: list[bytes]) -> None:
-    group = chunk_group._plain_by_walk([raw_chunk(b"".join(records))], channels())
+    group = walked([raw_chunk(b"".join(records))], channels())
     assert group is not None
     expected = []
     for record in records:
@@ -222,9 +223,38 @@ def test_chunks_beside_one_that_needs_a_second_look_are_still_read_as_one() -> N
 
 
 @needs_library
+def test_a_group_has_one_set_of_columns_however_often_it_is_broken(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    made = []
+
+    class Counted(native.ChunkFrames):
+        def __init__(self, capacity: int, *tables: Any) -> None:
+            made.append(capacity)
+            super().__init__(capacity, *tables)
+
+    monkeypatch.setattr(native, "ChunkFrames", Counted)
+    whole = raw_chunk(message(_FRAMES, 1, frame_payload(0x181, 0, 2, b"ok")))
+    wide = raw_chunk(message(_FRAMES, 1, frame_payload(0x181, 8, 64, bytes(64))))
+    odd = raw_chunk(message(_GAP, 1, b""))
+    opened = chunk_group.open_group([whole, odd] * 9 + [wide, odd, whole], channels())
+    assert isinstance(opened, list)
+    payloads = [each.plain.frames.payload(0) for each in opened if each.plain]
+    assert payloads == [b"ok"] * 9 + [bytes(64), b"ok"]
+    assert len(made) == 1
+
+
+def test_small_chunks_do_not_gather_without_end() -> None:
+    empty = raw_chunk(b"")
+    groups = [each for each in chunk_group.grouped([empty] * 20_000) if isinstance(each, list)]
+    assert sum(map(len, groups)) == 20_000
+    assert max(map(len, groups)) <= 4096
+
+
+@needs_library
 def test_a_chunk_of_more_status_messages_than_are_kept_is_left_to_numpy() -> None:
     raws = [raw_chunk(message(_STATUS, 5, b"") * (native.MOST_OTHERS + 1))]
-    assert chunk_group._plain_by_walk(raws, channels()) is None
+    assert walked(raws, channels()) is None
     assert chunk_group._plain_by_index(raws, channels()) is not None
 
 

@@ -2,6 +2,7 @@
 
 import copy
 import dataclasses
+import inspect
 import pickle
 from collections.abc import Callable
 from typing import Any
@@ -186,3 +187,23 @@ def test_what_is_not_plain_is_left_to_the_standard_library() -> None:
 
     assert repr(Own(1)) == "own"
     assert Own(1) == Own(1)
+
+
+def test_fields_of_any_name_and_what_is_told_of_them() -> None:
+    def made(decorate: Callable[..., Any]) -> Any:
+        @decorate(slots=True)
+        class Named:
+            self: int
+            _UNSET: list[int] = dataclasses.field(default_factory=list)
+            _default_self: str = "x"
+
+        return Named
+
+    theirs, ours = made(dataclasses.dataclass), made(dataclass)
+    for row in (theirs, ours):
+        one = row(1, [2])
+        assert (one.self, one._UNSET, one._default_self) == (1, [2], "x")
+        assert row(1)._UNSET == []
+    shown = [inspect.signature(row.__init__).parameters.values() for row in (theirs, ours)]
+    told = [[(each.name, each.annotation) for each in list(names)[1:]] for names in shown]
+    assert told[0] == told[1]

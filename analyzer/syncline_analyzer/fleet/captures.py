@@ -166,6 +166,7 @@ def _file(name: str, row: Mapping[str, Any]) -> bytes:
         use_dictionary=False,
         write_statistics=False,
         store_schema=False,
+        write_page_checksum=True,
     )
     content: bytes = sink.getvalue().to_pybytes()
     return content

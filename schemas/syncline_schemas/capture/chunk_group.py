@@ -17,6 +17,8 @@ from syncline_schemas.capture.record_file import Definition, Document, Lost, Raw
 
 GROUP_BYTES = 4 << 20
 """Unpacked chunks are joined until they have as many bytes: about 80,000 frames."""
+_LEAST_BYTES = 1 << 10
+"""A chunk counts for so many at least: nothing limits how many small ones there are."""
 
 Other = Lost | Definition | Document | Unread
 
@@ -66,7 +68,7 @@ def grouped(records: Iterable[Record | Unread]) -> Iterator[list[RawChunk] | Oth
             yield record
             continue
         group.append(record)
-        size += record.uncompressed_size
+        size += max(record.uncompressed_size, _LEAST_BYTES)
         if size >= enough:
             yield group
             group, size, enough = [], 0, GROUP_BYTES
@@ -82,46 +84,66 @@ def open_group(group: list[RawChunk] | Other, channels: ChannelTable) -> list[Op
     version = channels.version
     if not native.available():
         return [OpenedGroup(group, version, _plain_by_index(group, channels))]
-    opened = []
-    while group:
-        plain = _plain_by_walk(group, channels)
-        count = plain.chunks if plain is not None else 0
-        if count:
-            opened.append(OpenedGroup(group[:count], version, plain))
-        if count < len(group):
-            opened.append(OpenedGroup(group[count : count + 1], version, None))
-        group = group[count + 1 :]
-    return opened
+    return [OpenedGroup(raws, version, plain) for raws, plain in _by_walk(group, channels)]
 
 
-def _plain_by_walk(group: list[RawChunk], channels: ChannelTable) -> PlainGroup | None:
-    """The chunks up to the first that is not plain, whatever the message indexes say.
-
-    Each is walked through as soon as it is unpacked: then it is still in the cache.
-    """
+def _by_walk(
+    group: list[RawChunk], channels: ChannelTable
+) -> Iterator[tuple[list[RawChunk], PlainGroup | None]]:
+    """Chunks that are plain, whatever the message indexes say, as one; others by themselves."""
     claimed = ((raw.uncompressed_size, len(raw.data)) for raw in group)
     size = sum(size for size, packed in claimed if is_plausible(size, packed))
     columns = native.ChunkFrames(size // FRAME_HEAD, channels.kind, channels.bus)
-    others, firsts_ns, lasts_ns = [], [], []
+    run = _Run(columns, channels)
     for raw in group:
+        if not run.add(raw):
+            if run.raws:
+                yield run.raws, run.plain()
+            yield [raw], None
+            run = _Run(columns, channels)
+    if run.raws:
+        yield run.raws, run.plain()
+
+
+class _Run:
+    """Plain chunks that follow each other; their frames stand behind those that `columns` hold."""
+
+    def __init__(self, columns: native.ChunkFrames, channels: ChannelTable) -> None:
+        self.raws: list[RawChunk] = []
+        self._columns = columns
+        self._channels = channels
+        self._begin = columns.count
+        self._others: list[tuple[ChunkContent, NDArray[np.uint8]]] = []
+        self._firsts_ns: list[int] = []
+        self._lasts_ns: list[int] = []
+
+    def add(self, raw: RawChunk) -> bool:
+        """Unpack a chunk and walk through it while it is in the cache; False if it is not plain."""
         plain = unpacked(raw)
-        if not isinstance(plain, bytes) or (found := columns.add(plain)) is None:
-            break
+        if not isinstance(plain, bytes) or (found := self._columns.add(plain)) is None:
+            return False
+        self.raws.append(raw)
         if len(found.others):
             offset, end, channel, log_time_ns = found.others.T
             buffer, ids = np.frombuffer(plain, np.uint8), channel.astype(np.uint16)
             content = ChunkContent(buffer, len(plain), offset, end, ids, log_time_ns)
-            others.append((content, channels.kind.take(ids)))
-        firsts_ns.append(found.first_ns)
-        lasts_ns.append(found.last_ns)
-    if not firsts_ns:
-        return None
-    frames = FrameBatch(
-        columns.t_ns, columns.bus, columns.can_id, columns.flags, columns.dlc, columns.data
-    )
-    kept = slice(columns.count)
-    log_time_ns, first_ns = columns.log_time_ns[kept], firsts_ns[0]
-    return PlainGroup(frames[kept], log_time_ns, others, first_ns, max(lasts_ns), len(firsts_ns))
+            self._others.append((content, self._channels.kind.take(ids)))
+        self._firsts_ns.append(found.first_ns)
+        self._lasts_ns.append(found.last_ns)
+        return True
+
+    def plain(self) -> PlainGroup:
+        """What they hold."""
+        of, kept = self._columns, slice(self._begin, self._columns.count)
+        frames = FrameBatch(of.t_ns, of.bus, of.can_id, of.flags, of.dlc, of.data)
+        return PlainGroup(
+            frames[kept],
+            of.log_time_ns[kept],
+            self._others,
+            self._firsts_ns[0],
+            max(self._lasts_ns),
+            len(self.raws),
+        )
 
 
 def _plain_by_index(group: list[RawChunk], channels: ChannelTable) -> PlainGroup | None:

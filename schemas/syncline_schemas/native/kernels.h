@@ -1,4 +1,4 @@
-/* The dearest loops of reading and indexing frames.
+/* The dearest loops of reading, indexing and analyzing frames.
  *
  * Each function has a twin in numpy whose results it equals bit for bit: the Python module that
  * calls it holds both. Numbers in files are little-endian, as is the machine: on others this

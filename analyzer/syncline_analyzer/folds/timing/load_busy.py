@@ -29,6 +29,8 @@ _ROUNDING_NS = 1.0
 _TOLD_BITS = 8
 """A frame must come so much too soon to count for that [bit]."""
 
+_EARLIEST_NS = int(np.iinfo(np.int64).min)
+
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
 
@@ -114,7 +116,7 @@ class Busy:
             return
         self._take(self._current)
         for begin, stop in ((longest, end), (last, len(t_ns) - 1)):
-            start_ns = int(t_ns[begin]) - round(float(wire_ns[begin]))
+            start_ns = max(int(t_ns[begin]) - round(float(wire_ns[begin])), _EARLIEST_NS)
             self._current = Stretch(start_ns, int(t_ns[stop]), stop - begin + 1)
             if begin == longest:
                 self._take(self._current)
@@ -139,7 +141,7 @@ class Busy:
         spoiled = _Spoiled.by(end_ns, soon, self._begun_ns)
         # Windows up to the frames that are known were looked at before.
         looked_at = float(end_ns[known - 1] - self._begun_ns) if known else 0.0
-        if spoiled.all_within(looked_at, float(end_ns[-1] - self._begun_ns)):
+        if spoiled.all_within(looked_at, float(int(end_ns[-1]) - self._begun_ns)):
             return
         best = self.burst[0] * BURST_NS if self.burst is not None else 0.0
         found = _fullest_window(end_ns, wire_ns, known, self._begun_ns, best, spoiled)

@@ -73,11 +73,7 @@ GROUPS = (
     ),
     Group(
         "analyze our MCAP with two processors and with one (outcome 4: at least 1.5 times)",
-        (
-            ("analyze_syncline", "mcap"),
-            ("analyze_syncline_one_processor", "mcap"),
-            ("analyze_syncline_one_process", "mcap"),
-        ),
+        (("process_analyze", "mcap"), ("process_analyze_one_processor", "mcap")),
     ),
     Group(
         "read our MCAP, no analysis",

@@ -174,21 +174,6 @@ def analyze_syncline(source: Path, out: Path) -> Callable[[], int]:
     return lambda: open_session(source).analysis.capture.frames
 
 
-def analyze_syncline_one_process(source: Path, out: Path) -> Callable[[], int]:
-    """The same, read by the process that analyzes."""
-    from syncline_analyzer import reading_child
-
-    reading_child.LEAST_BYTES = sys.maxsize
-    return analyze_syncline(source, out)
-
-
-def analyze_syncline_one_processor(source: Path, out: Path) -> Callable[[], int]:
-    """The same on one processor, as far as the system lets a process choose."""
-    if hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-    return analyze_syncline_one_process(source, out)
-
-
 def analyze_canopen_lens(source: Path, out: Path) -> Callable[[], int]:
     """canopen-lens 0.5.1: open and analyze (C++ core), its incidents and overview."""
     import canopen_lens
@@ -350,6 +335,13 @@ def process_help(source: Path, out: Path) -> Callable[[], int]:
 def process_analyze(source: Path, out: Path) -> Callable[[], int]:
     """`syncline analyze`, the whole process: every fold, table and finding, the summary printed."""
     return _process(_count(source), "syncline", "analyze", source)
+
+
+def process_analyze_one_processor(source: Path, out: Path) -> Callable[[], int]:
+    """The same on one processor, as far as the system lets a process choose."""
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+    return process_analyze(source, out)
 
 
 def process_canopen_lens(source: Path, out: Path) -> Callable[[], int]:

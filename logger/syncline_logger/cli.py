@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import click
 
 from syncline_logger.lazy_group import LazyCommand, LazyGroup, import_from, missing_extra
-from syncline_logger.standard_output import discard_stdout
+from syncline_logger.standard_output import discard_stdout, open_missing_streams
 from syncline_schemas.errors import SeveralErrors, SynclineError
 
 FAILED = 1
@@ -61,6 +61,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     """Run the command line and exit: the one place where errors become words and exit codes."""
     # Numpy starts a thread of linear algebra for each processor, and nothing here needs one.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    open_missing_streams()
     words = list(sys.argv[1:] if argv is None else argv)
     try:
         code = cli.main(words, prog_name="syncline", standalone_mode=False)

@@ -1,9 +1,16 @@
-"""Standard output whose reader may go away."""
+"""Standard output that may be missing, or whose reader may go away."""
 
 import os
 import sys
 
 import click
+
+
+def open_missing_streams() -> None:
+    """Open what was closed before the start (`>&-`, a program without a console), to nowhere."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
 
 
 def discard_stdout() -> None:

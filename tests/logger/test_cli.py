@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -92,6 +93,19 @@ def test_a_mistake_is_one_line_and_exit_code_2(words: list[str], told: str, tmp_
     assert told in done.stderr
     assert done.stderr.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.skipif(os.name == "nt", reason="a shell that closes a stream")
+@pytest.mark.parametrize(("words", "code"), [("devices", 0), ("info missing.mcap", 2)])
+def test_streams_may_be_closed(words: str, code: int, tmp_path: Path) -> None:
+    script = "import sys; from syncline_logger.cli import main; main(sys.argv[1:])"
+    command = shlex.join([sys.executable, "-c", script, *words.split()])
+    for closed in (">&-", "2>&-", ">&- 2>&-", "<&- >&- 2>&-"):
+        done = subprocess.run(
+            ["/bin/sh", "-c", f"{command} {closed}"], cwd=tmp_path, capture_output=True, check=False
+        )
+        assert done.returncode == code, (closed, done.stderr)
+        assert b"internal error" not in done.stderr
 
 
 def test_a_traceback_comes_only_with_debug(tmp_path: Path) -> None:

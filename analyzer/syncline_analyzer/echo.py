@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from syncline_analyzer.distinct import distinct
 from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.grouping import BUS_SHIFT, REMOTE_KEY, Grouping, key_of
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
@@ -138,7 +139,7 @@ class Echoes:
         equal = np.zeros(len(rows), np.bool_)
         equal[_repeats(grouping, frames, frames.t_ns[rows])] = True
         copy = np.zeros(len(frames), np.bool_)
-        for number in np.unique(key[equal] >> np.uint32(BUS_SHIFT)).tolist():
+        for number in distinct(key[equal] >> np.uint32(BUS_SHIFT)):
             first, stop = np.searchsorted(key, [number << BUS_SHIFT, (number + 1) << BUS_SHIFT])
             groups = _groups(frames, rows[first:stop], key[first:stop], equal[first:stop])
             state = self.doubled.get(number, Doubling())

@@ -71,6 +71,9 @@ def test_parts_are_those_that_the_rows_say(transfers: SdoTransfers) -> None:
     rows = list(transfers)
     assert list(transfers.ok) == [row for row in rows if row.result == "ok"]
     assert list(transfers.failed) == [row for row in rows if row.result != "ok"]
+    assert list(transfers.unusual) == [
+        row for row in rows if row.result != "ok" or row.kind != "expedited"
+    ]
     assert list(transfers.aborted) == [row for row in rows if row.result == "abort"]
     assert list(transfers.reads) == [row for row in rows if row.direction == "upload"]
     assert list(transfers.writes) == [row for row in rows if row.direction == "download"]

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from syncline_analyzer.results.sdo import SdoRow
 from syncline_analyzer.results.sdo_records import (
     DIRECTIONS,
+    KINDS,
     RECORD,
     RESULTS,
     Given,
@@ -24,6 +25,7 @@ Rows = NDArray[np.bool_] | NDArray[np.intp] | slice
 _BLOCK = 4096
 """Rows that are made at a time."""
 _OK, _UPLOAD, _DOWNLOAD = RESULTS.index("ok"), *map(DIRECTIONS.index, ("upload", "download"))
+_EXPEDITED = KINDS.index("expedited")
 
 
 class SdoTransfers(Sequence[SdoRow]):
@@ -95,7 +97,7 @@ class SdoTransfers(Sequence[SdoRow]):
     def named(self, wanted: Callable[[SdoObject], bool]) -> NDArray[np.bool_]:
         """(n,) Whether the object of each transfer is wanted; asked once for each object."""
         chosen = np.fromiter(map(wanted, self._objects), np.bool_, len(self._objects))
-        mask: NDArray[np.bool_] = chosen[self.records["object"]]
+        mask: NDArray[np.bool_] = chosen[self._object]
         return mask
 
     def of_objects(self, wanted: Callable[[SdoObject], bool]) -> "SdoTransfers":
@@ -121,9 +123,15 @@ class SdoTransfers(Sequence[SdoRow]):
         return self.part(self.records["result"] == _OK)
 
     @cached_property
+    def unusual(self) -> "SdoTransfers":
+        """Few of many: all but those that went well with one request and one answer."""
+        records = self.records
+        return self.part((records["result"] != _OK) | (records["kind"] != _EXPEDITED))
+
+    @cached_property
     def failed(self) -> "SdoTransfers":
-        """Those that did not."""
-        return self.part(self.records["result"] != _OK)
+        """Those that did not go well."""
+        return self.unusual.part(self.unusual.records["result"] != _OK)
 
     @cached_property
     def reads(self) -> "SdoTransfers":
@@ -138,7 +146,7 @@ class SdoTransfers(Sequence[SdoRow]):
     @cached_property
     def aborted(self) -> "SdoTransfers":
         """Those that the client or the server broke off."""
-        return self.part(self.records["result"] == RESULTS.index("abort"))
+        return self.failed.part(self.failed.records["result"] == RESULTS.index("abort"))
 
     @property
     def accepted(self) -> "SdoTransfers":
@@ -146,11 +154,16 @@ class SdoTransfers(Sequence[SdoRow]):
         return self.writes.ok
 
     @cached_property
+    def _object(self) -> NDArray[np.uint32]:
+        """(n,) Number of the object; asked for often, and far apart in the records."""
+        return np.ascontiguousarray(self.records["object"])
+
+    @cached_property
     def _by_node(self) -> dict[tuple[str, int], NDArray[np.intp]]:
         """Places of each node's transfers, in their order."""
         numbers: dict[tuple[str, int], int] = {}
         of = [numbers.setdefault((o.bus, o.node), len(numbers)) for o in self._objects]
-        node = np.array(of, np.uint16)[self.records["object"]] if of else np.zeros(0, np.uint16)
+        node = np.array(of, np.uint16)[self._object] if of else np.zeros(0, np.uint16)
         order = np.argsort(node, kind="stable")
         edges = np.searchsorted(node[order], np.arange(len(numbers) + 1))
         found = {key: order[edges[n] : edges[n + 1]] for key, n in numbers.items()}

@@ -94,8 +94,9 @@ def stretches(rows: Iterable[SdoRow], apart_ns: int = TOGETHER_NS) -> Iterator[l
 
 def unanswered_of(transfers: SdoTransfers) -> SdoTransfers:
     """Requests that the server left without an answer, or that the client gave up with an abort."""
-    silent = transfers.records["result"] == RESULTS.index("no answer")
-    return transfers.part(timed_out_of(transfers) | silent)
+    failed = transfers.failed
+    silent = failed.records["result"] == RESULTS.index("no answer")
+    return failed.part(timed_out_of(failed) | silent)
 
 
 def timed_out_of(transfers: SdoTransfers) -> NDArray[np.bool_]:

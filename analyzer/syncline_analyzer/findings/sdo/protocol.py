@@ -29,7 +29,7 @@ OFTEN = 3
 
 
 def _bad_crc(facts: Facts) -> Iterator[Finding]:
-    transfers = facts.analysis.sdo
+    transfers = facts.analysis.sdo.unusual
     wrong = transfers.records["crc"] == 0
     rows = transfers.part(wrong | (transfers.records["abort_code"] == CRC_ERROR))
     for group in by_object(rows):
@@ -52,7 +52,7 @@ def _bad_crc(facts: Facts) -> Iterator[Finding]:
 
 
 def _toggle(facts: Facts) -> Iterator[Finding]:
-    transfers = facts.analysis.sdo
+    transfers = facts.analysis.sdo.unusual
     records = transfers.records
     counted_size = (records["result"] == OK) & (records["announced"] == records["length"])
     proven = (records["toggle_errors"] > 0) & counted_size
@@ -75,7 +75,7 @@ def _toggle(facts: Facts) -> Iterator[Finding]:
 
 
 def _size_mismatch(facts: Facts) -> Iterator[Finding]:
-    transfers = facts.analysis.sdo
+    transfers = facts.analysis.sdo.unusual
     records = transfers.records
     differs = (records["announced"] != NONE) & (records["announced"] != records["length"])
     told = (records["result"] == OK) & (records["kind"] != EXPEDITED) & differs
@@ -99,7 +99,7 @@ def _size_mismatch(facts: Facts) -> Iterator[Finding]:
 
 
 def _repeated(facts: Facts) -> Iterator[Finding]:
-    transfers = facts.analysis.sdo
+    transfers = facts.analysis.sdo.unusual
     rows = transfers.part((transfers.records["repeated"] > 0) & (transfers.records["crc"] != 0))
     often = dict(zip(rows.records["seq"].tolist(), rows.records["repeated"].tolist(), strict=True))
     for group in by_node(rows):
@@ -124,7 +124,7 @@ def _repeated(facts: Facts) -> Iterator[Finding]:
 
 
 def _interrupted(facts: Facts) -> Iterator[Finding]:
-    transfers = facts.analysis.sdo
+    transfers = facts.analysis.sdo.unusual
     broken = transfers.records["result"] == RESULTS.index("interrupted")
     rows = transfers.part(broken & (transfers.records["ended_by"] == ENDERS.index("request")))
     for found in by_node(rows):

@@ -162,9 +162,10 @@ def estimate(apart_ns: Ints, bits: Ints, resolution_ns: int) -> Estimate | None:
         resolution_ns: step of the stamps.
     """
     guess: _Pile | None = None
-    resolution_ns = max(resolution_ns, _step_ns(apart_ns))
-    off_ns = _off_ns(apart_ns, bits)
-    impossible = _impossible(apart_ns, bits, resolution_ns + _JITTER_NS[-1])
+    single = _Runs(1, apart_ns, bits).part(apart_ns >= 0)
+    resolution_ns = max(resolution_ns, _step_ns(single.apart_ns))
+    off_ns = _off_ns(single)
+    impossible = _impossible(single, resolution_ns + _JITTER_NS[-1], CANDIDATES)
     for runs in _runs(apart_ns, bits, _RUNS):
         piles = [
             pile
@@ -174,7 +175,7 @@ def estimate(apart_ns: Ints, bits: Ints, resolution_ns: int) -> Estimate | None:
         limits = {
             pile.bitrate: pile
             for pile in reversed(piles)
-            if pile.is_limit and _holds_singly(pile, apart_ns, bits)
+            if pile.is_limit and _holds_singly(pile, single)
         }
         if len(limits) == 1:
             pile = next(iter(limits.values()))
@@ -194,13 +195,12 @@ def estimate(apart_ns: Ints, bits: Ints, resolution_ns: int) -> Estimate | None:
 
 def _step_ns(apart_ns: Ints) -> int:
     """Step of the stamps by themselves: a converter or a host may know of finer ones only [ns]."""
-    counting = apart_ns[apart_ns >= 0]
     for step_ns in _STEPS_NS:
         # Where too many of the first ones are beside the step, the others need no look.
-        first = counting[: len(counting) // 4]
-        if np.count_nonzero(~_on_step(first, step_ns)) > (1 - _ON_STEP) * len(counting) + 1:
+        first = apart_ns[: len(apart_ns) // 4]
+        if np.count_nonzero(~_on_step(first, step_ns)) > (1 - _ON_STEP) * len(apart_ns) + 1:
             continue
-        if len(counting) and _on_step(counting, step_ns).mean() >= _ON_STEP:
+        if len(apart_ns) and _on_step(apart_ns, step_ns).mean() >= _ON_STEP:
             return step_ns
     return 1
 
@@ -248,30 +248,29 @@ def _most_alike(runs: _Runs, within_ns: int) -> int:
     return int(count[below <= _IMPOSSIBLE * count].max(initial=0))
 
 
-def _off_ns(apart_ns: Ints, bits: Ints) -> float:
+def _off_ns(single: _Runs) -> float:
     """How far stamps are off beyond doubt: frames come closer than any bit rate allows [ns]."""
-    counting = apart_ns >= 0
-    if not counting.any():
+    if not len(single.bits):
         return 0.0
-    short = bits[counting] * (1e9 / CANDIDATES[-1]) - apart_ns[counting]
+    short = single.bits * (1e9 / CANDIDATES[-1]) - single.apart_ns
     return max(0.0, quantile_of(np.asarray(short, np.float64), _TRUSTED))
 
 
-def _holds_singly(pile: _Pile, apart_ns: Ints, bits: Ints) -> bool:
+def _holds_singly(pile: _Pile, single: _Runs) -> bool:
     """Whether single frames do not come sooner than a pile of several in a row allows.
 
     Two stamps are as far off as two others, however many frames lie between them.
     """
-    too_soon = _impossible(apart_ns, bits, pile.within_ns)[pile.bitrate]
+    (too_soon,) = _impossible(single, pile.within_ns, (pile.bitrate,)).values()
     return too_soon <= _IMPOSSIBLE * pile.count
 
 
-def _impossible(apart_ns: Ints, bits: Ints, off_ns: int) -> dict[int, int]:
-    """How many frames come sooner than each candidate allows, stamps that are off so far granted."""
-    soon_ns = apart_ns[apart_ns >= 0] + off_ns
-    length = bits[apart_ns >= 0]
+def _impossible(single: _Runs, off_ns: int, bitrates: Iterable[int]) -> dict[int, int]:
+    """How many frames come sooner than each bit rate allows, stamps that are off so far granted."""
+    soon_ns = (single.apart_ns + off_ns).astype(np.float64)
+    length = single.bits.astype(np.float64)
     return {
-        bitrate: int(np.count_nonzero(soon_ns < length * (1e9 / bitrate))) for bitrate in CANDIDATES
+        bitrate: int(np.count_nonzero(soon_ns < length * (1e9 / bitrate))) for bitrate in bitrates
     }
 
 

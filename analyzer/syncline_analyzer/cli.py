@@ -193,9 +193,10 @@ def _make_folder(folder: Path) -> None:
 
 
 def _print_json(analysis: "Analysis") -> None:
-    from syncline_analyzer.views.json_view import to_json
+    from syncline_analyzer.views.json_view import json_parts
 
-    click.echo(to_json(analysis))
+    sys.stdout.writelines(json_parts(analysis))
+    click.echo()
 
 
 def _print_text(analysis: "Analysis", *, everything: bool) -> None:

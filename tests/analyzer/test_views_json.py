@@ -2,12 +2,13 @@
 
 import json
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
 
 from syncline_analyzer.results import Quantiles
-from syncline_analyzer.views.json_view import findings_json, to_json
+from syncline_analyzer.views.json_view import findings_json, json_parts, to_json, to_object
 from tests.analyzer.analysis_builder import (
     analysis,
     bad_day,
@@ -165,3 +166,22 @@ def test_services_and_context_are_rows_of_their_own() -> None:
     assert told["emcy_context"][0]["values"]["6010h:00"]["before"] == 5.25
     assert [row["seen"] for row in told["error_history"]] == ["seen", "older", "register"]
     assert told["trace_events"] == []
+
+
+@pytest.mark.parametrize("told", [bad_day(), services(), analysis(), untimed()])
+def test_the_line_is_what_the_standard_library_writes(told: Any) -> None:
+    assert to_json(told) == json.dumps(to_object(told), allow_nan=False)
+
+
+def test_rows_are_made_one_after_the_other() -> None:
+    made = []
+
+    def rows() -> Iterator[Any]:
+        for number in range(3):
+            made.append(number)
+            yield finding(text=f"finding {number}")
+
+    for part in json_parts(analysis(findings=rows())):
+        if "finding 0" in part:
+            assert made == [0]
+    assert made == [0, 1, 2]

@@ -6,8 +6,9 @@ Beyond the keys of the interface every row also carries what its dataclass in `r
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import fields, is_dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -59,22 +60,44 @@ TABLES = (
 """Lists of the object, in the order of the interface."""
 
 _STEPS = ("resolution_ns", "resolution_us")
+_AS_IT_IS = frozenset({int, str, bool, type(None)})
+_ENCODER = json.JSONEncoder(allow_nan=False)
 
 
 def to_object(analysis: Analysis, tables: Sequence[str] = TABLES) -> dict[str, Any]:
     """The analysis as one object of plain Python values, ready for any JSON writer."""
-    rows = {table: [plain(row) for row in getattr(analysis, table)] for table in tables}
-    capture = plain(analysis.capture)
-    if analysis.capture.time_base == "none":
-        # Stamps that are none have no step.
-        for row in (capture, *(row for table in rows.values() for row in table)):
-            row.update((key, None) for key in _STEPS if key in row)
+    rows = {table: list(_rows(analysis, getattr(analysis, table))) for table in tables}
+    (capture,) = _rows(analysis, [analysis.capture])
     return {"schema": SCHEMA, "capture": capture, **rows}
 
 
 def to_json(analysis: Analysis) -> str:
     """The analysis as one line of strict JSON: no NaN, and ASCII, whatever the terminal takes."""
-    return json.dumps(to_object(analysis), allow_nan=False)
+    return "".join(json_parts(analysis))
+
+
+def json_parts(analysis: Analysis) -> Iterator[str]:
+    """What `to_json` tells, row by row: half a million rows are a gigabyte when held at once."""
+    (capture,) = _rows(analysis, [analysis.capture])
+    yield f'{{"schema": {_ENCODER.encode(SCHEMA)}, "capture": {_ENCODER.encode(capture)}'
+    for table in TABLES:
+        yield f', "{table}": ['
+        before = ""
+        for row in _rows(analysis, getattr(analysis, table)):
+            yield before + _ENCODER.encode(row)
+            before = ", "
+        yield "]"
+    yield "}"
+
+
+def _rows(analysis: Analysis, rows: Iterable[Any]) -> Iterator[dict[str, Any]]:
+    """Rows as plain values."""
+    untimed = analysis.capture.time_base == "none"
+    for row in map(plain, rows):
+        if untimed:
+            # Stamps that are none have no step.
+            row.update((key, None) for key in _STEPS if key in row)
+        yield row
 
 
 def findings_json(analysis: Analysis) -> str:
@@ -84,7 +107,7 @@ def findings_json(analysis: Analysis) -> str:
 
 def plain(value: Any) -> Any:
     """Rows and values as what any JSON writer takes: dicts, lists, text, numbers and None."""
-    if value is None or type(value) in (int, str, bool):
+    if type(value) in _AS_IT_IS:
         return value
     match value:
         case Quantiles():
@@ -101,9 +124,20 @@ def plain(value: Any) -> Any:
             return plain(value.item())
         case float():
             return value if math.isfinite(value) else None
-    if is_dataclass(value):
-        return {f.name: plain(getattr(value, f.name)) for f in fields(value)}
-    return value
+    return _record(value) if is_dataclass(value) else value
+
+
+def _record(row: Any) -> dict[str, Any]:
+    return {
+        name: value if type(value := getattr(row, name)) in _AS_IT_IS else plain(value)
+        for name in _names(row.__class__)
+    }
+
+
+@cache
+def _names(row: type[Any]) -> tuple[str, ...]:
+    """Names of the fields of a dataclass."""
+    return tuple(field.name for field in fields(row))
 
 
 def _quantiles(quantiles: Quantiles) -> dict[str, float | None]:

@@ -276,7 +276,7 @@ class _Batch:
         guarded = (bus, node) in self._owner._guarded
         device = self._context.shadow.device(bus, node)
         empty = guarded and quirks(device).empty_heartbeat_after_rtr
-        boots = np.isin(self._batch.seqs[rows], list(self._boots))
+        boots = np.isin(self._batch.seqs_at(rows), list(self._boots))
         for mine, boot in ((rows[~boots], False), (rows[boots], True)):
             service = "guarding" if guarded and not boot else "heartbeat"
             head = Head(bus, can_id, service, "heartbeat", node)
@@ -307,7 +307,7 @@ class _Batch:
 
     def _pdos(self, bus: int, can_id: int, rows: Rows) -> Iterator[Part]:
         """Frames of one identifier, from cut to cut of what it carries."""
-        seqs = self._batch.seqs[rows]
+        seqs = self._batch.seqs_at(rows)
         cuts = self._bindings.cuts(bus, can_id, int(seqs[0]), int(seqs[-1]))
         edges = [0, *np.searchsorted(seqs, cuts).tolist(), len(rows)]
         for begin, stop in pairwise(edges):

@@ -23,7 +23,7 @@ class DecodedJson:
         if isinstance(item, Gap):
             return [self._gap(item)]
         texts, rows = in_order(item.parts, len(item.batch), self._texts(item))
-        seqs, times = item.batch.seqs[rows].tolist(), item.batch.frames.t_ns[rows].tolist()
+        seqs, times = item.batch.seqs_at(rows).tolist(), item.batch.frames.t_ns[rows].tolist()
         if not self._decoding.timed:
             times = ["null"] * len(seqs)
         return [

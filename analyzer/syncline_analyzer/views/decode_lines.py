@@ -127,7 +127,7 @@ class DecodedLines:
 
     def _prefixes(self, item: DecodedBatch, rows: NDArray[np.intp]) -> Iterator[str] | None:
         columns = self._columns
-        seqs = item.batch.seqs[rows].tolist()
+        seqs = item.batch.seqs_at(rows).tolist()
         if not columns.timed:
             return (f"{seq:>8} " for seq in seqs) if columns.seq else None
         times = self._times(item.batch.frames.t_ns[rows])

@@ -123,20 +123,24 @@ def last_by_hand(bus: Arbitration, row: int, pdo_rank: int, node: int, itself: b
     return -1
 
 
-@given(seed=SEEDS, itself=st.booleans())
+@given(seed=SEEDS, itself=st.booleans(), stopped=st.booleans())
 @settings(max_examples=200, deadline=None)
-def test_the_walk_back_is_that_of_a_plain_loop(seed: int, itself: bool) -> None:
+def test_the_walk_back_is_that_of_a_plain_loop(seed: int, itself: bool, stopped: bool) -> None:
     rng, carried, bus, _ = cases(seed)
     rows = rng.integers(0, len(carried.seq), 30)
     ranks = rng.choice([0x181, 0x285, 0x701], 30).astype(np.uint32) << np.uint32(21)
     senders = rng.choice([UNKNOWN, MASTER, 1, 2, 5], 30).astype(np.int16)
+    stops = rng.integers(-1, len(carried.seq), 30) if stopped else np.full(30, -1)
     expected = [
-        last_by_hand(bus, row, pdo, node, itself)
-        for row, pdo, node in zip(rows.tolist(), ranks.tolist(), senders.tolist(), strict=True)
+        max(last_by_hand(bus, row, pdo, node, itself), stop)
+        for row, pdo, node, stop in zip(
+            *(c.tolist() for c in (rows, ranks, senders, stops)), strict=True
+        )
     ]
-    assert bus.last_without(rows, ranks, senders, itself=itself).tolist() == expected
+    given = stops if stopped else None
+    assert bus.last_without(rows, ranks, senders, given, itself=itself).tolist() == expected
     with alone():
-        assert bus.last_without(rows, ranks, senders, itself=itself).tolist() == expected
+        assert bus.last_without(rows, ranks, senders, given, itself=itself).tolist() == expected
 
 
 @given(seed=SEEDS)

@@ -188,20 +188,25 @@ static int64_t last_without(const bus_rows *bus, int64_t row, uint32_t rank, int
 }
 
 /* The last row up to each one of `rows` at whose start no frame of a PDO was ready: (r,).
- * ranks, senders: (r,). Returns: 0; -1 where a row is none. */
+ * ranks, senders: (r,). stops: (r,) rows before which none is looked for, or none.
+ * Returns: 0; -1 where a row is none. */
 EXPORT int64_t syncline_last_without(int64_t n, const uint32_t *rank, const int16_t *sender,
                                      const uint8_t *marks, const int32_t *before, int64_t r,
                                      const int64_t *rows, const uint32_t *ranks,
-                                     const int16_t *senders, int64_t itself, int64_t *found)
+                                     const int16_t *senders, const int64_t *stops, int64_t itself,
+                                     int64_t *found)
 {
     const bus_rows bus = {rank, sender, marks, before};
     int64_t i;
     for (i = 0; i < r; i++) {
-        if ((uint64_t)rows[i] >= (uint64_t)n)
+        const int64_t stop = stops ? stops[i] : -1;
+        if ((uint64_t)rows[i] >= (uint64_t)n || stop < -1)
             return -1;
-        found[i] = last_without(&bus, rows[i], ranks[i], senders[i], itself, -1);
+        found[i] = last_without(&bus, rows[i], ranks[i], senders[i], itself, stop);
         if (found[i] < -1)
             return -1;
+        if (found[i] < stop)
+            found[i] = stop;
     }
     return 0;
 }

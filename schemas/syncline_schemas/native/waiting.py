@@ -10,7 +10,7 @@ from syncline_schemas.native.library import AT, FLOAT, INT, Loop, check, column_
 _ARBITRATION = Loop("arbitration", INT, *[AT] * 4, FLOAT, AT, AT)
 _CLOSE = Loop("close", INT, AT, AT, FLOAT, AT)
 _MARKED = Loop("marked", INT, AT, AT, INT, *[AT] * 3)
-_LAST_WITHOUT = Loop("last_without", INT, *[AT] * 4, INT, *[AT] * 3, INT, AT)
+_LAST_WITHOUT = Loop("last_without", INT, *[AT] * 4, INT, *[AT] * 4, INT, AT)
 _READY = Loop(
     "ready",
     *(INT, *[AT] * 7, FLOAT, FLOAT, FLOAT),
@@ -67,6 +67,7 @@ class BusRows:
         rows: Ints,
         ranks: NDArray[np.uint32],
         senders: NDArray[np.int16],
+        stops: Ints | None,
         *,
         itself: bool,
     ) -> Ints:
@@ -81,6 +82,7 @@ class BusRows:
             column_of(rows, np.int64, count),
             column_of(ranks, np.uint32, count),
             column_of(senders, np.int16, count),
+            0 if stops is None else column_of(stops, np.int64, count),
             itself,
             found,
         )

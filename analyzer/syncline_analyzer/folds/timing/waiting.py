@@ -269,12 +269,13 @@ class Arbitration:
     def _ready(self, asked: Asked) -> Ready:
         """When they can have been ready, by numpy."""
         rows, sync_rows = asked.rows, asked.sync_rows.take(asked.position)
-        first = self.last_without(rows, asked.each(asked.ranks), asked.each(asked.senders))
+        ranks, senders = asked.each(asked.ranks), asked.each(asked.senders)
+        first = self.last_without(rows, ranks, senders, sync_rows)
         untold = np.flatnonzero(first <= sync_rows)
         synced = (asked.sync_ns.take(asked.position) - self._base_ns).astype(np.float64)
         begun = self.start_ns.take(rows)
         begun = np.where(np.isfinite(begun), begun, self.end_ns.take(rows))
-        free = first == rows
+        free = self.idle.take(rows)
         earliest = self.start_ns.take(first)
         earliest -= self.slack_ns
         earliest -= _JOIN_BITS * self.bit_ns
@@ -303,6 +304,7 @@ class Arbitration:
         rows: Ints,
         ranks: NDArray[np.uint32],
         senders: NDArray[np.int16],
+        stops: Ints | None = None,
         *,
         itself: bool = False,
     ) -> Ints:
@@ -315,11 +317,14 @@ class Arbitration:
         Args:
             rows: (r,) frames.
             ranks, senders: (r,) of the PDOs.
+            stops: (r,) rows that are told where there is no later one; by default -1.
             itself: the rows are frames of others, each of which may be such a one as well.
         """
         if native.available():
-            return self._rows.last_without(rows, ranks, senders, itself=itself)
+            return self._rows.last_without(rows, ranks, senders, stops, itself=itself)
         found: Ints = self._last_idle.take(rows)
+        if stops is not None:
+            found = np.maximum(found, stops)
         if itself:
             proof = (found < rows) & self._proof(rows, ranks, senders) & (senders > MASTER)
             found[proof] = rows[proof]

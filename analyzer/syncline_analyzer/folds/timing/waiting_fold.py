@@ -175,10 +175,10 @@ class WaitingFold:
         begun, end = now.rows(sync.seq[position]), now.rows(sync.seq[position + 1])
         ranks = np.full(len(end), cob_id << 21, np.uint32)
         senders = np.full(len(end), _sender(owner), np.int16)
-        last = now.arbitration.last_without(end, ranks, senders, itself=True)
+        last = now.arbitration.last_without(end, ranks, senders, begun, itself=True)
         free_ns = now.arbitration.start_ns[last] - now.arbitration.end_ns[begun]
         # What stands in line behind frames of its own node waits for its device.
-        kept = (begun >= 0) & ~now.sends_between(_sender(owner), np.maximum(last, begun), end)
+        kept = (begun >= 0) & ~now.sends_between(_sender(owner), last, end)
         waits.add_unanswered(sync.seq[position][kept], np.where(last > begun, free_ns, 0.0)[kept])
 
     def judge(

@@ -35,9 +35,9 @@ _LOOSE_BYTES = 1 << 20
 class RawChunk:
     """A chunk as it stands in the file, still compressed.
 
-    `index` is None where the message index is missing or unreadable. `offset` is that of the record
-    in the file. `chunked` is False for messages that stood outside chunks: put together here, without
-    times of its own.
+    `index` is None where the message index is missing, unreadable, or was not read yet: then `place`
+    is where it is. `offset` is that of the record in the file. `chunked` is False for messages that
+    stood outside chunks: put together here, without times of its own.
     """
 
     offset: int
@@ -49,6 +49,7 @@ class RawChunk:
     data: bytes | memoryview
     index: MessageIndex | None = None
     chunked: bool = True
+    place: "ChunkPlace | None" = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -175,17 +176,30 @@ class RecordFile:
             return None
         return _parse_summary(data[: end - start])
 
-    def chunk_at(self, place: ChunkPlace) -> RawChunk | Lost:
-        """The chunk and its message indexes at a place that the summary names."""
+    def chunk_at(self, place: ChunkPlace, *, indexed: bool = True) -> RawChunk | Lost:
+        """The chunk at a place that the summary names.
+
+        indexed: with its message indexes. They are more than half of what a capture has on disk,
+        and of a chunk in which all is well nobody asks for them.
+        """
         if place.length > MAX_CHUNK or place.offset + place.length > self.size:
             return self._lost_at(place, "lies beyond the end of the file")
-        data = self._read(place.offset, place.length)
+        data = self._read(place.offset, place.length - (0 if indexed else place.index_length))
         opcode, length = _unpack_head(data)
         chunk = None
         if opcode == Opcode.CHUNK and _HEAD + length <= len(data):
             content = memoryview(data)[_HEAD : _HEAD + length]
             chunk = parse_chunk(place.offset, content, parse_indexes(data[_HEAD + length :]))
-        return chunk or self._lost_at(place, "has a damaged header")
+        if chunk is not None:
+            return chunk if indexed else replace(chunk, place=place)
+        if not indexed:
+            return self.chunk_at(place)
+        return self._lost_at(place, "has a damaged header")
+
+    def indexed(self, raw: RawChunk) -> RawChunk:
+        """A chunk with its message indexes, if there are any."""
+        whole = None if raw.place is None else self.chunk_at(raw.place)
+        return whole if isinstance(whole, RawChunk) else raw
 
     def _lost_at(self, place: ChunkPlace, what: str) -> Lost:
         return Lost(

@@ -11,6 +11,7 @@ import mcap.records as mcap_records
 import numpy as np
 from numpy.typing import NDArray
 
+from syncline_schemas import native
 from syncline_schemas.batch import FrameBatch, Gap
 from syncline_schemas.capture.channels import ChannelTable, Kind
 from syncline_schemas.capture.chunk_content import (
@@ -171,7 +172,7 @@ class CaptureScan:
         with _opened(self.path, self.facts.damage) as file:
             groups = grouped(self._chunks(file))
             for opened in read_ahead(groups, partial(open_group, channels=self._channels)):
-                for item in self._items_of_groups(opened):
+                for item in self._items_of_groups(file, opened):
                     yield from pending.add(item)
         yield from pending.flush()
         yield from self._range.wanted(self._losses.finish())
@@ -262,13 +263,15 @@ class CaptureScan:
         if self.repair is not None:
             lag = None
         last = None
+        # Compiled, chunks are walked through; numpy goes by the message indexes.
+        chunk_at = partial(file.chunk_at, indexed=not native.available())
         for place in self._summary.chunks:
             if lag is None or (self._limit is None and self._range.may_hold(place, lag)):
-                yield file.chunk_at(place)
+                yield chunk_at(place)
             elif self._limit is not None:
                 last = last or last_frames(self._summary.chunks, self._channels)
                 unread = self._limit.unread(place, lag, self._channels)
-                yield file.chunk_at(place) if unread is None or place in last else unread
+                yield chunk_at(place) if unread is None or place in last else unread
 
     def _register(self, *records: Definition | Document) -> None:
         for record in records:
@@ -287,10 +290,12 @@ class CaptureScan:
         if record.name == METADATA_NAME:
             self.facts.metadata = CaptureMetadata.from_record(record.metadata)
 
-    def _items_of_groups(self, opened: list[OpenedGroup] | Other) -> Iterator[Item]:
+    def _items_of_groups(
+        self, file: RecordFile, opened: list[OpenedGroup] | Other
+    ) -> Iterator[Item]:
         if isinstance(opened, list):
             for group in opened:
-                yield from self._items_of_group(group)
+                yield from self._items_of_group(file, group)
         elif isinstance(opened, Lost):
             yield from self._items_of(opened)
         elif isinstance(opened, Unread):
@@ -299,10 +304,10 @@ class CaptureScan:
         else:
             self._register(opened)
 
-    def _items_of_group(self, opened: OpenedGroup) -> Iterator[Item]:
+    def _items_of_group(self, file: RecordFile, opened: OpenedGroup) -> Iterator[Item]:
         if opened.plain is None or opened.version != self._channels.version:
             for raw in opened.raws:
-                yield from self._items_of(raw)
+                yield from self._items_of(file.indexed(raw))
         else:
             yield from self._items_of_plain(opened.plain)
 

@@ -189,12 +189,11 @@ class RecordFile:
         chunk = None
         if opcode == Opcode.CHUNK and _HEAD + length <= len(data):
             content = memoryview(data)[_HEAD : _HEAD + length]
-            chunk = parse_chunk(place.offset, content, parse_indexes(data[_HEAD + length :]))
-        if chunk is not None:
-            return chunk if indexed else replace(chunk, place=place)
-        if not indexed:
+            index = parse_indexes(data[_HEAD + length :])
+            chunk = parse_chunk(place.offset, content, index, None if indexed else place)
+        if chunk is None and not indexed:
             return self.chunk_at(place)
-        return self._lost_at(place, "has a damaged header")
+        return chunk or self._lost_at(place, "has a damaged header")
 
     def indexed(self, raw: RawChunk) -> RawChunk:
         """A chunk with its message indexes, if there are any."""
@@ -418,7 +417,12 @@ def _parse_document(opcode: int, content: bytes) -> Document | None:
     return parse_record(mcap_records.Attachment, content)
 
 
-def parse_chunk(offset: int, content: memoryview, index: MessageIndex | None) -> RawChunk | None:
+def parse_chunk(
+    offset: int,
+    content: memoryview,
+    index: MessageIndex | None,
+    place: ChunkPlace | None = None,
+) -> RawChunk | None:
     """A chunk from its record's content; None when its lengths contradict each other."""
     fixed = _CHUNK_FIELDS.size
     if len(content) < fixed + 8:
@@ -431,7 +435,8 @@ def parse_chunk(offset: int, content: memoryview, index: MessageIndex | None) ->
     if data_start + data_length != len(content):
         return None
     name = bytes(content[fixed : fixed + name_length]).decode("ascii", "replace")
-    return RawChunk(offset, start_ns, end_ns, size, crc, name, content[data_start:], index)
+    data = content[data_start:]
+    return RawChunk(offset, start_ns, end_ns, size, crc, name, data, index, place=place)
 
 
 def parse_indexes(data: bytes) -> MessageIndex | None:

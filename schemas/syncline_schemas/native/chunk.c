@@ -25,23 +25,6 @@
 #define NOT_PLAIN 1
 #define TOO_WIDE 2
 
-/* Whether a message record of `length` bytes behind opcode and length holds a frame in the one
- * form in which pack_frames writes it. */
-static int is_regular(const uint8_t *record, uint64_t length)
-{
-    uint32_t data, dlc;
-    if (length < FRAME_HEAD - 9)
-        return 0;
-    if ((u64_at(record + 31) & FIXED_31) != TAGS_31 || (u64_at(record + 37) & FIXED_37) != TAGS_37)
-        return 0;
-    data = record[44], dlc = record[42];
-    if (data > MAX_DATA || dlc > MAX_DATA)
-        return 0;
-    if (length != data + (FRAME_HEAD - 9))
-        return 0;
-    return record[37] & REMOTE ? data == 0 : data == dlc;
-}
-
 struct columns {
     int64_t width, capacity, *t_ns, *log_time_ns;
     uint8_t *bus;
@@ -50,14 +33,21 @@ struct columns {
     uint8_t *dlc, *data;
 };
 
-/* Put the frame of a record into a row; `left` bytes are readable from the record on. */
+/* Put the frame of a message record into a row, where it is one in the one form in which pack_frames
+ * writes it; `left` bytes are readable from the record on. */
 static inline int64_t put(const struct columns *to, int64_t row, const uint8_t *record,
-                          uint64_t length, uint64_t left, int16_t bus)
+                          uint64_t left, int16_t bus)
 {
-    uint32_t bytes;
-    if (!is_regular(record, length) || row >= to->capacity)
+    uint32_t bytes, dlc;
+    if (left < FRAME_HEAD || row >= to->capacity)
         return NOT_PLAIN;
-    bytes = record[44];
+    if ((u64_at(record + 31) & FIXED_31) != TAGS_31 || (u64_at(record + 37) & FIXED_37) != TAGS_37)
+        return NOT_PLAIN;
+    bytes = record[44], dlc = record[42];
+    if (dlc > MAX_DATA || bytes != (record[37] & REMOTE ? 0 : dlc))
+        return NOT_PLAIN;
+    if (u64_at(record + 1) != bytes + (FRAME_HEAD - 9))
+        return NOT_PLAIN;
     if (bytes > to->width)
         return TOO_WIDE;
     to->t_ns[row] = (int64_t)u64_at(record + 23);
@@ -65,7 +55,7 @@ static inline int64_t put(const struct columns *to, int64_t row, const uint8_t *
     to->bus[row] = (uint8_t)bus;
     to->can_id[row] = u32_at(record + 32);
     to->flags[row] = u16_at(record + 37);
-    to->dlc[row] = record[42];
+    to->dlc[row] = (uint8_t)dlc;
     if (to->width == 8 && left >= FRAME_HEAD + 8) {
         /* A shift by 64 is undefined. */
         const uint64_t kept = bytes == 8 ? ~(uint64_t)0 : ((uint64_t)1 << 8 * bytes) - 1;
@@ -109,7 +99,7 @@ EXPORT int64_t syncline_chunk_frames(const uint8_t *chunk, int64_t size, const u
             return NOT_PLAIN;
         channel = u16_at(record + 9);
         if (kind[channel] == KIND_FRAME) {
-            const int64_t found = put(&to, row, record, length, left, bus_of_channel[channel]);
+            const int64_t found = put(&to, row, record, left, bus_of_channel[channel]);
             if (found != PLAIN)
                 return found;
             row++;

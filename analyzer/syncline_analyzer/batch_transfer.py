@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.grouping import Grouping
 from syncline_schemas.batch import FrameBatch
+from syncline_schemas.wire_length import short_wire_bits
 
 
 class Narrow(NamedTuple):
@@ -56,10 +57,11 @@ class PackedBatch(NamedTuple):
     rows: Narrow
     keys: NDArray[np.unsignedinteger]
     edges: NDArray[np.intp]
+    shortest: NDArray[np.uint8]
+    longest: NDArray[np.uint8]
     wire_bits: Narrow
     flags_seen: int
     ascending: bool
-    lengths: dict[tuple[int, int], tuple[int, int]]
 
 
 def packed(batch: IndexedBatch) -> PackedBatch:
@@ -78,10 +80,11 @@ def packed(batch: IndexedBatch) -> PackedBatch:
         Narrow.below(len(batch), grouping.rows),
         grouping.keys,
         grouping.edges,
-        Narrow.of(batch.wire_bits),
+        grouping.shortest,
+        grouping.longest,
+        Narrow.of(short_wire_bits(frames))._replace(dtype=np.dtype(np.int64)),
         batch.flags_seen,
         batch.ascending,
-        batch.lengths,
     )
 
 
@@ -98,11 +101,11 @@ def unpacked(sent: PackedBatch) -> IndexedBatch:
     )
     seqs = None if sent.seqs is None else sent.seqs.wide(count) + sent.seq0
     batch = IndexedBatch(frames, sent.seq0, timed=sent.timed, seqs=seqs)
-    key = np.repeat(sent.keys, np.diff(sent.edges))
+    rows = sent.rows.wide(int(sent.edges[-1]))
+    each = sent.keys, sent.edges, sent.shortest, sent.longest
     batch.buses = [sent.bus]
-    batch.grouping = Grouping(sent.rows.wide(len(key)), key, sent.edges)
+    batch.grouping = Grouping(rows, sent.t_ns.take(rows), *each)
     batch.wire_bits = sent.wire_bits.wide(count)
     batch.flags_seen = sent.flags_seen
     batch.ascending = sent.ascending
-    batch.lengths = sent.lengths
     return batch

@@ -119,8 +119,7 @@ class Echoes:
 
     def _suspects(self, batch: IndexedBatch) -> bool:
         """Whether enough frames of a batch repeat the one before them."""
-        repeats = _repeats(batch.grouping, batch.frames, batch.grouped_t_ns)
-        number = len(repeats) + _carried(self._last, batch)
+        number = len(_repeats(batch.grouping, batch.frames)) + _carried(self._last, batch)
         return number >= (1 if self.doubled else MIN_PAIRS)
 
     def _found(self, block: IndexedBatch) -> NDArray[np.bool_]:
@@ -137,7 +136,7 @@ class Echoes:
         grouping = Grouping.of(frames)
         rows, key = grouping.rows, grouping.key
         equal = np.zeros(len(rows), np.bool_)
-        equal[_repeats(grouping, frames, frames.t_ns[rows])] = True
+        equal[_repeats(grouping, frames)] = True
         copy = np.zeros(len(frames), np.bool_)
         for number in distinct(key[equal] >> np.uint32(BUS_SHIFT)):
             first, stop = np.searchsorted(key, [number << BUS_SHIFT, (number + 1) << BUS_SHIFT])
@@ -172,39 +171,36 @@ def _last_of_each(before: FrameBatch, batch: IndexedBatch) -> FrameBatch:
     last = batch.frames[np.sort(grouping.last)]
     if not len(before) or not len(last):
         return last if len(last) else before
-    keys, earlier = grouping.keys, key_of(before)
-    place = np.minimum(np.searchsorted(keys, earlier), len(keys) - 1)
-    return FrameBatch.concat([before[keys[place] != earlier], last])
+    gone = np.flatnonzero(_groups_of(before, grouping) < 0)
+    return FrameBatch.concat([before[gone], last]) if len(gone) else last
 
 
-def _repeats(grouping: Grouping, frames: FrameBatch, t_ns: Ints) -> NDArray[np.intp]:
-    """Places in a grouping whose frame repeats the one before of its identifier at once.
+def _groups_of(frames: FrameBatch, grouping: Grouping) -> NDArray[np.intp]:
+    """(n,) number of the group that each frame belongs to; -1 where there is none."""
+    keys, key = grouping.keys, key_of(frames)
+    group = np.minimum(np.searchsorted(keys, key), len(keys) - 1)
+    return np.where(keys[group] == key, group, -1)
 
-    Args:
-        t_ns: (m,) stamps of the frames in their order in the grouping.
-    """
-    rows, key = grouping.rows, grouping.key
-    near = _soon(t_ns[1:], t_ns[:-1])
-    near = near[key[near] == key[near + 1]]
-    found: NDArray[np.intp] = near[_alike(frames[rows[near]], frames[rows[near + 1]])] + 1
-    return found
+
+def _repeats(grouping: Grouping, frames: FrameBatch) -> NDArray[np.intp]:
+    """Places in a grouping whose frame repeats the one before of its identifier at once."""
+    rows, near = grouping.rows, grouping.soon(LONGEST_NS)
+    return near[_alike(frames[rows[near - 1]], frames[rows[near]])] if len(near) else near
 
 
 def _carried(before: FrameBatch, batch: IndexedBatch) -> int:
     """How many identifiers begin the batch with their last frame before it once more."""
-    _, last, first = np.intersect1d(
-        key_of(before), batch.grouping.keys, assume_unique=True, return_indices=True
-    )
-    one, other = before[last], batch.frames[batch.grouping.first[first]]
-    near = _soon(other.t_ns, one.t_ns)
-    return int(np.count_nonzero(_alike(one[near], other[near])))
-
-
-def _soon(t_ns: Ints, before_ns: Ints) -> NDArray[np.intp]:
-    """Where a stamp is as close behind another as a copy may be."""
-    apart = t_ns - before_ns
+    grouping, frames = batch.grouping, batch.frames
+    if not len(before) or not len(grouping.keys):
+        return 0
+    group = _groups_of(before, grouping)
+    last = np.flatnonzero(group >= 0)
+    first = grouping.first[group[last]]
     # A negative distance is a large unsigned one.
-    return np.flatnonzero(apart.view(np.uint64) <= LONGEST_NS)
+    near = (frames.t_ns[first] - before.t_ns[last]).view(np.uint64) <= LONGEST_NS
+    if not near.any():
+        return 0
+    return int(np.count_nonzero(_alike(before[last[near]], frames[first[near]])))
 
 
 def _alike(one: FrameBatch, other: FrameBatch) -> NDArray[np.bool_]:

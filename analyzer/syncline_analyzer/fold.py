@@ -148,11 +148,6 @@ class IndexedBatch:
         return Grouping.of(self.frames)
 
     @cached_property
-    def grouped_t_ns(self) -> NDArray[np.int64]:
-        """(m,) stamps of `grouping.rows` [ns]."""
-        return self.frames.t_ns.take(self.grouping.rows)
-
-    @cached_property
     def _classic(self) -> Grouping:
         """The same without CAN FD."""
         if self.flags_seen & FrameFlag.FD:
@@ -180,12 +175,10 @@ class IndexedBatch:
         """(m,) positions of `rows_by_id` in the capture."""
         return self.seqs_at(self._classic.rows)
 
-    @cached_property
+    @property
     def t_ns_by_id(self) -> NDArray[np.int64]:
         """(m,) stamps of `rows_by_id` [ns]."""
-        if self._classic is self.grouping:
-            return self.grouped_t_ns
-        return self.frames.t_ns.take(self._classic.rows)
+        return self._classic.t_ns
 
     @cached_property
     def words_by_id(self) -> NDArray[np.uint64]:
@@ -196,15 +189,11 @@ class IndexedBatch:
     @cached_property
     def lengths(self) -> dict[tuple[int, int], tuple[int, int]]:
         """Shortest and longest length [bytes] of each identifier's 11-bit data frames."""
-        dlc = self.frames.dlc.take(self._classic.rows)
-        edges = self._classic.edges[:-1]
-        if not len(edges):
-            return {}
-        low, high = np.minimum.reduceat(dlc, edges), np.maximum.reduceat(dlc, edges)
-        found = zip(self._classic.keys.tolist(), low.tolist(), high.tolist(), strict=True)
+        of = self._classic
+        lengths = zip(of.shortest.tolist(), of.longest.tolist(), strict=True)
         return {
-            (key >> BUS_SHIFT, key & 0x7FF): (shortest, longest)
-            for key, shortest, longest in found
+            (key >> BUS_SHIFT, key & 0x7FF): found
+            for key, found in zip(of.keys.tolist(), lengths, strict=True)
             if not key & REMOTE_KEY
         }
 

@@ -28,13 +28,18 @@ class Grouping:
 
     Attributes:
         rows: (m,) intp, rows of the batch.
-        key: (m,) `key_of` each of them, ascending.
+        t_ns: (m,) their stamps.
+        keys: (g,) `key_of` each group, ascending.
         edges: (g + 1,) where in `rows` the groups begin, and the end of the last.
+        shortest, longest: (g,) uint8, least and largest `dlc` of each group.
     """
 
     rows: NDArray[np.intp]
-    key: NDArray[np.unsignedinteger]
+    t_ns: NDArray[np.int64]
+    keys: NDArray[np.unsignedinteger]
     edges: NDArray[np.intp]
+    shortest: NDArray[np.uint8]
+    longest: NDArray[np.uint8]
 
     @classmethod
     def of(cls, frames: FrameBatch, but: int = 0) -> "Grouping":
@@ -46,22 +51,24 @@ class Grouping:
     def _by_sorting(cls, frames: FrameBatch, but: int) -> "Grouping":
         unwanted = np.uint16(_OTHER | but)
         if not frames.flags_seen & int(unwanted):
-            return cls._sorted(key_of(frames))
-        wanted = np.flatnonzero((frames.flags & unwanted) == 0)
-        found = cls._sorted(key_of(frames[wanted]))
-        return cls(wanted[found.rows], found.key, found.edges)
-
-    @classmethod
-    def _sorted(cls, key: NDArray[np.uint32]) -> "Grouping":
-        rows, ordered = _stable_order(key)
-        changes = np.flatnonzero(ordered[1:] != ordered[:-1]) + 1
-        edges = np.concatenate((np.zeros(min(len(key), 1), np.intp), changes, [len(key)]))
-        return cls(rows, ordered, edges)
+            rows, key = _stable_order(key_of(frames))
+        else:
+            wanted = np.flatnonzero((frames.flags & unwanted) == 0)
+            order, key = _stable_order(key_of(frames[wanted]))
+            rows = wanted[order]
+        begins = np.flatnonzero(
+            np.concatenate((np.ones(min(len(key), 1), np.bool_), key[1:] != key[:-1]))
+        )
+        edges, dlc = np.append(begins, len(key)), frames.dlc.take(rows)
+        shortest, longest = dlc[:0], dlc[:0]
+        if len(begins):
+            shortest, longest = np.minimum.reduceat(dlc, begins), np.maximum.reduceat(dlc, begins)
+        return cls(rows, frames.t_ns.take(rows), key[begins], edges, shortest, longest)
 
     @property
-    def keys(self) -> NDArray[np.unsignedinteger]:
-        """(g,) key of each group, ascending."""
-        return self.key[self.edges[:-1]]
+    def key(self) -> NDArray[np.unsignedinteger]:
+        """(m,) `key_of` each row."""
+        return np.repeat(self.keys, np.diff(self.edges))
 
     @property
     def first(self) -> NDArray[np.intp]:
@@ -73,15 +80,24 @@ class Grouping:
         """(g,) last row of each group."""
         return self.rows[self.edges[1:] - 1] if len(self.rows) else self.rows
 
+    def soon(self, limit_ns: int) -> NDArray[np.intp]:
+        """Places in `rows` whose frame comes at most so much after the one before of its key."""
+        if native.available():
+            return native.soon(self.t_ns, self.edges, limit_ns)
+        # A negative distance is a large unsigned one.
+        near = (self.t_ns[1:] - self.t_ns[:-1]).view(np.uint64) <= limit_ns
+        near[self.edges[1:-1] - 1] = False
+        found: NDArray[np.intp] = np.flatnonzero(near) + 1
+        return found
 
-def _counted(
-    frames: FrameBatch, unwanted: int
-) -> tuple[NDArray[np.intp], NDArray[np.uint32], NDArray[np.intp]] | None:
+
+def _counted(frames: FrameBatch, unwanted: int) -> native.Grouped | None:
     """The `Grouping` of frames without some flags, where their keys are few enough to be counted."""
     keys = _keys(frames)
     if keys is None:
         return None
-    return native.grouping(frames.can_id, frames.bus, frames.flags, unwanted, keys)
+    columns = frames.can_id, frames.bus, frames.flags, frames.dlc, frames.t_ns
+    return native.grouping(*columns, unwanted, keys)
 
 
 def _keys(frames: FrameBatch) -> int | None:

@@ -79,7 +79,7 @@ class SpacingGauge:
             return Spacings(bus, span, np.zeros(0, np.int64), np.zeros(0, np.int64))
         # A frame of the recording computer itself may be stamped when it was asked for.
         strange = (sent.flags & (FrameFlag.ERROR | FrameFlag.TX)) != 0
-        bits = wire_bits(sent).astype(np.int64)
+        bits = wire_bits(sent)
         alone = strange | (data_phase_bits(sent) > 0)
         alone[1:] |= strange[:-1]
         alone[0] |= bus not in self._last_ns

@@ -64,6 +64,11 @@ def wire_bits(batch: FrameBatch, *, intermission: bool = True) -> NDArray[np.int
 
     Returns: (n,) int64 [bit].
     """
+    return short_wire_bits(batch, intermission=intermission).astype(np.int64)
+
+
+def short_wire_bits(batch: FrameBatch, *, intermission: bool = True) -> NDArray[np.uint16]:
+    """`wire_bits` in a quarter of the memory, (n,) uint16: not to be computed with."""
     between = INTERMISSION_BITS if intermission else 0
     bits, fd = (_native_bits if native.available() else _numpy_bits)(batch, between)
     if len(fd):
@@ -134,7 +139,7 @@ def longest_bits(length: int, *, extended: bool = False, fd: bool = False) -> in
     return stuffed + (places - 1) // 4 + fixed + TRAILER_BITS + INTERMISSION_BITS
 
 
-def _native_bits(batch: FrameBatch, between: int) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
+def _native_bits(batch: FrameBatch, between: int) -> tuple[NDArray[np.uint16], NDArray[np.intp]]:
     """Bits of the classic frames with those between two frames, and the rows of CAN FD frames."""
     bits, fd = native.wire_bits(
         batch.can_id, batch.flags, batch.dlc, batch.data, _native_tables(), between
@@ -145,9 +150,9 @@ def _native_bits(batch: FrameBatch, between: int) -> tuple[NDArray[np.int64], ND
     return bits, np.flatnonzero(kind == FrameFlag.FD)
 
 
-def _numpy_bits(batch: FrameBatch, between: int) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
+def _numpy_bits(batch: FrameBatch, between: int) -> tuple[NDArray[np.uint16], NDArray[np.intp]]:
     """The same as `_native_bits`."""
-    bits = np.zeros(len(batch), np.int64)
+    bits = np.zeros(len(batch), np.uint16)
     shape = _shapes(batch)
     words = np.ascontiguousarray(batch.data[:, :8]).view(np.uint64)[:, 0]
     for kind in np.flatnonzero(np.bincount(shape, minlength=_ERROR + 1)[:_FD]).tolist():

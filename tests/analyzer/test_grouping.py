@@ -88,6 +88,30 @@ def test_many_rows_and_high_bus_numbers_are_sorted_the_same_way() -> None:
         assert np.array_equal(grouping.rows, order)
         assert np.array_equal(grouping.key, key[order])
         assert np.array_equal(grouping.keys, np.unique(key))
+        assert np.array_equal(grouping.t_ns, some.t_ns[order])
+
+
+_INT64 = np.iinfo(np.int64)
+_STAMPS = st.lists(
+    st.tuples(st.integers(0, 3), st.integers(0, 40) | st.integers(_INT64.min, _INT64.max))
+)
+
+
+@given(_STAMPS, st.integers(0, 12))
+@settings(deadline=None)
+def test_frames_soon_behind_another_are_those_of_a_loop(
+    stamps: list[tuple[int, int]], limit_ns: int
+) -> None:
+    grouping = Grouping.of(FrameBatch.from_rows((t, 0, i, 0, 0, b"") for i, t in stamps))
+    ordered = [(i, t) for i in range(4) for of, t in stamps if of == i]
+    expected = [
+        place
+        for place in range(1, len(ordered))
+        if ordered[place][0] == ordered[place - 1][0]
+        # Stamps count modulo 2**64, as the distance of two may be more than an int64.
+        and (ordered[place][1] - ordered[place - 1][1]) % 2**64 <= limit_ns
+    ]
+    assert grouping.soon(limit_ns).tolist() == expected
 
 
 def test_parts_are_the_same_frames() -> None:

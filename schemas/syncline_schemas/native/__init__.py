@@ -5,7 +5,7 @@ Who calls a function asks `available()` first. Results are those of numpy bit fo
 
 from syncline_schemas.native.busy import fullest_window, stretches
 from syncline_schemas.native.chunks import MOST_OTHERS, ChunkFrames, ChunkWalk
-from syncline_schemas.native.keys import MOST_KEYS, grouping
+from syncline_schemas.native.keys import MOST_KEYS, Grouped, grouping, soon
 from syncline_schemas.native.library import SWITCH, available
 from syncline_schemas.native.places import (
     before,
@@ -32,6 +32,7 @@ __all__ = [
     "BusRows",
     "ChunkFrames",
     "ChunkWalk",
+    "Grouped",
     "KnownLines",
     "available",
     "before",
@@ -53,6 +54,7 @@ __all__ = [
     "sent_by",
     "short_keys",
     "since",
+    "soon",
     "stretches",
     "tally",
     "wire_bits",

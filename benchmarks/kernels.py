@@ -19,6 +19,7 @@ from syncline_analyzer.readers import lines as text_lines
 from syncline_schemas import native, wire_length
 from syncline_schemas.batch import FrameBatch
 from syncline_schemas.capture import chunk_content, chunk_group
+from syncline_schemas.capture.record_file import RecordFile
 
 TURNS = 40
 
@@ -85,12 +86,16 @@ def print_kernels(capture: Path, log: Path) -> None:
     )
     ((_, plain),) = chunk_group._by_walk(group, channels)
     assert plain is not None
+    with capture.open("rb") as file:
+        records = RecordFile(file)
+        indexed = [records.indexed(raw) for raw in group]
+    assert chunk_group._plain_by_index(indexed, channels) is not None
     unpack = chunk_content.unpacked
     compared(
         "columns out of unpacked chunks, and unpacking",
         len(plain.frames),
         lambda: list(chunk_group._by_walk(group, channels)),
-        lambda: chunk_group._plain_by_index(group, channels),
+        lambda: chunk_group._plain_by_index(indexed, channels),
     )
     compared("  of which unpacking", len(plain.frames), *[lambda: [*map(unpack, group)]] * 2)
     part, matchers = given_to(

@@ -28,6 +28,8 @@ _COARSE_BINS = 50 << _MANTISSA_BITS
 Floats = NDArray[np.float64]
 Values = Floats | NDArray[np.int64]
 _NO_VALUES = np.zeros(0)
+_NONE_FAR = np.zeros(1, np.int64)
+"""Coarse bins of values that are all in the fine ones."""
 _NO_LIMITS = float("inf"), float("-inf")
 _CANCELLED = 1e-6
 """Squares that make up a smaller share of those around another value are summed up anew."""
@@ -218,18 +220,17 @@ class Distribution:
         self._waiting, self._held, self._fresh = [], 0, _NO_LIMITS
         if self._bins is None:
             self._bins = _Bins(new)
+        above = self._bins.add(new, low, high)
         if self._moments:
-            self._add_moments(self._bins.low, new)
-        self._bins.add(new, low, high)
+            self._add_moments(self._bins.low, above)
 
-    def _add_moments(self, low: float, values: Values) -> None:
+    def _add_moments(self, low: float, above: Floats) -> None:
         """Mean and squares of values by how far they lie above a low one.
 
         Those of two parts are joined as Chan et al. do (1979).
         """
-        above = np.subtract(values, low, dtype=np.float64)
         more, total = len(above), float(np.add.reduce(above))
-        whole = float(np.square(above).sum())
+        whole = float(np.add.reduce(np.square(above)))
         squares = whole - total * total / more
         if squares < _CANCELLED * whole:
             apart = above - total / more
@@ -249,12 +250,26 @@ def quantile_of(values: Values, share: float) -> float:
     """What `np.quantile` tells by linear interpolation, without the checks that take it long."""
     at = (len(values) - 1) * share
     low = int(at)
-    high = min(low + 1, len(values) - 1)
-    ordered = np.partition(values, (low, high))
-    below, above, part = float(ordered[low]), float(ordered[high]), at - low
+    below, above = _neighbours(values, low)
+    part = at - low
     if part >= 0.5:
         return above - (above - below) * (1 - part)
     return below + (above - below) * part
+
+
+def median_of(values: Values) -> float:
+    """What `np.median` tells of at least one number, in a quarter of its time."""
+    half, odd = divmod(len(values), 2)
+    below, above = _neighbours(values, half - 1 + odd)
+    return below if odd else (below + above) / 2
+
+
+def _neighbours(values: Values, low: int) -> tuple[float, float]:
+    """The value of this number in their order, counted from 0, and the next one if there is one."""
+    # By far faster than to have numpy look for both.
+    ordered = np.partition(values, low)
+    below, more = float(ordered[low]), ordered[low + 1 :]
+    return below, float(np.minimum.reduce(more)) if len(more) else below
 
 
 def _tail(edge: float, end: float, width: float) -> list[float]:
@@ -295,21 +310,25 @@ class _Bins:
         self._cumulated: tuple[Floats, NDArray[np.int64]] | None = None
         """Middles of the bins, and how many values lie up to each, while nothing is added."""
 
-    def add(self, values: Values, low: float, high: float) -> None:
-        """Take in (n,) values, of which `low` and `high` are the least and the largest."""
+    def add(self, values: Values, low: float, high: float) -> Floats:
+        """Take in (n,) values, of which `low` and `high` are the least and the largest.
+
+        Returns: (n,) by how much each lies above the lowest fine bin.
+        """
         self._cumulated = None
         if low == high:
             self._add_equal(low, len(values))
-            return
+            return np.full(len(values), low - self.low)
+        far = low < self.low or (high - self.low) / self._width >= FINE_BINS
+        if far and self._coarse is None:
+            self._coarse = np.zeros(_COARSE_BINS, np.int64)
         if native.available():
-            coarse = np.zeros(_COARSE_BINS, np.int64) if self._coarse is None else self._coarse
+            coarse = _NONE_FAR if self._coarse is None else self._coarse
             bins = self._fine, _SHIFT, _FIRST_KEY, coarse
-            if native.histogram(values, self.low, self._width, *bins):
-                self._coarse = coarse
-            return
-        place = np.subtract(values, self.low, dtype=np.float64)
-        place /= self._width
-        if low < self.low or (high - self.low) / self._width >= FINE_BINS:
+            return native.histogram(values, self.low, self._width, *bins)
+        above = np.subtract(values, self.low, dtype=np.float64)
+        place = above / self._width
+        if far:
             off = place >= FINE_BINS
             if low < self.low:
                 off |= place < 0
@@ -318,6 +337,7 @@ class _Bins:
             self._fine[0] -= len(outside)
             self._add_coarse(values[outside])
         self._fine += np.bincount(place.astype(np.int32), minlength=FINE_BINS)
+        return above
 
     def _add_equal(self, value: float, count: int) -> None:
         """Take in one value so many times: nothing has to be looked at, and zeros are frequent."""

@@ -1,5 +1,6 @@
 """Columns over time in bounded memory: when there are too many, the extremes stay."""
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -64,15 +65,16 @@ class Thinner:
         if self._waits >= 2 * self.stride:
             self._settle()
         if self._waiting:
-            last = _thin(_joined(self._waiting), self._key, 2 * self.stride)
+            last = _thin(self._waiting, self._key, 2 * self.stride)
             return _joined([*self._blocks, last])
         if len(self._blocks) > 1:
             self._blocks = [_joined(self._blocks)]
         return self._blocks[0] if self._blocks else {}
 
     def _halve(self) -> None:
+        """Thin rows that are as many as may be kept: nothing but whole runs."""
         self._settle()
-        self._blocks = [_thin(self.columns(), self._key, 4)]
+        self._blocks = [_thin(self._blocks, self._key, 4)]
         self.stride *= 2
 
     def _settle(self) -> None:
@@ -85,12 +87,8 @@ class Thinner:
             self._blocks.append(_copied(waiting[0]) if len(waiting) == 1 else _joined(waiting))
             return
         run = 2 * self.stride
-        whole = count - count % run
-        # Of the other columns only the rows that stay are looked at.
-        key = np.concatenate([_column(block, self._key) for block in waiting])[:whole]
-        kept = extreme_rows(key.astype(np.float64, copy=False), run)
-        self._blocks.append(_rows_of(waiting, kept))
-        self._waits = count - whole
+        self._waits = count % run
+        self._blocks.append(_thin(waiting, self._key, run, count - self._waits))
         self._waiting = [_last_of(waiting, self._waits)] if self._waits else []
 
 
@@ -108,13 +106,12 @@ def _last_of(blocks: list[Columns], count: int) -> Columns:
 
 def _rows_of(blocks: list[Columns], rows: NDArray[np.intp]) -> Columns:
     """A copy of some rows of several blocks, ascending and counted through all of them."""
-    parts, start = [], 0
-    for block in blocks:
-        stop = start + len(next(iter(block.values())))
-        first, last = rows.searchsorted((start, stop))
+    edges = np.cumsum([0, *(len(next(iter(block.values()))) for block in blocks)])
+    cuts = rows.searchsorted(edges).tolist()
+    parts = []
+    for block, start, (first, last) in zip(blocks, edges.tolist(), pairwise(cuts), strict=False):
         own = rows[first:last] - start
-        parts.append({name: column[own] for name, column in block.items()})
-        start = stop
+        parts.append({name: column.take(own) for name, column in block.items()})
     return _joined(parts)
 
 
@@ -135,9 +132,11 @@ def _column(block: Columns, name: str) -> NDArray[Any]:
     return found if found is not None else np.full(len(next(iter(block.values()))), np.nan)
 
 
-def _thin(columns: Columns, key: str, run: int) -> Columns:
-    rows = extreme_rows(columns[key].astype(np.float64), run)
-    return {name: column[rows] for name, column in columns.items()}
+def _thin(blocks: list[Columns], key: str, run: int, count: int | None = None) -> Columns:
+    """The extremes of each run of the rows of several blocks, or of the first `count` of them."""
+    # Of the other columns only the rows that stay are looked at.
+    keys = np.concatenate([block[key] for block in blocks])[:count]
+    return _rows_of(blocks, extreme_rows(keys.astype(np.float64, copy=False), run))
 
 
 def extreme_rows(value: NDArray[np.float64], run: int) -> NDArray[np.intp]:

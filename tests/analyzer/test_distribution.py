@@ -5,7 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from syncline_analyzer.distribution import EXACT_LIMIT, RELATIVE_ERROR, Distribution
+from syncline_analyzer.distribution import (
+    EXACT_LIMIT,
+    RELATIVE_ERROR,
+    Distribution,
+    median_of,
+    quantile_of,
+)
 from syncline_analyzer.series import Thinner, extreme_rows
 
 
@@ -238,3 +244,14 @@ def test_what_is_added_at_a_time_changes_nothing(cuts: list[int], seed: int) -> 
     assert whole.empty == (not len(value))
     if len(value):
         assert whole.columns()["row"].tolist() == parts.columns()["row"].tolist()
+
+
+@given(
+    values=st.lists(st.integers(-(2**52), 2**52), min_size=1)
+    | st.lists(st.floats(0, 1e18), min_size=1),
+    share=st.sampled_from([0.0, 0.01, 0.25, 0.5, 0.99, 1.0]),
+)
+def test_the_middle_of_values_is_what_numpy_tells(values: list[float], share: float) -> None:
+    column = np.array(values)
+    assert median_of(column) == np.median(column)
+    assert quantile_of(column, share) == np.quantile(column, share)

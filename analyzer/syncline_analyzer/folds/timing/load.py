@@ -103,15 +103,15 @@ class LoadFold:
         """Take in the frames of one bus."""
         rows = block.by_bus[bus]
         state = self._states.get(bus) or self._states.setdefault(bus, _State())
-        bits = block.wire_bits[rows].astype(np.float64)
+        bits: Ints | Floats = block.wire_bits[rows]
         if block.batch.flags_seen & FrameFlag.BRS and (fast := block.data_phase_bits[rows]).any():
             ratio = self._nominal_per_data_bit(bus)
             state.unknown_rate |= ratio is None
-            bits -= fast * (1 - (ratio or 1.0))
+            bits = bits - fast * (1 - (ratio or 1.0))
         frames = block.frames if isinstance(rows, slice) else block.frames[rows]
         state.frames += len(frames)
         state.bits += float(bits.sum())
-        state.shares.add(frames, bits)
+        state.shares.add(frames, bits, block.batch.flags_seen)
         if not self._context.timed:
             return
         t_ns, error = frames.t_ns, block.error[rows]
@@ -179,7 +179,7 @@ class LoadFold:
         bus: int,
         state: _State,
         t_ns: Ints,
-        bits: Floats,
+        bits: Ints | Floats,
         error: NDArray[np.bool_],
         ascending: bool,
     ) -> None:
@@ -198,7 +198,7 @@ class LoadFold:
             forward = np.maximum.accumulate(np.maximum(t_ns, state.last_ns))
         state.listened_ns += int(forward[-1]) - state.last_ns
         state.last_ns = int(forward[-1])
-        wire_ns = bits * bit_ns if bit_ns else None
+        wire_ns: Floats | None = np.asarray(bits * bit_ns, np.float64) if bit_ns else None
         for windows in (state.seconds, state.tenths):
             windows.begin(int(forward[0]))
             whole = windows.add(forward, bits, wire_ns, bit_ns)

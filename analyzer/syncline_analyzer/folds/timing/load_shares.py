@@ -16,8 +16,10 @@ MAX_IDS = 4096
 """29-bit identifiers that are told apart per bus; the rest is one row."""
 _REMOTE = 1 << 11
 _EXTENDED = 1 << 29
-_KINDS = np.uint16(FrameFlag.EXTENDED | FrameFlag.REMOTE | FrameFlag.ERROR)
+_KINDS = int(FrameFlag.EXTENDED | FrameFlag.REMOTE | FrameFlag.ERROR)
 
+Bits = NDArray[np.int64] | NDArray[np.float64]
+"""Lengths of frames; whole numbers unless a part of them is faster than the rest."""
 Owner = Callable[[int], Pdo | None]
 """The PDO that an identifier carries."""
 Producer = Callable[[int], int | None]
@@ -41,12 +43,12 @@ class Shares:
         self._extended: dict[int, _Sum] = {}
         self._rest = _Sum()
 
-    def add(self, frames: FrameBatch, bits: NDArray[np.float64]) -> None:
-        """Take in frames; error frames have no identifier."""
-        kind = frames.flags & _KINDS
-        if not np.bitwise_or.reduce(kind, initial=0):
+    def add(self, frames: FrameBatch, bits: Bits, flags_seen: int) -> None:
+        """Take in frames, and every flag that any of them may have; errors have no identifier."""
+        if not flags_seen & _KINDS:
             self._add_short(frames.can_id, bits)
             return
+        kind = frames.flags & np.uint16(_KINDS)
         remote = (kind & FrameFlag.REMOTE) != 0
         rows = np.flatnonzero((kind & (FrameFlag.EXTENDED | FrameFlag.ERROR)) == 0)
         self._add_short(
@@ -106,7 +108,7 @@ class Shares:
         rows.sort(key=lambda row: (-row.share_percent, row.cob_id or 0, row.remote))
         return rows, _by_node(bus, rows)
 
-    def _add_short(self, key: NDArray[np.integer[Any]], bits: NDArray[np.float64]) -> None:
+    def _add_short(self, key: NDArray[np.integer[Any]], bits: Bits) -> None:
         if native.available():
             sums = np.zeros(2 * _REMOTE)
             native.tally(key, bits, self._frames, sums)

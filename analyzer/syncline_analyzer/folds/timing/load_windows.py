@@ -55,7 +55,7 @@ class Windows:
         if self._origin_ns is None:
             self._origin_ns = origin_ns
 
-    def add(self, t_ns: Ints, bits: Floats, wire_ns: Floats | None, bit_ns: float) -> Whole:
+    def add(self, t_ns: Ints, bits: Ints | Floats, wire_ns: Floats | None, bit_ns: float) -> Whole:
         """Take in frames whose stamps run forward from the origin on; windows that are whole now.
 
         `wire_ns` is how long they took. Where the bit rate is not known it is None, `bit_ns` is 0,

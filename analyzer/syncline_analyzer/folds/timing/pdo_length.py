@@ -12,6 +12,7 @@ from syncline_analyzer.pdo_binding import Pdo, PdoBindings
 from syncline_schemas.canopen.services import SERVICE_OF_ID, Service
 from syncline_schemas.records import dataclass
 
+_SERVICES: list[int] = SERVICE_OF_ID.tolist()
 SETTLE_NS = 100_000_000
 """Frames this soon after a change of the mapping may still have the old length [ns]."""
 MAX_FOUND = 1000
@@ -92,7 +93,7 @@ class PdoLengthFold:
         if self._bound.get(bus, (-1, set()))[0] != version:
             self._bindings.refresh(bus)
             self._bound[bus] = version, set(self._bindings.identifiers(bus))
-        return SERVICE_OF_ID[can_id] == Service.PDO or can_id in self._bound[bus][1]
+        return _SERVICES[can_id] == Service.PDO or can_id in self._bound[bus][1]
 
     def _look_again(
         self,

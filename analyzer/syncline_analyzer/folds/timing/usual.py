@@ -4,6 +4,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from syncline_analyzer.distribution import median_of
 from syncline_analyzer.folds.timing.unsteady import OFF
 
 MISSING = 1.5
@@ -21,10 +22,13 @@ def cycles_of(periods: NDArray[np.int64], median: float | None = None) -> NDArra
     The mean of a late period and the early one beside it is the cycle; a median may be either.
     `median` is theirs, where it is known.
     """
-    usual = float(np.median(periods)) if median is None else median
-    steady = float(np.mean(np.abs(periods - usual) <= _STEADY * usual))
-    mean = usual if steady > _MOSTLY else float(periods.mean())
-    if float(np.abs(periods - mean).max()) <= OFF * mean:
+    usual = median_of(periods) if median is None else median
+    apart = np.abs(periods - usual)
+    mean = usual
+    if np.count_nonzero(apart <= _STEADY * usual) <= _MOSTLY * len(periods):
+        mean = float(periods.mean())
+        apart = np.abs(periods - mean)
+    if float(apart.max()) <= OFF * mean:
         return np.full(len(periods), mean)
     pairs = (periods[1:] + periods[:-1]) / 2
     if len(pairs) < _AROUND:

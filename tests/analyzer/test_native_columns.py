@@ -1,6 +1,7 @@
 """Compiled columns of the timing analyses are those of numpy, bit for bit."""
 
 import pickle
+from itertools import groupby
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from syncline_analyzer.folds.timing.block import Block
 from syncline_analyzer.folds.timing.pdo import running
 from syncline_analyzer.folds.timing.pdo_columns import PdoColumns
 from syncline_analyzer.folds.timing.pdo_state import PdoState
+from syncline_analyzer.folds.timing.repeats import Repeats, Runs
 from syncline_analyzer.folds.timing.sync_index import SyncIndex
 from syncline_analyzer.series import extreme_rows
 from syncline_schemas import native
@@ -78,7 +80,8 @@ class Pdos(Ask):
     def __call__(self) -> object:
         rng = self.rng
         count = int(rng.integers(20, 400))
-        can_id = rng.choice([0x80, 0x181, 0x182, 0x281, 0x701], count).astype(np.uint32)
+        ids, shares = [0x80, 0x181, 0x182, 0x281, 0x701], rng.dirichlet(np.full(5, 0.5))
+        can_id = rng.choice(ids, count, p=shares).astype(np.uint32)
         can_id[:3] = (0x80, 0x181, 0x281)
         data = rng.integers(0, 2, (count, 8)).astype(np.uint8)
         t_ns = 10**18 + np.cumsum(rng.integers(-(10**3), 10**6, count))
@@ -93,14 +96,13 @@ class Pdos(Ask):
                 state.last_ns, state.rhythm.last = 10**18 - 5, int(rng.integers(0, 9))
         places = [block.batch.place(0, each) for each in (0x181, 0x281)]
         columns, sync = PdoColumns(block, places, states), index(block, int(rng.integers(-1, 500)))
-        found: list[object] = [columns.repeated, sync.before_by_id.tolist()]
-        found.append(sync.since_by_id.tolist())
+        after = columns.after(sync)
+        found: list[object] = [columns.runs, after.responses, after.phases.tolist()]
         for number, place in enumerate(places):
-            steps = columns.steps(sync, number)
             found += [columns.periods[place].tolist(), columns.period_limits(number)]
-            found += [columns.responses(sync, number), columns.phases(sync, number).tolist()]
-            found.append(steps and (steps.each.tolist(), steps.limits))
-        return found
+            found += [after.position[place].tolist(), after.since[place].tolist()]
+            found.append(columns.steps(sync, number))
+        return [*found, sync.before.tolist()]
 
 
 class Sums(Ask):
@@ -114,8 +116,6 @@ class Sums(Ask):
 
 
 def index(block: Block, first_ordinal: int) -> SyncIndex:
-    from syncline_analyzer.folds.timing.sync import before
-
     rows = block.batch.rows(0, 0x80)
     t_ns = np.concatenate(([0], block.frames.t_ns[rows]))
     nothing = np.zeros(len(t_ns), np.int64)
@@ -126,13 +126,11 @@ def index(block: Block, first_ordinal: int) -> SyncIndex:
         t_ns,
         nothing,
         nothing,
-        before(rows, len(block.batch)),
         nothing == 0,
         nothing != 0,
         0.0,
         nothing,
-        block.batch.rows_by_id,
-        block.batch.t_ns_by_id,
+        len(block.batch),
     )
 
 
@@ -142,6 +140,18 @@ def index(block: Block, first_ordinal: int) -> SyncIndex:
 def test_columns_are_those_of_numpy(kind: type[Ask], seed: int) -> None:
     ours, theirs = both(kind(seed))
     np.testing.assert_equal(ours, theirs)
+
+
+@given(data=st.lists(st.integers(0, 2), min_size=1), cuts=st.sets(st.integers(1, 40)))
+def test_repeats_are_those_of_the_whole_line(data: list[int], cuts: set[int]) -> None:
+    repeats, words = Repeats(), np.array(data, np.uint64) << np.uint64(63)
+    for part in np.split(words, sorted(cut for cut in cuts if cut < len(data))):
+        table, rows = np.array([[0, len(part)]]), np.arange(len(part))
+        found = Runs(*native.runs(table, rows, part.view(np.uint8).reshape(-1, 8)).tolist()[0])
+        assert found == Runs.of(part)
+        repeats.add(found)
+    runs = [len(list(group)) for _, group in groupby(words.tolist())]
+    assert (repeats.count, repeats.longest) == (len(data) - len(runs), max(runs))
 
 
 def test_a_spread_goes_on_in_another_process() -> None:
@@ -160,15 +170,22 @@ def test_a_spread_goes_on_in_another_process() -> None:
 
 def test_rows_outside_are_refused() -> None:
     column = np.arange(4)
+    data, place = np.zeros((4, 8), np.uint8), np.array([[0, 1]])
+    for row in (4, -1):
+        with pytest.raises(ValueError, match="columns of other"):
+            native.runs(place, np.array([row]), data)
     with pytest.raises(ValueError, match="columns of other"):
-        native.since(np.array([4]), column[:1], column, column)
-    with pytest.raises(ValueError, match="columns of other"):
-        native.since(np.array([-1]), column[:1], column, column)
+        native.runs(place, column, data[:, :7])
+    for places in ([[2, 5]], [[-1, 2]], [[2, 2]], [[3, 1]]):
+        with pytest.raises(ValueError, match="columns of other"):
+            native.differences(np.array(places), column, column[:1])
+    for marks_ns, last, kind in ((3, 1, 0), (5, 2, 0), (5, 1, 7), (5, 1, -1)):
+        with pytest.raises(ValueError, match="columns of other"):
+            native.after(
+                *(place, column, column, column, np.zeros(marks_ns, np.int64)),
+                *(np.zeros(last, np.int64), kind, 7),
+            )
     with pytest.raises(ValueError, match="columns of other"):
         native.before(np.array([2, 1]), 4)
     with pytest.raises(ValueError, match="columns of other"):
         native.before(np.array([5]), 4)
-    with pytest.raises(ValueError, match="columns of other"):
-        native.limits(np.array([[2, 5]]), column)
-    with pytest.raises(ValueError, match="columns of other"):
-        native.kinds(np.array([[0, 4]]), column, np.zeros(3, np.uint8), 2)

@@ -7,15 +7,7 @@ from syncline_schemas.native.busy import fullest_window, stretches
 from syncline_schemas.native.chunks import MOST_OTHERS, ChunkFrames, ChunkWalk
 from syncline_schemas.native.keys import MOST_KEYS, Grouped, grouping, soon
 from syncline_schemas.native.library import SWITCH, available
-from syncline_schemas.native.places import (
-    before,
-    differences,
-    kinds,
-    limits,
-    repeated,
-    running,
-    since,
-)
+from syncline_schemas.native.places import after, before, differences, running, runs
 from syncline_schemas.native.series import extremes, histogram, tally
 from syncline_schemas.native.text import MOST_LENGTH, KnownLines, lines
 from syncline_schemas.native.waiting import BusRows, bounds, close, marked
@@ -34,6 +26,7 @@ __all__ = [
     "ChunkWalk",
     "Grouped",
     "KnownLines",
+    "after",
     "available",
     "before",
     "bounds",
@@ -44,16 +37,13 @@ __all__ = [
     "fullest_window",
     "grouping",
     "histogram",
-    "kinds",
-    "limits",
     "lines",
     "marked",
-    "repeated",
     "running",
+    "runs",
     "seen_ids",
     "sent_by",
     "short_keys",
-    "since",
     "soon",
     "stretches",
     "tally",

@@ -9,6 +9,7 @@ from syncline_analyzer.context import Context
 from syncline_analyzer.folds.timing.block import Block
 from syncline_analyzer.folds.timing.on_wire import OnWire
 from syncline_analyzer.folds.timing.pdo_answers import AnswersTo, PdoAnswers
+from syncline_analyzer.folds.timing.pdo_columns import AfterSync
 from syncline_analyzer.folds.timing.sync_index import SyncIndex
 from syncline_analyzer.folds.timing.waiting_fold import WaitingFold
 from syncline_analyzer.series import Columns
@@ -17,8 +18,8 @@ from syncline_schemas.wire_length import INTERMISSION_BITS
 
 _BY_EVENTS = (0xFE, 0xFF)
 """Transmission types of a PDO that answers no SYNC, so that none can have kept it waiting."""
-_DEVICE = ("device_low_us", "device_high_us")
-_WAITING = ("device_least_us", "waiting_us")
+_DEVICE = ("device_low", "device_high")
+_WAITING = ("device_least", "waiting")
 
 Floats = NDArray[np.float64]
 
@@ -46,7 +47,7 @@ class DeviceTimes:
         self._bit_ns = on_wire.bit_ns(bus)
         self._slack_ns = context.resolution_ns - 1 + on_wire.noise_ns(bus)
 
-    def measure(self, sync: SyncIndex, pdos: Sequence[PdoAnswers]) -> None:
+    def measure(self, sync: SyncIndex, after: AfterSync, pdos: Sequence[PdoAnswers]) -> None:
         """Add the times of all these answers to the states of their PDOs, and keep them."""
         if self._bit_ns is None:
             for each in pdos:
@@ -55,11 +56,11 @@ class DeviceTimes:
         by_events = [each for each in pdos if each.state.told_type() in _BY_EVENTS]
         waited = [each for each in pdos if each.state.told_type() not in _BY_EVENTS]
         if by_events:
-            answers = AnswersTo(self._block, sync, by_events)
+            answers = AnswersTo(self._block, sync, after, by_events)
             *bounds, limits = self._bounds(answers, self._bit_ns)
             _keep(answers, limits, _DEVICE, *bounds)
         if waited:
-            answers = AnswersTo(self._block, sync, waited)
+            answers = AnswersTo(self._block, sync, after, waited)
             *bounds, limits = self._bounds(answers, self._bit_ns)
             times_ns = *bounds, *self._waiting.answers(answers, *bounds)
             _keep(answers, limits, _DEVICE + _WAITING, *times_ns)
@@ -102,7 +103,7 @@ class DeviceTimes:
 def _columns(answers: PdoAnswers) -> Columns:
     """Columns of the answers, but those of the device times."""
     frames = answers.frames
-    return {"seq": frames.seq, "t_ns": frames.t_ns, "response_us": answers.response / 1000}
+    return {"seq": frames.seq, "t_ns": frames.t_ns, "response": answers.response}
 
 
 def _keep(answers: AnswersTo, limits: Floats, names: Sequence[str], *times_ns: Floats) -> None:
@@ -115,5 +116,5 @@ def _keep(answers: AnswersTo, limits: Floats, names: Sequence[str], *times_ns: F
         each.state.device_high.add(times_ns[1][part], (c, d))
         columns = _columns(each)
         for name, column in zip(names, times_ns, strict=True):
-            columns[name] = column[part] / 1000
+            columns[name] = column[part]
         each.state.responses.add(columns)

@@ -99,7 +99,7 @@ class PdoFold:
         for sync in syncs.values():
             answers = [each for to, each in passing.answers if to is sync]
             if sync is not None and answers:
-                times.measure(sync, answers)
+                times.measure(sync, passing.columns.after(sync), answers)
         for can_id, owner, missed, sync in passing.unanswered:
             self._waiting.unanswered(can_id, owner, missed, sync)
 
@@ -247,14 +247,14 @@ class PdoFold:
         asked: NDArray[np.bool_] | None,
     ) -> None:
         """Pair the PDOs of a block with the SYNCs before them; those `asked` for prove less."""
-        at = frames.of(sync.before_by_id)
+        at = frames.of(passing.columns.after(sync).position)
         spared = None
         if state.told_type() is None:
             spared = state.slips.follow(at, frames.t_ns, sync)
         # Where every frame is the first after its SYNC, what follows is known of all PDOs at once.
         number = passing.numbers.get(can_id) if asked is None else None
         steps = None if number is None else passing.columns.steps(sync, number)
-        if steps is None or steps.limits[0] < 1 or at[0] < sync.first:
+        if steps is None or steps[0] < 1 or at[0] < sync.first:
             number = steps = None
         answers = frames
         if number is None:
@@ -333,7 +333,7 @@ class PdoFold:
         if state.off or not 2 <= every <= 0xF0:
             return
         if number is not None and every == UNTOLD and not sync.counted:
-            state.phase.add_counts(every, passing.columns.phases(sync, number))
+            state.phase.add_counts(every, passing.columns.after(sync).phases[number])
         else:
             state.phase.add(every, at, sync)
 
@@ -357,9 +357,9 @@ class PdoFold:
         number: int | None,
     ) -> None:
         """Responses (analysis.md section 5), which are those of all frames of PDO `number`."""
-        position, response = frames.of(sync.before_by_id), frames.of(sync.since_by_id)
-        limits = passing.columns.responses(sync, number) if number is not None else None
-        limits = limits or limits_of(response)
+        after = passing.columns.after(sync)
+        position, response = frames.of(after.position), frames.of(after.since)
+        limits = limits_of(response) if number is None else after.responses[number]
         if sync.any_bundled or not sync.all_usable or limits[0] < 0:
             # After a pause of the SYNC a PDO answers one that was not heard.
             to_other = ~sync.usable[position] & (response > sync.cycle_ns)

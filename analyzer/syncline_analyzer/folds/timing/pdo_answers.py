@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.folds.timing.block import Block
+from syncline_analyzer.folds.timing.pdo_columns import AfterSync
 from syncline_analyzer.folds.timing.pdo_frames import PdoFrames
 from syncline_analyzer.folds.timing.pdo_state import PdoState
 from syncline_analyzer.folds.timing.sync_index import SyncIndex
@@ -40,6 +41,7 @@ class AnswersTo:
 
     block: Block
     sync: SyncIndex
+    after: AfterSync
     pdos: Sequence[PdoAnswers]
 
     @cached_property
@@ -82,12 +84,12 @@ class AnswersTo:
     def position(self) -> Ints:
         """(r,) of the SYNC that each answers."""
         if self._place is not None:
-            return self.sync.before_by_id[self._place]
+            return self.after.position[self._place]
         return np.concatenate([each.position for each in self.pdos])
 
     @cached_property
     def response(self) -> Ints:
         """(r,) time since that SYNC [ns]."""
         if self._place is not None:
-            return self.sync.since_by_id[self._place]
+            return self.after.since[self._place]
         return np.concatenate([each.response for each in self.pdos])

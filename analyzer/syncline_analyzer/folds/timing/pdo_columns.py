@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import field
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,13 +11,32 @@ from numpy.typing import NDArray
 from syncline_analyzer.folds.timing.block import Block
 from syncline_analyzer.folds.timing.pdo_state import PdoState
 from syncline_analyzer.folds.timing.phase import UNTOLD
-from syncline_analyzer.folds.timing.rhythm import Steps
+from syncline_analyzer.folds.timing.repeats import Runs
 from syncline_analyzer.folds.timing.sync_index import SyncIndex
 from syncline_schemas import native
 from syncline_schemas.records import dataclass
 
 Ints = NDArray[np.int64]
 Limits = tuple[int, int]
+
+
+class AfterSync(NamedTuple):
+    """Where the frames of all PDOs stand between the SYNCs of one identifier.
+
+    Attributes:
+        position: (k,) of the SYNC before each frame in the columns by identifier.
+        since: (k,) time since that SYNC [ns].
+        responses: the least and the longest such time of each PDO.
+        steps: the least and the largest step of each PDO from one position to the next; that to the
+            first frame has no meaning where no answer before is known.
+        phases: (p, UNTOLD) how many frames of each PDO follow SYNCs of each number modulo that.
+    """
+
+    position: Ints
+    since: Ints
+    responses: list[Limits]
+    steps: list[Limits]
+    phases: Ints
 
 
 @dataclass(eq=False)
@@ -31,9 +51,7 @@ class PdoColumns:
     block: Block
     places: Sequence[slice]
     states: Sequence[PdoState]
-    _steps: dict[int, tuple[Ints, list[Limits]]] = field(default_factory=dict)
-    _responses: dict[int, list[Limits]] = field(default_factory=dict)
-    _phases: dict[int, Ints] = field(default_factory=dict)
+    _after: dict[int, AfterSync] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         # The states go on while their PDOs are followed.
@@ -50,67 +68,60 @@ class PdoColumns:
     def _period_columns(self) -> tuple[Ints, list[Limits]]:
         t_ns = self.block.batch.t_ns_by_id
         first = zip(self._last_ns, t_ns[self._starts].tolist(), strict=True)
-        return self._differences(t_ns, [now if last is None else last for last, now in first])
+        before = [now if last is None else last for last, now in first]
+        return self._differences(t_ns, np.array(before, np.int64))
 
     def period_limits(self, number: int) -> Limits | None:
         """The least and the longest of a PDO, None where no frame before is known."""
         return None if self._last_ns[number] is None else self._period_columns[1][number]
 
     @cached_property
-    def repeated(self) -> list[int]:
-        """(p,) how many frames of each PDO but its first bring the data of the one before."""
-        words = self.block.batch.words_by_id
+    def runs(self) -> list[Runs]:
+        """(p,) frames of each PDO in runs of equal data."""
+        batch = self.block.batch
         if native.available():
-            found: list[int] = native.repeated(self._table, words).tolist()
-            return found
-        same = np.empty(len(words), np.bool_)
-        np.equal(words[1:], words[:-1], out=same[1:])
-        same[self._starts] = False
-        counts: list[int] = np.add.reduceat(same, self._edges, dtype=np.int64)[::2].tolist()
-        return counts
+            found = native.runs(self._table, batch.rows_by_id, batch.frames.data)
+            return [Runs(*each) for each in found.tolist()]
+        return [Runs.of(batch.words_by_id[place]) for place in self.places]
 
-    def responses(self, sync: SyncIndex, number: int) -> Limits:
-        """The least and the longest time since a SYNC of a PDO."""
+    def after(self, sync: SyncIndex) -> AfterSync:
+        """By the SYNCs of one identifier."""
         key = id(sync)
-        if key not in self._responses:
-            self._responses[key] = self._limits(sync.since_by_id)
-        return self._responses[key][number]
+        if key not in self._after:
+            self._after[key] = self._after_sync(sync)
+        return self._after[key]
 
-    def steps(self, sync: SyncIndex, number: int) -> Steps | None:
-        """By the SYNCs of one identifier, None where no frame before is known."""
-        if self._last_sync[number] is None:
-            return None
-        key = id(sync)
-        if key not in self._steps:
-            last = [0 if last is None else last - sync.first_ordinal for last in self._last_sync]
-            self._steps[key] = self._differences(sync.before_by_id, last)
-        each, limits = self._steps[key]
-        return Steps(each[self.places[number]], limits[number])
+    def steps(self, sync: SyncIndex, number: int) -> Limits | None:
+        """Of a PDO, see `AfterSync`; None where no answer before is known."""
+        return None if self._last_sync[number] is None else self.after(sync).steps[number]
 
-    def phases(self, sync: SyncIndex, number: int) -> Ints:
-        """(UNTOLD,) how many frames of a PDO follow SYNCs of each number modulo that."""
-        key = id(sync)
-        if key not in self._phases:
-            numbers = np.arange(len(sync.seq)) + sync.first_ordinal
-            self._phases[key] = self._counts(sync.before_by_id, numbers % UNTOLD)
-        own: Ints = self._phases[key][number]
-        return own
+    def _after_sync(self, sync: SyncIndex) -> AfterSync:
+        batch, begun = self.block.batch, sync.first_ordinal
+        last = np.array([0 if each is None else each - begun for each in self._last_sync], np.int64)
+        if native.available():
+            by_id = self._table, batch.rows_by_id, batch.t_ns_by_id
+            position, since, limits, phases = native.after(
+                *by_id, sync.rows, sync.t_ns, last, begun % UNTOLD, UNTOLD
+            )
+            return AfterSync(position, since, _pairs(limits[:, :2]), _pairs(limits[:, 2:]), phases)
+        position = sync.before.take(batch.rows_by_id)
+        since = batch.t_ns_by_id - sync.t_ns.take(position)
+        _, steps = self._differences(position, last)
+        kinds = (np.arange(len(sync.seq)) + begun) % UNTOLD
+        return AfterSync(position, since, self._limits(since), steps, self._counts(position, kinds))
 
     def _counts(self, at: Ints, kind: Ints) -> Ints:
         """(p, UNTOLD) how many of the (k,) positions of each PDO are of each kind."""
-        if native.available():
-            return native.kinds(self._table, at, kind.astype(np.uint8), UNTOLD)
         numbered = kind.take(at)
         numbered += self._numbers * UNTOLD
         counts = np.bincount(numbered, minlength=(len(self.places) + 1) * UNTOLD)
-        return counts.reshape(-1, UNTOLD)
+        return counts.reshape(-1, UNTOLD)[:-1]
 
-    def _differences(self, values: Ints, first: list[int]) -> tuple[Ints, list[Limits]]:
-        """From each value of a PDO to the next, and the limits of that; from `first` to its first.
+    def _differences(self, values: Ints, before: Ints) -> tuple[Ints, list[Limits]]:
+        """From each value of a PDO to the next, and the limits of that; from `before` to its first.
 
         What is told outside the PDOs has no meaning.
         """
-        before = np.array(first, np.int64)
         if native.available():
             steps, limits = native.differences(self._table, values, before)
             return steps, _pairs(limits)
@@ -140,8 +151,8 @@ class PdoColumns:
         return np.array(found, np.intp).reshape(-1, 2)
 
     def _limits(self, values: Ints) -> list[Limits]:
-        if native.available():
-            return _pairs(native.limits(self._table, values))
+        if not self.places:
+            return []
         least, most = (how.reduceat(values, self._edges)[::2] for how in (np.minimum, np.maximum))
         return list(zip(least.tolist(), most.tolist(), strict=True))
 

@@ -40,8 +40,7 @@ def follow(
     last_ns, last_seq = state.last_ns, state.last_seq
     state.last_ns, state.last_seq = int(t_ns[-1]), int(seq[-1])
     state.frames += len(rows)
-    words = columns.block.batch.words_by_id[frames.place]
-    state.repeats.add(words, columns.repeated[number])
+    state.repeats.add(columns.runs[number])
     if not timed:
         return
     periods, limits = columns.periods[frames.place], columns.period_limits(number)

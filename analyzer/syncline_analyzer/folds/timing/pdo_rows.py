@@ -12,7 +12,7 @@ from syncline_analyzer.folds.timing.sending import Sending
 from syncline_analyzer.results import HoleRow, PdoRow, Responses
 
 MAX_HOLES = 1000
-_DEVICE_COLUMNS = ("device_low_us", "device_high_us", "device_least_us", "waiting_us")
+_DEVICE_COLUMNS = ("device_low", "device_high", "device_least", "waiting")
 MAX_EVIDENCE = 100
 
 
@@ -65,9 +65,9 @@ def responses(row: PdoRow, state: PdoState) -> Responses:
     columns = state.responses.columns()
     unknown = np.full(len(columns["seq"]), np.nan)
     unmeasured = row.device_us_low is None
-    device = {
-        name: unknown if unmeasured else columns.get(name, unknown) for name in _DEVICE_COLUMNS
-    }
+    low, high, least, waiting = (
+        unknown if unmeasured else columns.get(name, unknown) / 1000 for name in _DEVICE_COLUMNS
+    )
     counts, edges = state.response.histogram()
     return Responses(
         row.bus,
@@ -76,13 +76,13 @@ def responses(row: PdoRow, state: PdoState) -> Responses:
         row.pdo,
         columns["seq"],
         columns["t_ns"],
-        columns["response_us"],
-        device["device_low_us"],
-        device["device_high_us"],
+        columns["response"] / 1000,
+        low,
+        high,
         counts,
         edges / 1000,
-        device["device_least_us"],
-        device["waiting_us"],
+        least,
+        waiting,
     )
 
 

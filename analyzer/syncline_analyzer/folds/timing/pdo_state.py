@@ -65,7 +65,8 @@ class PdoState:
     overdue: Overdue = field(default_factory=Overdue)
     past_deadline: Missed = field(default_factory=Missed)
     """Moments at which an RPDO should have come by its deadline."""
-    responses: Thinner = field(default_factory=lambda: Thinner("response_us", MAX_RESPONSES))
+    responses: Thinner = field(default_factory=lambda: Thinner("response", MAX_RESPONSES))
+    """The single ones, and what is known of each [ns]."""
     owner: Pdo | None = None
     transmission: Transmission | None = None
     bound_version: int | None = None

@@ -1,9 +1,40 @@
 """Frames of a PDO that bring the data of the one before."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from syncline_schemas.records import dataclass
+
+
+class Runs(NamedTuple):
+    """Frames of a block, at least one, in runs of equal data.
+
+    Attributes:
+        first, last: their data.
+        repeated: how many bring the data of the one before.
+        head, longest, tail: frames in the first run, in the longest between two changes, and in the
+            last, 0 where that is the first.
+    """
+
+    first: int
+    last: int
+    repeated: int
+    head: int
+    longest: int
+    tail: int
+
+    @classmethod
+    def of(cls, words: NDArray[np.uint64]) -> "Runs":
+        """Of frames by their eight data bytes as one word each; (n,)."""
+        starts = np.flatnonzero(words[1:] != words[:-1]) + 1
+        first, last = words[[0, -1]].view(np.int64).tolist()
+        if not len(starts):
+            return cls(first, last, len(words) - 1, len(words), 0, 0)
+        longest = int((starts[1:] - starts[:-1]).max(initial=0))
+        head, tail = int(starts[0]), len(words) - int(starts[-1])
+        return cls(first, last, len(words) - 1 - len(starts), head, longest, tail)
 
 
 @dataclass(slots=True)
@@ -16,22 +47,10 @@ class Repeats:
     _last: int | None = None
     _run: int = 0
 
-    def add(self, words: NDArray[np.uint64], repeated: int) -> None:
-        """Take in the eight data bytes of frames in order, at least one, each as one word; (n,).
-
-        So many of them are `repeated`, the first one aside.
-        """
-        first, self._last = self._last == int(words[0]), int(words[-1])
-        self.count += repeated + first
+    def add(self, runs: Runs) -> None:
+        """Take in the frames of a block."""
+        first, self._last = self._last == runs.first, runs.last
+        self.count += runs.repeated + first
         run = self._run * first
-        if repeated == len(words) - 1:
-            self._run = run + len(words)
-        elif not repeated:
-            self.longest = max(self.longest, run + 1)
-            self._run = 1
-        else:
-            starts = np.flatnonzero(words[1:] != words[:-1]) + 1
-            longest = int((starts[1:] - starts[:-1]).max(initial=0))
-            self.longest = max(self.longest, run + int(starts[0]), longest)
-            self._run = len(words) - int(starts[-1])
-        self.longest = max(self.longest, self._run)
+        self._run = runs.tail or run + runs.head
+        self.longest = max(self.longest, run + runs.head, runs.longest, self._run)

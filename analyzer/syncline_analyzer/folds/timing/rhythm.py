@@ -42,18 +42,6 @@ class Operational(NamedTuple):
     left: bool
 
 
-class Steps(NamedTuple):
-    """How many SYNCs lie between one answer and the one before.
-
-    Attributes:
-        each: (k,) of the answers, at least one.
-        limits: the least and the largest of them.
-    """
-
-    each: NDArray[np.int64]
-    limits: tuple[int, int]
-
-
 @dataclass(frozen=True, slots=True)
 class MissedList:
     """Missed moments: (n,) t_ns and seq in order, and how many there were beyond these."""
@@ -223,27 +211,28 @@ class Rhythm:
         near: NDArray[np.bool_] = (extra - before <= every) & (after - extra <= every)
         return near & ~_soon_after_silence(line, extra, every)
 
-    def answered(self, ordinal: NDArray[np.int64], steps: Steps | None = None) -> None:
-        """Take in the numbers of the SYNCs that were answered, each once, (n,) and their `steps`."""
+    def answered(self, ordinal: NDArray[np.int64], limits: tuple[int, int] | None = None) -> None:
+        """Take in the numbers of the SYNCs that were answered, each once; (n,).
+
+        `limits` are the least and the largest step from one answer to the next, where they are
+        known, that from the last one before included.
+        """
         self._fresh, self._longest = ordinal, None
         if not len(ordinal):
             return
-        if steps is None:
+        if limits is not None and limits[0] == limits[1]:
+            self.steps[min(limits[0], _MAX_STEP)] += len(ordinal)
+        else:
             line = ordinal if self.last is None else np.concatenate(([self.last], ordinal))
-            each = line[1:] - line[:-1]
-            steps = Steps(each, limits_of(each)) if len(each) else None
-        if steps is not None:
-            self._count(steps)
+            steps = line[1:] - line[:-1]
+            self.steps += np.bincount(np.minimum(steps, _MAX_STEP), minlength=_MAX_STEP + 1)
+            limits = limits_of(steps) if len(steps) else None
+        if limits is not None:
+            self._note_limits(*limits)
         self.last = int(ordinal[-1])
 
-    def _count(self, steps: Steps) -> None:
-        """Count how many SYNCs lie between answers."""
-        least, most = steps.limits
-        if least == most:
-            self.steps[min(least, _MAX_STEP)] += len(steps.each)
-        else:
-            counted = np.minimum(steps.each, _MAX_STEP)
-            self.steps += np.bincount(counted, minlength=_MAX_STEP + 1)
+    def _note_limits(self, least: int, most: int) -> None:
+        """Note the least and the largest step from one answer to the next."""
         if self._kept is not None and (least, most) != (self._kept[2], self._kept[2]):
             self._kept = None
         self._longest = (self.last, most) if self.last is not None else None

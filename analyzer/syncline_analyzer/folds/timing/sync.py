@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.context import Context
-from syncline_analyzer.distribution import quantile_of
+from syncline_analyzer.distribution import median_of, quantile_of
 from syncline_analyzer.folds.timing.backlog import PAUSE, TOO_SHORT, backlog
 from syncline_analyzer.folds.timing.block import LONGEST_ERROR, UNKNOWN_BITS, Block
 from syncline_analyzer.folds.timing.bundles import bundled, lacking, paced
@@ -18,7 +18,6 @@ from syncline_analyzer.folds.timing.sync_table import SyncTable, sync_table
 from syncline_analyzer.folds.timing.unsteady import OFF
 from syncline_analyzer.folds.timing.usual import MISSING, cycles_of, usual_of
 from syncline_analyzer.results import ClockStepRow
-from syncline_schemas import native
 from syncline_schemas.batch import FrameFlag
 from syncline_schemas.wire_length import longest_bits
 
@@ -149,13 +148,11 @@ class SyncFold:
             t_ns,
             np.concatenate(([state.last_seq], seqs)),
             bits,
-            before(rows, len(block.batch)),
             usable,
             bundled,
             median,
             _counters(block, state, rows),
-            block.batch.rows_by_id,
-            block.batch.t_ns_by_id,
+            len(block.batch),
         )
 
     def _bundled(
@@ -308,15 +305,6 @@ class SyncFold:
         return np.where(index.bundled[index.first : -1], by_counter, in_time)
 
 
-def before(rows: NDArray[np.intp], count: int) -> NDArray[np.int64]:
-    """(count,) how many of these rows are at or before each."""
-    if native.available():
-        return native.before(rows, count)
-    is_one = np.zeros(count, np.int64)
-    is_one[rows] = 1
-    return np.cumsum(is_one)
-
-
 def _step(block: Block, bus: str, found: ClockSet) -> ClockStepRow:
     t_ns, seq = block.frames.t_ns, block.batch.seq(found.end)
     around = int(t_ns[found.start]), int(t_ns[found.end])
@@ -342,7 +330,7 @@ def _lost_by_counter(state: SyncState, index: SyncIndex, told: int | None) -> ND
 
 def _median(state: SyncState, periods: NDArray[np.int64]) -> float:
     """Median of a block's own periods where there are enough of them, so that it may change."""
-    return float(np.median(periods)) if len(periods) >= _LEARN else state.period.quantile(0.5)
+    return median_of(periods) if len(periods) >= _LEARN else state.period.quantile(0.5)
 
 
 def _median_of(state: SyncState, index: SyncIndex, periods: NDArray[np.int64]) -> float:
@@ -350,7 +338,7 @@ def _median_of(state: SyncState, index: SyncIndex, periods: NDArray[np.int64]) -
     if len(periods) >= _LEARN and len(periods) == len(index.periods):
         return index.cycle_ns
     if not state.period.count:
-        return float(np.median(periods))
+        return median_of(periods)
     return _median(state, periods)
 
 

@@ -19,14 +19,13 @@ class SyncIndex:
         first_ordinal: number of the SYNC at position 0, counted over the capture.
         known: whether there is a SYNC at position 0 (not at the start, nor after a gap).
         t_ns, seq, bits: (m + 1,) stamp, `seq`, and the bits sent on the bus up to its end.
-        before: (n,) position of the last SYNC at or before each row of the block.
         usable: (m + 1,) False where nothing follows from silence: the next SYNC came at once (stamps
             of a backlog), or stayed away for long.
         cycle_ns: median of the periods, 0 when there is none.
         bundled: (m + 1,) True from a SYNC to the next where the stamps are those of a backlog, or the
             clock was set.
         counter: (m + 1,) their counters, 0 for those without one.
-        rows_by_id, t_ns_by_id: (k,) rows and stamps of the frames by identifier, see `IndexedBatch`.
+        frames: how many the block has.
     """
 
     rows: NDArray[np.intp]
@@ -35,30 +34,20 @@ class SyncIndex:
     t_ns: NDArray[np.int64]
     seq: NDArray[np.int64]
     bits: NDArray[np.int64]
-    before: NDArray[np.int64]
     usable: NDArray[np.bool_]
     bundled: NDArray[np.bool_]
     cycle_ns: float
     counter: NDArray[np.int64]
-    rows_by_id: NDArray[np.intp]
-    t_ns_by_id: NDArray[np.int64]
+    frames: int
 
     @cached_property
-    def before_by_id(self) -> NDArray[np.int64]:
-        """(k,) `before` of the frames by identifier."""
-        return self._by_id[0]
-
-    @cached_property
-    def since_by_id(self) -> NDArray[np.int64]:
-        """(k,) time from the SYNC before to each of the frames by identifier [ns]."""
-        return self._by_id[1]
-
-    @cached_property
-    def _by_id(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def before(self) -> NDArray[np.int64]:
+        """(n,) position of the last SYNC at or before each row of the block."""
         if native.available():
-            return native.since(self.rows_by_id, self.t_ns_by_id, self.before, self.t_ns)
-        before = self.before.take(self.rows_by_id)
-        return before, self.t_ns_by_id - self.t_ns.take(before)
+            return native.before(self.rows, self.frames)
+        is_one = np.zeros(self.frames, np.int64)
+        is_one[self.rows] = 1
+        return np.cumsum(is_one)
 
     @cached_property
     def all_usable(self) -> bool:

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from syncline_analyzer.distribution import Distribution
 from syncline_analyzer.fold import IndexedBatch
+from syncline_analyzer.folds.sdo.pairs import SdoFrames
 from syncline_analyzer.folds.timing.block import Block
 from syncline_analyzer.folds.timing.pdo import running
 from syncline_analyzer.folds.timing.pdo_columns import PdoColumns
@@ -115,6 +116,25 @@ class Sums(Ask):
         return running(values, int(rng.integers(-most, most))).tolist()
 
 
+class SdoPairs(Ask):
+    """Plain SDO transfers among frames of three channels that mostly fit together."""
+
+    def __call__(self) -> object:
+        rng = self.rng
+        count = int(rng.integers(0, 300))
+        data = rng.integers(0, 2, (count, 8)).astype(np.uint8)
+        data[:, 0] = rng.choice([0x40, 0x43, 0x4F, 0x2F, 0x23, 0x60, 0x80], count)
+        data[:, 2] = rng.choice([0x10, 0x12, 0x20], count)
+        if rng.random() < 0.5:
+            data[:, 1:4] = data[:1, 1:4]
+        length = np.where(rng.random(count) < 0.1, 7, 8).astype(np.uint8)
+        channel = rng.integers(0, 3, count).astype(np.uint16)
+        request = np.isin(data[:, 0], (0x40, 0x2F, 0x23)) ^ (rng.random(count) < 0.1)
+        place, ids = np.arange(count), np.zeros(count, np.int16)
+        frames = SdoFrames(place, place, length, data, channel, request, ids)
+        return [places.tolist() for places in frames.pairs()]
+
+
 def index(block: Block, first_ordinal: int) -> SyncIndex:
     rows = block.batch.rows(0, 0x80)
     t_ns = np.concatenate(([0], block.frames.t_ns[rows]))
@@ -134,7 +154,7 @@ def index(block: Block, first_ordinal: int) -> SyncIndex:
     )
 
 
-@pytest.mark.parametrize("kind", [Spread, Peaks, Pdos, Sums])
+@pytest.mark.parametrize("kind", [Spread, Peaks, Pdos, Sums, SdoPairs])
 @given(seed=SEEDS)
 @settings(max_examples=60, deadline=None)
 def test_columns_are_those_of_numpy(kind: type[Ask], seed: int) -> None:
@@ -166,6 +186,18 @@ def test_a_spread_goes_on_in_another_process() -> None:
         each.add(values[::-1].copy())
     assert there.quantile(0.3) == here.quantile(0.3)
     assert there.std == here.std
+
+
+STAMPS = st.integers(-(2**63), 2**63 - 1) | st.integers(0, 100)
+
+
+@given(t_ns=st.lists(STAMPS, max_size=40), limit_ns=st.integers(0, 60))
+def test_times_between_frames_are_those_of_numpy(t_ns: list[int], limit_ns: int) -> None:
+    column = np.array(t_ns, np.int64)
+    apart = column[1:] - column[:-1]
+    later = (np.flatnonzero(apart > limit_ns) + 1).tolist()
+    assert native.later(column, limit_ns).tolist() == later
+    assert native.sooner(column, limit_ns) == np.count_nonzero((apart >= 0) & (apart < limit_ns))
 
 
 def test_rows_outside_are_refused() -> None:

@@ -8,7 +8,9 @@ from syncline_schemas.native.chunks import MOST_OTHERS, ChunkFrames, ChunkWalk
 from syncline_schemas.native.keys import MOST_KEYS, Grouped, grouping, soon
 from syncline_schemas.native.library import SWITCH, available
 from syncline_schemas.native.places import after, before, differences, running, runs
+from syncline_schemas.native.sdo_pairs import sdo_pairs
 from syncline_schemas.native.series import extremes, histogram, tally
+from syncline_schemas.native.stamps import later, sooner
 from syncline_schemas.native.text import MOST_LENGTH, KnownLines, lines
 from syncline_schemas.native.waiting import BusRows, bounds, close, marked
 from syncline_schemas.native.waiting_senders import seen_ids, sent_by, short_keys
@@ -37,14 +39,17 @@ __all__ = [
     "fullest_window",
     "grouping",
     "histogram",
+    "later",
     "lines",
     "marked",
     "running",
     "runs",
+    "sdo_pairs",
     "seen_ids",
     "sent_by",
     "short_keys",
     "soon",
+    "sooner",
     "stretches",
     "tally",
     "wire_bits",

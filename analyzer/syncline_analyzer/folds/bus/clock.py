@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.fold import IndexedBatch
+from syncline_schemas import native
 from syncline_schemas.batch import Gap
 from syncline_schemas.records import dataclass
 
@@ -105,7 +106,8 @@ class ClockFold:
         first_ns = np.int64(0) if last is None else t_ns[0] - last
         self._last[bus] = int(t_ns[-1])
         if not batch.ascending or first_ns < 0:
-            back = _rows(first_ns < 0, batch.apart_ns < 0)[: MAX_STEPS - len(self._steps)]
+            later = np.flatnonzero(batch.apart_ns < 0) + 1
+            back = _rows(first_ns < 0, later)[: MAX_STEPS - len(self._steps)]
             for row, passed_ns in zip(back.tolist(), _passed(batch, back, first_ns), strict=True):
                 name = self._context.bus_name(bus)
                 self._steps.append(ClockStep(name, batch.seq(row), int(t_ns[row]), -int(passed_ns)))
@@ -115,7 +117,7 @@ class ClockFold:
         kept = self._silences.get(bus, _NO_SILENCES)
         full = kept.shape[1] >= MAX_SILENCES
         shortest = int((kept[_END] - kept[_START]).min()) if full else 0
-        rows = _rows(first_ns > shortest, batch.apart_ns > shortest)
+        rows = _rows(first_ns > shortest, _later(batch, shortest))
         passed = _passed(batch, rows, first_ns)
         if len(rows) > MAX_SILENCES:
             long = passed >= np.partition(passed, -MAX_SILENCES)[-MAX_SILENCES]
@@ -126,10 +128,16 @@ class ClockFold:
             self._silences[bus] = _longest(np.concatenate((kept, found), axis=1))
 
 
-def _rows(first: bool | np.bool_, later: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """Rows by whether it is the first one, and which of the later ones."""
-    rows = np.flatnonzero(later) + 1
-    return np.concatenate(([0], rows)) if first else rows
+def _rows(first: bool | np.bool_, later: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Rows by whether it is the first one, and later ones."""
+    return np.concatenate(([0], later)) if first else later
+
+
+def _later(batch: IndexedBatch, limit_ns: int) -> NDArray[np.intp]:
+    """Rows that come later than that after the one before."""
+    if native.available():
+        return native.later(batch.frames.t_ns, limit_ns)
+    return np.flatnonzero(batch.apart_ns > limit_ns) + 1
 
 
 def _passed(batch: IndexedBatch, rows: NDArray[np.intp], first_ns: np.int64) -> NDArray[np.int64]:

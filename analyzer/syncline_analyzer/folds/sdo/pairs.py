@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.folds.sdo.transfer import Transfer
+from syncline_schemas import native
 from syncline_schemas.records import dataclass
 
 SERVERS = range(0x1200, 0x1280)
@@ -45,6 +46,8 @@ class SdoFrames:
         the same object; 40h and an expedited answer, or an expedited download and 60h. Those that
         tell where a server is are none: they may decide what the frames after them mean.
         """
+        if native.available():
+            return native.sdo_pairs(self.length, self.data, self.channel, self.request)
         order = np.argsort(self.channel, kind="stable")
         asks, answers = order[:-1], order[1:]
         turns = self.request[asks] & ~self.request[answers]

@@ -54,7 +54,6 @@ class Block:
     def __init__(self, batch: IndexedBatch) -> None:
         self.batch = batch
         self._wire_ns: dict[tuple[int, float, float | None], NDArray[np.float64]] = {}
-        self._apart_ns: dict[int, NDArray[np.int64]] = {}
 
     @property
     def frames(self) -> FrameBatch:
@@ -125,16 +124,6 @@ class Block:
         real = (self.frames.flags & COPY) == 0
         rows = {one: np.flatnonzero((bus == one) & real) for one in buses}
         return {one: found for one, found in rows.items() if len(found)}
-
-    def apart_ns(self, bus: int) -> NDArray[np.int64]:
-        """(k - 1,) time from each frame of a bus to the next, negative where the clock was set."""
-        if bus not in self._apart_ns:
-            rows = self.by_bus[bus]
-            if isinstance(rows, slice):
-                return self.batch.apart_ns
-            t_ns = self.frames.t_ns[rows]
-            self._apart_ns[bus] = t_ns[1:] - t_ns[:-1]
-        return self._apart_ns[bus]
 
     @cached_property
     def error(self) -> NDArray[np.bool_]:

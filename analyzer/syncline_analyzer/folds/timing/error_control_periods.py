@@ -186,7 +186,7 @@ class ErrorControlPeriods:
         """Whether a node sent heartbeats and nothing else, and nothing asked it for anything."""
         if not len(rows) or state.asked_ns is not None or state.broken:
             return False
-        plain = bool((block.frames.dlc.take(rows) == 1).all())
+        plain = block.batch.lengths[bus, FIRST_ID + node] == (1, 1)
         return plain and bool(block.frames.data[rows, 0].all()) and not self._cuts(block, bus, node)
 
     def _take_beats(self, block: Block, bus: int, node: int, state: _State) -> None:

@@ -117,7 +117,7 @@ class LoadFold:
         t_ns, error = frames.t_ns, block.error[rows]
         back: list[int] = []
         if not block.batch.ascending:
-            back = (np.flatnonzero(block.apart_ns(bus) < -_STEP_BACK_NS) + 1).tolist()
+            back = (np.flatnonzero(t_ns[1:] - t_ns[:-1] < -_STEP_BACK_NS) + 1).tolist()
         for first, stop in pairwise([0, *back, len(t_ns)]):
             part = slice(first, stop)
             self._stretch(bus, state, t_ns[part], bits[part], error[part], block.batch.ascending)

@@ -2,12 +2,12 @@
 
 import importlib
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import click
 
 from syncline_schemas.errors import MissingExtraError
+from syncline_schemas.records import dataclass
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint, EntryPoints

@@ -1,12 +1,13 @@
 """The frame batch: the only shape in which frames travel."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from enum import IntFlag
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
+
+from syncline_schemas.records import dataclass
 
 
 class FrameFlag(IntFlag):

@@ -4,11 +4,12 @@ The values are those of linux/can/error.h. Codes of the location are those of th
 code capture, which other controllers' drivers translate theirs to.
 """
 
-from dataclasses import dataclass
 from enum import IntFlag
 
 import numpy as np
 from numpy.typing import NDArray
+
+from syncline_schemas.records import dataclass
 
 
 class ErrorClass(IntFlag):

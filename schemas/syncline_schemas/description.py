@@ -3,7 +3,7 @@
 import tomllib
 from collections.abc import Mapping
 from collections.abc import Set as AbstractSet
-from dataclasses import dataclass, field
+from dataclasses import field
 from math import isfinite
 from pathlib import Path
 from typing import Any, Self
@@ -20,6 +20,7 @@ from syncline_schemas.devices import (
 )
 from syncline_schemas.devices.convert import integer, object_key
 from syncline_schemas.errors import DescriptionError
+from syncline_schemas.records import dataclass
 
 
 @dataclass(frozen=True, slots=True, eq=False)

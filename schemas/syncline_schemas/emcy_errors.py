@@ -1,11 +1,12 @@
 """The errors that are active on a node by its EMCYs (CiA 301 7.2.7.2), and which of them a "no error" message ends."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Literal
 
 from syncline_schemas.canopen.emcy import group_bit
 from syncline_schemas.devices import Device
+from syncline_schemas.records import dataclass
 
 GENERIC_BIT = 0x01
 """Bit 0 of 1001h goes with any error, so it tells of none in particular."""

@@ -11,12 +11,13 @@ drawing is lost): where it counts the other way, both angles change their sign a
 by half a turn about z. Angles are degrees, (n,). What cannot be converted is NaN.
 """
 
-from dataclasses import dataclass
 from enum import IntFlag, StrEnum
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
+from syncline_schemas.records import dataclass
 
 Degrees = NDArray[np.float64]
 Vectors = NDArray[np.float64]

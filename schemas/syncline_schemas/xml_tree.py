@@ -1,8 +1,10 @@
 """XML that somebody sent, as a small tree with line numbers: no entities, no DTD, bounded."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from xml.parsers import expat
+
+from syncline_schemas.records import dataclass
 
 MAX_DEPTH = 100
 MAX_ELEMENTS = 500_000

@@ -6,11 +6,11 @@ import re
 import zipfile
 import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from syncline_schemas.errors import CaptureError
+from syncline_schemas.records import dataclass
 
 MANIFEST = "manifest.json"
 SCHEMA = "syncline.bundle/1"

@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from importlib.metadata import version
 from typing import BinaryIO
 
@@ -24,6 +24,7 @@ from syncline_schemas.capture.layout import (
 from syncline_schemas.capture.message import MessageBlock, schema_of
 from syncline_schemas.capture.writer import CaptureWriter
 from syncline_schemas.proto import syncline_pb2
+from syncline_schemas.records import dataclass
 
 Rates = Callable[[str], tuple[int | None, int | None]]
 

@@ -3,7 +3,7 @@
 import platform
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,7 @@ from syncline_schemas.capture.learned import learned_record
 from syncline_schemas.description import BusDescription
 from syncline_schemas.devices import is_path, load_device
 from syncline_schemas.errors import CaptureError, DescriptionError, UsageError
+from syncline_schemas.records import dataclass
 from syncline_schemas.wording import counted
 
 LIBRARIES = ("numpy", "mcap", "protobuf", "canopen", "python-can", "pandas", "zstandard")

@@ -1,9 +1,9 @@
 """What is no chance: rates of rare events, medians and spreads of two captures."""
 
-from dataclasses import dataclass
 from math import erfc, exp, lgamma, log, sqrt
 
 from syncline_analyzer.results import Jitter, Quantiles
+from syncline_schemas.records import dataclass
 
 SURE = 1e-4
 """A difference is told where chance makes it less often than this."""

@@ -1,9 +1,10 @@
 """Rows of a comparison: what differs, and what could not be compared."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING, Literal
 
 from syncline_analyzer.results import SEVERITY_RANK, CaptureRow, Severity
+from syncline_schemas.records import dataclass
 from syncline_schemas.wording import counted
 
 if TYPE_CHECKING:

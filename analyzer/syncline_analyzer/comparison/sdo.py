@@ -2,7 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from statistics import median
 
 from syncline_analyzer.comparison.chance import more_often
@@ -10,6 +10,7 @@ from syncline_analyzer.comparison.rows import ComparisonRow, UnseenRow
 from syncline_analyzer.comparison.side import Pair, Side
 from syncline_analyzer.results import SdoRow
 from syncline_analyzer.views.words import number, object_name, sdo_result
+from syncline_schemas.records import dataclass
 
 _ANSWERS = 30
 """Answers that tell how fast a device is."""

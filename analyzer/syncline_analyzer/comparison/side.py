@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -10,6 +9,7 @@ from syncline_analyzer.comparison.kinds import KINDS
 from syncline_analyzer.comparison.rows import ComparisonRow
 from syncline_analyzer.results import Analysis, GapRow, NodeRow, PdoRow, Severity
 from syncline_analyzer.views.words import duration, printable
+from syncline_schemas.records import dataclass
 
 OPERATIONAL = "OPERATIONAL"
 _GUESS = ["pdo (guess)"]

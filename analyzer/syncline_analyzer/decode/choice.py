@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +9,7 @@ from numpy.typing import NDArray
 from syncline_analyzer.decode.part import FAMILIES, Head
 from syncline_analyzer.fold import IndexedBatch
 from syncline_schemas.errors import UsageError
+from syncline_schemas.records import dataclass
 
 _RANGE = re.compile(r"(?:0x)?([0-9a-f]{1,8})h?(?:-(?:0x)?([0-9a-f]{1,8})h?)?", re.IGNORECASE)
 _FRAMES = re.compile(r"(\d+)(?:-(\d+))?")

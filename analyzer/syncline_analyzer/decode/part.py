@@ -1,6 +1,5 @@
 """Words for frames: frames of one kind and identifier, and what each of them says."""
 
-from dataclasses import dataclass
 from enum import StrEnum
 from typing import NamedTuple
 
@@ -8,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from syncline_schemas.batch import FrameBatch
+from syncline_schemas.records import dataclass
 
 Rows = NDArray[np.intp]
 

@@ -1,7 +1,7 @@
 """A session frame by frame, in words."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from syncline_analyzer.capture import CaptureFacts, time_base
 from syncline_analyzer.deafness import Numbered, with_deafness, without_classes
@@ -14,6 +14,7 @@ from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.joining import joined
 from syncline_analyzer.opened import Opened
 from syncline_schemas.batch import FrameBatch, Gap
+from syncline_schemas.records import dataclass
 
 FRAMES = 16_384
 """Frames of a batch: the first lines come soon, and equal frames are still put into words once."""

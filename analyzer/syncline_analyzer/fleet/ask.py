@@ -11,13 +11,14 @@ fleet.trends(quantity="encoder-noise")
 """
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, fields
 from typing import TYPE_CHECKING, Any, Self
 
 from syncline_analyzer.fleet import questions
 from syncline_analyzer.fleet.database import Database, Query
 from syncline_analyzer.fleet.dataset import Dataset
 from syncline_analyzer.fleet.trends import trend_findings
+from syncline_schemas.records import dataclass
 
 if TYPE_CHECKING:
     import pandas as pd

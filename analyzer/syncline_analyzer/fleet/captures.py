@@ -1,7 +1,7 @@
 """The rows of `captures` and `failures`: what the data set knows of each recording."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, fields
 from io import BytesIO
 from typing import Any, Self
 
@@ -13,6 +13,7 @@ from syncline_analyzer.fleet.recording import File
 from syncline_analyzer.fleet.schemas import CAPTURES, FAILURES, table_schema
 from syncline_analyzer.fleet.task import Outcome, Status
 from syncline_analyzer.results import Analysis
+from syncline_schemas.records import dataclass
 
 HEALTHY = "healthy"
 """Verdict of a capture without findings of severity error or warning."""

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
@@ -14,6 +13,7 @@ from syncline_analyzer.fleet.scope import EVERYTHING, Scope
 from syncline_analyzer.fleet.storage import Storage
 from syncline_analyzer.viewer import LOOPBACK
 from syncline_schemas.errors import UsageError
+from syncline_schemas.records import dataclass
 
 if TYPE_CHECKING:
     from rerun.catalog import DatasetEntry

@@ -8,7 +8,7 @@ import json
 import types
 import typing
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import fields, is_dataclass, replace
 from functools import cache
 from operator import attrgetter
 from typing import Any
@@ -17,6 +17,7 @@ import pyarrow as pa
 
 from syncline_analyzer.results import TRACE_FLAGS, Jitter, Quantiles
 from syncline_schemas.canopen.nmt import NmtState
+from syncline_schemas.records import dataclass
 
 STAMP = pa.timestamp("ns", "UTC")
 _DURATIONS = ("step_ns", "offset_ns")

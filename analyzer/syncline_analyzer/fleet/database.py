@@ -7,7 +7,6 @@ and files, networks, extensions and settings are switched off for every statemen
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import Any
 
 import duckdb
@@ -18,6 +17,7 @@ from syncline_analyzer.fleet.layout import PACKS
 from syncline_analyzer.fleet.relations import relations
 from syncline_analyzer.fleet.schemas import FAILURES, tables
 from syncline_schemas.errors import UsageError
+from syncline_schemas.records import dataclass
 
 _ROWS_AT_ONCE = 65_536
 _CONFIG: dict[str, str | bool | int | float | list[str]] = {

@@ -13,7 +13,7 @@ Whoever reads the files by a glob instead may see tables of captures that are be
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, Self, TypeVar
 
 import pyarrow as pa
@@ -35,6 +35,7 @@ from syncline_analyzer.fleet.listing import Listing
 from syncline_analyzer.fleet.packs import packed_captures, packed_schema
 from syncline_analyzer.fleet.schemas import CAPTURES
 from syncline_analyzer.fleet.storage import Storage, open_storage
+from syncline_schemas.records import dataclass
 
 _AT_ONCE = 32
 _E = TypeVar("_E", CaptureEntry, FailureEntry)

@@ -4,7 +4,6 @@ import hashlib
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -15,6 +14,7 @@ from syncline_analyzer.fleet.identity import content_hash, file_digest
 from syncline_analyzer.fleet.recording import File
 from syncline_analyzer.fleet.storage import open_url
 from syncline_schemas.errors import CaptureError
+from syncline_schemas.records import dataclass
 
 _BLOCK_BYTES = 4 << 20
 

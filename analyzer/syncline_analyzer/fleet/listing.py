@@ -6,7 +6,7 @@ Of a local one only three levels of folders are gone through; an object store li
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import NamedTuple, Self
 
@@ -19,6 +19,7 @@ from syncline_analyzer.fleet.layout import (
 )
 from syncline_analyzer.fleet.source import etag_of, modified_ns_of
 from syncline_analyzer.fleet.storage import Storage
+from syncline_schemas.records import dataclass
 
 
 class PackFiles(NamedTuple):

@@ -1,11 +1,11 @@
 """Which machine a capture is of."""
 
 import re
-from dataclasses import dataclass
 from typing import Literal, Self
 
 from syncline_analyzer.fleet.layout import stored_name
 from syncline_schemas.errors import UsageError
+from syncline_schemas.records import dataclass
 
 Source = Literal["rule", "recorder", "folder"]
 _FIELD = re.compile(r"\{(\w+)\}")

@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from datetime import date, timedelta
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -10,6 +9,7 @@ from typing import Any, NamedTuple
 from syncline_analyzer.fleet.captures import HEALTHY, FailureEntry
 from syncline_analyzer.fleet.database import Database, Query
 from syncline_analyzer.fleet.layout import UNDATED
+from syncline_schemas.records import dataclass
 
 SEVERITIES = ("error", "warning", HEALTHY)
 """Verdicts of captures, the worst first."""

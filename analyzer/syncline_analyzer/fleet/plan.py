@@ -2,7 +2,7 @@
 
 import uuid
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 from syncline_analyzer.fleet.captures import CaptureEntry, FailureEntry
@@ -14,6 +14,7 @@ from syncline_analyzer.fleet.recording import File, Recording
 from syncline_analyzer.fleet.source import Found
 from syncline_analyzer.fleet.storage import Storage
 from syncline_analyzer.fleet.task import Settings, Task
+from syncline_schemas.records import dataclass
 
 
 @dataclass(frozen=True, slots=True)

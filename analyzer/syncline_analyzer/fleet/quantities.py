@@ -1,11 +1,11 @@
 """What of a node is followed over captures, weeks and machines, and from which table it comes."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal
 
 from syncline_schemas.errors import UsageError
+from syncline_schemas.records import dataclass
 
 Kind = Literal["level", "events", "growth"]
 

@@ -7,7 +7,6 @@ question that has a time in it.
 import inspect
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from types import MappingProxyType
 from typing import Any
@@ -15,6 +14,7 @@ from typing import Any
 from syncline_analyzer.fleet.database import Query
 from syncline_analyzer.fleet.quantities import QUANTITIES, Quantity, quantity_named
 from syncline_schemas.errors import UsageError
+from syncline_schemas.records import dataclass
 
 EVERY = ("day", "week", "month")
 _CODE = re.compile(r"(?:0x)?(?!0x)([0-9a-fx]{4})h?", re.IGNORECASE)

@@ -1,8 +1,7 @@
 """A recording: the files that a recorder split it into, and what each tells of it."""
 
-from dataclasses import dataclass
-
 from syncline_analyzer.fleet.machine import Source
+from syncline_schemas.records import dataclass
 
 
 @dataclass(frozen=True, slots=True)

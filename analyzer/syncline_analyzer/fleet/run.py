@@ -5,7 +5,7 @@ from asyncio import CancelledError
 from collections.abc import Iterable, Iterator
 from concurrent.futures import CancelledError as FutureCancelled
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Protocol
 
 import pyarrow as pa
@@ -19,6 +19,7 @@ from syncline_analyzer.fleet.plan import Order, Plan, plan
 from syncline_analyzer.fleet.publish import remove_staging
 from syncline_analyzer.fleet.task import Outcome, Task, analyze_task
 from syncline_schemas.errors import SourceError, SynclineError, UsageError
+from syncline_schemas.records import dataclass
 
 PATIENCE_S = 300.0
 """So long a scheduler that is lost is waited for."""

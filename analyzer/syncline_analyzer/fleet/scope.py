@@ -1,12 +1,12 @@
 """Which captures of a data set are wanted: of which machines, begun when."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import Self
 
 from syncline_analyzer.fleet.captures import CaptureEntry, FailureEntry
 from syncline_analyzer.fleet.questions import utc_ns
+from syncline_schemas.records import dataclass
 
 
 @dataclass(frozen=True, slots=True)

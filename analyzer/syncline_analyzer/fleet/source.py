@@ -1,7 +1,6 @@
 """Which files of folders, globs and object stores may be captures."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
@@ -10,6 +9,7 @@ from fsspec.implementations.local import LocalFileSystem
 from syncline_analyzer.fleet.storage import GLOB_MAGIC, Storage, absolute, open_url
 from syncline_analyzer.readers.formats import READ_FORMATS
 from syncline_schemas.errors import UsageError
+from syncline_schemas.records import dataclass
 
 PACKED = (".gz", ".zst")
 ENDINGS = frozenset({ending for form in READ_FORMATS for ending in form.endings} | {".zip"})

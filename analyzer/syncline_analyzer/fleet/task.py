@@ -4,13 +4,14 @@ The scheduler loads this module too: nothing heavy is imported here.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, Literal
 
 from syncline_analyzer.fleet.identity import analysis_version
 from syncline_analyzer.fleet.layout import Partition
 from syncline_analyzer.fleet.recording import Recording
 from syncline_analyzer.fleet.storage import Storage
+from syncline_schemas.records import dataclass
 
 Status = Literal["analyzed", "unchanged", "failed", "no capture", "worker died"]
 Extra = Literal["samples", "report", "recording"]

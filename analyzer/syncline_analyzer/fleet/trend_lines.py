@@ -1,6 +1,5 @@
 """Trends together with the values that they were judged from, to be drawn."""
 
-from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
 import numpy as np
@@ -12,6 +11,7 @@ from syncline_analyzer.fleet.trends.judging import trends_of
 from syncline_analyzer.fleet.trends.rows import TrendFinding
 from syncline_analyzer.fleet.trends.trend import Trend
 from syncline_analyzer.fleet.trends.wording import finding_of
+from syncline_schemas.records import dataclass
 
 
 @dataclass(frozen=True, slots=True, eq=False)

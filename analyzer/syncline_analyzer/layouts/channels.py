@@ -1,7 +1,6 @@
 """The decoded channels of captures: topics, their message types, and fields that can be plotted."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import mcap.records as mcap_records
@@ -13,6 +12,7 @@ from syncline_schemas.capture.record_file import RecordFile
 from syncline_schemas.capture.record_stream import MAGIC
 from syncline_schemas.description import BusDescription
 from syncline_schemas.errors import CaptureError
+from syncline_schemas.records import dataclass
 
 _NOT_NUMBERS = (
     FieldDescriptorProto.TYPE_STRING,

@@ -4,7 +4,6 @@ Source: the link types LINKTYPE_CAN_SOCKETCAN, LINKTYPE_LINUX_SLL and LINKTYPE_L
 tcpdump group describes them, and Linux' `can.h`.
 """
 
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from syncline_schemas.batch import FrameFlag
 from syncline_schemas.byte_columns import ByteColumns, ByteOrder, Column, Places
+from syncline_schemas.records import dataclass
 
 CAN_SOCKETCAN: Final = 227
 LINUX_SLL: Final = 113

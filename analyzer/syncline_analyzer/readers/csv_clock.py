@@ -2,11 +2,11 @@
 
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import Final
 
 from syncline_analyzer.readers.layout import Span
 from syncline_analyzer.readers.times import SECOND_NS, Times, decimal_times, utc_ns
+from syncline_schemas.records import dataclass
 
 _DATE_TEXT: Final = (
     rb"(?:(?P<y>\d{4})[-/.](?P<m>\d{1,2})[-/.](?P<d>\d{1,2})"

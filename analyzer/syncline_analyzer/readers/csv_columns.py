@@ -2,10 +2,10 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
 from syncline_analyzer.readers.layout import Span
+from syncline_schemas.records import dataclass
 
 SEPARATORS: Final = (b",", b";", b"\t", b"|")
 _NAMES: Final = {

@@ -1,7 +1,8 @@
 """The formats that are read: the table of which `docs/formats.md` and messages are made."""
 
-from dataclasses import dataclass
 from typing import Final
+
+from syncline_schemas.records import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ whose fields hold digits in the same places, is then read without looking at it 
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import partial
 from itertools import chain, pairwise
 
@@ -23,6 +23,7 @@ from syncline_analyzer.readers.columns import (
     spaced_bytes,
 )
 from syncline_schemas import native
+from syncline_schemas.records import dataclass
 
 Row = tuple[int, int, int, int, int, bytes]
 """(t_ns, bus, can_id, flags, dlc, data) of one frame, as `FrameBatch.from_rows` takes it."""

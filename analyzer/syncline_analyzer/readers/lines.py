@@ -3,7 +3,6 @@
 from abc import ABC, abstractmethod
 from collections import defaultdict
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Protocol
@@ -29,6 +28,7 @@ from syncline_analyzer.readers.source import (
 )
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
 from syncline_schemas.memory import keep_freed_memory
+from syncline_schemas.records import dataclass
 
 MAX_MATCHERS = 48
 """Layouts kept for one line length."""

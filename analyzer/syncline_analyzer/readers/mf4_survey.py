@@ -4,11 +4,12 @@ Source: ASAM MDF 4.1, "HDBLOCK", "DGBLOCK", "CGBLOCK", "CNBLOCK".
 """
 
 import struct
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Final, NamedTuple
 
 from syncline_analyzer.readers.mf4_blocks import HEAD_BYTES, MOST_BLOCKS, Block, Blocks
 from syncline_analyzer.readers.mf4_data import Data, data_of
+from syncline_schemas.records import dataclass
 
 _HD: Final = 64
 _UNFINISHED: Final = b"UnFinMF "

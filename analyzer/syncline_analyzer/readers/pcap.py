@@ -7,7 +7,7 @@ Format".
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Final
 
@@ -24,6 +24,7 @@ from syncline_analyzer.readers.times import FIRST_UTC_NS, SECOND_NS
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
 from syncline_schemas.byte_columns import ByteColumns, ByteOrder, Places
 from syncline_schemas.errors import CaptureError
+from syncline_schemas.records import dataclass
 
 MAX_PACKET: Final = 1 << 20
 """A record that claims more is none."""

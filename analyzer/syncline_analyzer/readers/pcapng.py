@@ -1,7 +1,6 @@
 """pcapng: sections, interfaces with their own resolution, packets, counts of dropped frames."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -13,6 +12,7 @@ from syncline_analyzer.readers.magic import PCAPNG_MAGIC
 from syncline_analyzer.readers.pcap import MAX_PACKET, PacketReader, Packets
 from syncline_analyzer.readers.times import SECOND_NS
 from syncline_schemas.byte_columns import ByteColumns, ByteOrder, Column, Places
+from syncline_schemas.records import dataclass
 
 SECTION, INTERFACE, OLD_PACKET, SIMPLE_PACKET, STATISTICS, PACKET = 0x0A0D0D0A, 1, 2, 3, 5, 6
 BYTE_ORDER_MAGIC: Final = 0x1A2B3C4D

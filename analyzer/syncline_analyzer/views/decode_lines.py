@@ -1,7 +1,7 @@
 """Decoded frames as lines of text: one frame a line, columns that stay where they are."""
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from itertools import repeat
 from textwrap import wrap
 from types import MappingProxyType
@@ -14,6 +14,7 @@ from syncline_analyzer.decode.part import Head, Part, Rows, Tone, Words
 from syncline_analyzer.decode.stream import DecodedBatch, Decoding
 from syncline_analyzer.views.words import capture_time, duration, printable
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
+from syncline_schemas.records import dataclass
 from syncline_schemas.wording import counted
 
 T = TypeVar("T")

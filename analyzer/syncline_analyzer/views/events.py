@@ -1,7 +1,6 @@
 """Moments of an analysis that a plot marks and a log tells, the same in HTML and Rerun."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Literal
 
 from syncline_analyzer.results import Analysis, EmcyRow, SdoRow, SdoTransfers, Severity
@@ -24,6 +23,7 @@ from syncline_analyzer.views.words import (
     sdo_result,
 )
 from syncline_schemas.canopen.nmt import NmtState
+from syncline_schemas.records import dataclass
 from syncline_schemas.wording import counted
 
 LOUD_STATES: dict[str, Severity] = {

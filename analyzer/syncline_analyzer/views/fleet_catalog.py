@@ -5,7 +5,6 @@ recordings, as `rerun_view` names them, and a view of what a recording lacks sta
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 
 import rerun as rr
 import rerun.blueprint as rrb
@@ -26,6 +25,7 @@ from syncline_analyzer.views.rerun_names import slug
 from syncline_analyzer.views.rerun_plots import LOAD, STRIP
 from syncline_analyzer.views.rerun_view import PROPERTIES
 from syncline_analyzer.views.rerun_world import world_of
+from syncline_schemas.records import dataclass
 
 TIMELINES = ("capture", "utc")
 MAX_DEVICES = 16

@@ -1,11 +1,11 @@
 """Links from the fleet's report to the reports of its captures, and how moments are written there."""
 
 from collections.abc import Container
-from dataclasses import dataclass
 from urllib.parse import quote
 
 from syncline_analyzer.fleet.layout import date_of
 from syncline_analyzer.views.html import Html, element
+from syncline_schemas.records import dataclass
 
 
 @dataclass(frozen=True, slots=True)

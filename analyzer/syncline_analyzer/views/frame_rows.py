@@ -1,7 +1,6 @@
 """Which frames of a capture a view lists: all of a short one, of a long one those around events."""
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
 from itertools import islice
 
 import numpy as np
@@ -11,6 +10,7 @@ from syncline_analyzer.results import Analysis, CaptureRow
 from syncline_analyzer.views.events import CLEARING, RESET
 from syncline_schemas.batch import FrameBatch
 from syncline_schemas.canopen.nmt import NmtState
+from syncline_schemas.records import dataclass
 
 ReadFrames = Callable[[int | None, int | None], Iterator[FrameBatch]]
 """Frames of a half-open stretch [t_ns, t_ns) of the capture; None for its start or end."""

@@ -1,7 +1,7 @@
 """Response times of PDOs and periods of SYNCs as bars whose area is their number."""
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import ceil
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from syncline_analyzer.results import Analysis, Responses
 from syncline_analyzer.views.troubled import troubled
 from syncline_analyzer.views.words import hex_code
+from syncline_schemas.records import dataclass
 from syncline_schemas.wording import counted
 
 MAX_HISTOGRAMS = 12

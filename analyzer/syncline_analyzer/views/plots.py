@@ -1,7 +1,7 @@
 """What is worth plotting in an analysis: lines grouped by quantity, the same in HTML and Rerun."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,6 +11,7 @@ from syncline_analyzer.results import TRACE_FLAGS, Analysis, Responses, Series, 
 from syncline_analyzer.views.basis import estimated_buses
 from syncline_analyzer.views.palette import Rgb, line_colour, paler
 from syncline_analyzer.views.words import hex_code, names_of, node_label, printable, trace_object
+from syncline_schemas.records import dataclass
 
 QUANTITIES = {
     "deg": "Angle",

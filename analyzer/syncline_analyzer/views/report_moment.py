@@ -1,10 +1,9 @@
 """Moments of a capture in the report: capture time, UTC beside it, and a link into the timeline."""
 
-from dataclasses import dataclass
-
 from syncline_analyzer.results import Analysis, Finding
 from syncline_analyzer.views.html import Html, element, joined
 from syncline_analyzer.views.words import Clock
+from syncline_schemas.records import dataclass
 
 _DAY_NS = 86_400_000_000_000
 _HALF_MS = 500_000

@@ -6,7 +6,6 @@ values back out of the paths, so that they are in the page once.
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +19,7 @@ from syncline_analyzer.views.report_moment import Moments, seconds
 from syncline_analyzer.views.thin import envelope, extremes
 from syncline_analyzer.views.timeline_svg import time_labels
 from syncline_analyzer.views.words import number
+from syncline_schemas.records import dataclass
 
 POINTS_OF_A_PAGE = 160_000
 """Points of all lines over the whole capture ..."""

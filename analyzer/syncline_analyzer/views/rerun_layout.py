@@ -1,13 +1,15 @@
 """How `session.rrd` opens: which views there are, and that they show the whole capture."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, Literal
 
 import rerun as rr
 import rerun.blueprint as rrb
 from rerun.blueprint.encodings import TimelineColumn
 from rerun.recording_stream import RecordingStream
+
+from syncline_schemas.records import dataclass
 
 _WHOLE = rr.TimeRange(start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.infinite())
 _GLOBAL_VIEW = "view/5c0dca6a-e63f-9cf7-f657-2602590474cc"

@@ -1,7 +1,6 @@
 """Columns into a Rerun recording: the time axes of a capture and chunks of a good size."""
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,6 +8,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from syncline_analyzer.views.words import Clock
+from syncline_schemas.records import dataclass
 
 ROWS_PER_CALL = 1 << 16
 """Rows of one chunk; the viewer fetches chunk by chunk and never splits one."""

@@ -6,7 +6,7 @@ without times has `frame` (position in the capture) instead.
 
 import hashlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +30,7 @@ from syncline_analyzer.views.rerun_logs import (
 )
 from syncline_analyzer.views.rerun_sink import Axis, Sink
 from syncline_analyzer.views.words import Clock, printable
+from syncline_schemas.records import dataclass
 
 PROPERTIES = "syncline"
 """Group of the properties by which a catalog of many recordings tells them apart."""

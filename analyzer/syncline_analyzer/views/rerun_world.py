@@ -1,7 +1,6 @@
 """The machine in 3D at the cursor: the shafts of encoders, and inclinometers as boxes."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 import rerun as rr
@@ -14,6 +13,7 @@ from syncline_analyzer.views.rerun_sink import Sink
 from syncline_analyzer.views.rerun_tilt import SHOWN_NS, shown_tilts, write_tilt
 from syncline_analyzer.views.troubled import troubled
 from syncline_analyzer.views.words import names_of, node_label
+from syncline_schemas.records import dataclass
 
 MAX_SHAPES = 12
 """Devices of one view; further ones have a view of their own."""

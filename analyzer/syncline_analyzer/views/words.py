@@ -2,11 +2,11 @@
 
 import math
 import unicodedata
-from dataclasses import dataclass
 
 import numpy as np
 
 from syncline_analyzer.results import CaptureRow, NodeRow, SdoRow
+from syncline_schemas.records import dataclass
 
 _SECOND = 1_000_000_000
 _NEARLY = 0.9995

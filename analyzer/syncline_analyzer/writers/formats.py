@@ -1,10 +1,10 @@
 """The formats that are written: endings, and what each cannot hold."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from syncline_schemas.errors import UsageError
+from syncline_schemas.records import dataclass
 
 PACKINGS: Final = (".gz", ".zst")
 

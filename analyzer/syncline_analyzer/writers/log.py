@@ -4,7 +4,7 @@ import re
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import BinaryIO
 
 import numpy as np
@@ -14,6 +14,7 @@ from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
 from syncline_schemas.capture.adapter_fit import AdapterFit
 from syncline_schemas.capture.learned import Settings
 from syncline_schemas.capture.mark import Mark
+from syncline_schemas.records import dataclass
 
 
 @dataclass(frozen=True, slots=True)

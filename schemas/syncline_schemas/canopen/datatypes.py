@@ -2,8 +2,9 @@
 
 import datetime
 import struct
-from dataclasses import dataclass
 from typing import Literal
+
+from syncline_schemas.records import dataclass
 
 Kind = Literal["bool", "signed", "unsigned", "float", "text", "bytes", "time", "none"]
 Value = int | float | str | bytes

@@ -1,6 +1,6 @@
 """LSS frames in words (CiA 305)."""
 
-from dataclasses import dataclass
+from syncline_schemas.records import dataclass
 
 COMMANDS: dict[int, str] = {
     0x04: "switch state global",

@@ -2,8 +2,9 @@
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
+
+from syncline_schemas.records import dataclass
 
 if TYPE_CHECKING:
     from syncline_schemas.proto import syncline_pb2

@@ -2,7 +2,6 @@
 
 import threading
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,6 +9,7 @@ from numpy.typing import NDArray
 
 from syncline_schemas.capture.checksum import crc32
 from syncline_schemas.capture.layout import Compression
+from syncline_schemas.records import dataclass
 
 if TYPE_CHECKING:
     import zstandard

@@ -1,7 +1,7 @@
 """What a chunk holds: where its messages are, and its frames as columns."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cache
 
 import mcap.records as mcap_records
@@ -27,6 +27,7 @@ from syncline_schemas.capture.record_file import (
     RawChunk,
     parse_definition,
 )
+from syncline_schemas.records import dataclass
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,7 +1,6 @@
 """Chunks that follow each other, read as one: recorders write a small one every second."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +13,7 @@ from syncline_schemas.capture.chunk_content import ChunkContent, open_joined, un
 from syncline_schemas.capture.frame_record import FRAME_HEAD, gather_frames
 from syncline_schemas.capture.limit import Unread
 from syncline_schemas.capture.record_file import Definition, Document, Lost, RawChunk, Record
+from syncline_schemas.records import dataclass
 
 GROUP_BYTES = 4 << 20
 """Unpacked chunks are joined until they have as many bytes: about 80,000 frames."""

@@ -9,13 +9,14 @@ moves all stamps before it. Of a clock that is set twice between two samples onl
 
 import json
 from collections.abc import Mapping
-from dataclasses import astuple, dataclass, replace
+from dataclasses import astuple, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from syncline_schemas.capture.adapter_fit import AdapterFit
+from syncline_schemas.records import dataclass
 
 if TYPE_CHECKING:
     from syncline_schemas.proto import syncline_pb2

@@ -10,13 +10,13 @@ A record with a `syncline.Frame` of n data bytes has 45 + n bytes, all numbers l
     23 publish_time, 8
 """
 
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from syncline_schemas.batch import FrameBatch, FrameFlag
+from syncline_schemas.records import dataclass
 
 RECORD_HEAD = 31
 """Bytes of a message record before its payload."""

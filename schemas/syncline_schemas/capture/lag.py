@@ -1,11 +1,12 @@
 """How far `log_time` runs behind `t`: tells a reader of a time range which chunks to look in."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
+
+from syncline_schemas.records import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,8 +7,10 @@ or since the start of the log for captures converted from logs without a date.
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Literal, Self
+
+from syncline_schemas.records import dataclass
 
 PROFILE = "syncline"
 SCHEMA_VERSION = 1

@@ -1,11 +1,11 @@
 """Chunks that need not be read where only a stretch of a capture is wanted."""
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 
 from syncline_schemas.capture.channels import ChannelTable, Kind
 from syncline_schemas.capture.lag import LagBounds
 from syncline_schemas.capture.record_file import ChunkPlace
+from syncline_schemas.records import dataclass
 
 _LEFT_OUT = (Kind.FRAME, Kind.STATUS, Kind.CLOCK, Kind.OTHER)
 """What a chunk that is not read may hold. A gap stands where it ends, which may be long after."""

@@ -1,7 +1,8 @@
 """Moments that somebody wants to find again, as the recorder marked them."""
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
+from syncline_schemas.records import dataclass
 
 if TYPE_CHECKING:
     from syncline_schemas.proto import syncline_pb2

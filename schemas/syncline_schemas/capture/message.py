@@ -1,7 +1,6 @@
 """Messages of one channel on their way into a chunk, and the schemas that describe them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self, Union
 
 import numpy as np
@@ -11,6 +10,7 @@ from google.protobuf.message import Message
 from numpy.typing import NDArray
 
 from syncline_schemas.capture.layout import PROTOBUF
+from syncline_schemas.records import dataclass
 
 if TYPE_CHECKING:  # the type stubs know two classes of descriptors, of which one runs
     from google._upb import _message

@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 
 from syncline_schemas.capture.layout import PROTOBUF
 from syncline_schemas.capture.message import MessageSchema
+from syncline_schemas.records import dataclass
 
 FieldType = Literal["double", "float", "int64", "uint64", "int32", "uint32", "bool"]
 """Type of a field; integers are written at full width so that all messages have one length."""

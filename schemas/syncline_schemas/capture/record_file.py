@@ -3,7 +3,7 @@
 import struct
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from io import BytesIO
 from typing import BinaryIO, TypeVar
 
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from syncline_schemas.capture.chunk import MAX_CHUNK
 from syncline_schemas.capture.record_stream import MAGIC
+from syncline_schemas.records import dataclass
 
 MessageIndex = dict[int, NDArray[np.uint64]]
 """(n, 2) uint64 of log_time and offset by channel id."""

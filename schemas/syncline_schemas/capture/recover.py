@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import BinaryIO
 
@@ -34,6 +34,7 @@ from syncline_schemas.capture.record_file import Definition, Document, Lost, Raw
 from syncline_schemas.capture.record_stream import RecordStream
 from syncline_schemas.errors import CaptureError, UsageError
 from syncline_schemas.proto import syncline_pb2
+from syncline_schemas.records import dataclass
 
 _GAP_ID = 0xFFFF
 """Channel and schema id of the gaps that recovery adds, far from those that writers count up."""

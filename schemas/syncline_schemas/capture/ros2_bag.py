@@ -6,7 +6,7 @@ of `frame_id` varies, so that all messages are read as columns. No ROS is needed
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Final
 
@@ -19,6 +19,7 @@ from syncline_schemas.byte_columns import ByteColumns, ByteOrder, Places
 from syncline_schemas.capture.chunk_content import ChunkContent, open_chunk
 from syncline_schemas.capture.layout import PROFILE
 from syncline_schemas.capture.record_file import Definition, Lost, RawChunk, RecordFile
+from syncline_schemas.records import dataclass
 
 CLASSIC_SCHEMAS: Final = ("can_msgs/msg/Frame", "ros2_socketcan_msgs/msg/Frame")
 FD_SCHEMAS: Final = ("ros2_socketcan_msgs/msg/FdFrame",)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -54,6 +54,7 @@ from syncline_schemas.capture.record_file import (
 )
 from syncline_schemas.errors import CaptureError
 from syncline_schemas.memory import keep_freed_memory
+from syncline_schemas.records import dataclass
 
 if TYPE_CHECKING:
     from google.protobuf.message import Message

@@ -1,7 +1,6 @@
 """PDOs as columns of engineering values by their mapping (CiA 301 7.5.2.36, 7.5.2.38)."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Literal, Self
 
 import numpy as np
@@ -9,6 +8,7 @@ from numpy.typing import NDArray
 
 from syncline_schemas.canopen.datatypes import DATA_TYPES
 from syncline_schemas.devices import Device
+from syncline_schemas.records import dataclass
 
 Number = NDArray[np.int64] | NDArray[np.uint64] | NDArray[np.float64]
 Lookup = Callable[[int, int], int | None]

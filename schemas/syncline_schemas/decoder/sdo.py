@@ -1,10 +1,11 @@
 """SDO frames as columns (CiA 301 7.2.4.3); what needs the transfer's state is left to its fold."""
 
-from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
+
+from syncline_schemas.records import dataclass
 
 Bytes = NDArray[np.uint8]
 Mask = NDArray[np.bool_]

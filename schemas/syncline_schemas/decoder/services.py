@@ -1,9 +1,9 @@
 """NMT, SYNC, TIME, EMCY, error control and LSS frames as columns (CiA 301 7.2, CiA 305)."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
+
+from syncline_schemas.records import dataclass
 
 Bytes = NDArray[np.uint8]
 Mask = NDArray[np.bool_]

@@ -5,7 +5,6 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from typing import Any
 from syncline_schemas.devices.build import device_from_files
 from syncline_schemas.devices.factory import FactoryPdo, factory_tpdos
 from syncline_schemas.devices.model import Device
+from syncline_schemas.records import dataclass
 
 DATA = Path(__file__).parent / "data"
 INDEX = DATA / "index.json"

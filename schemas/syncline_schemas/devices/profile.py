@@ -2,7 +2,7 @@
 
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import field, fields, replace
 from typing import Any, cast
 
 from syncline_schemas.devices.convert import (
@@ -31,6 +31,7 @@ from syncline_schemas.devices.model import (
     Quirks,
 )
 from syncline_schemas.errors import DescriptionError
+from syncline_schemas.records import dataclass
 
 
 @dataclass(slots=True)

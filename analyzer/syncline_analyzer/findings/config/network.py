@@ -1,7 +1,6 @@
 """Findings on settings of several nodes that do not go together."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import combinations
 
 from syncline_analyzer.findings.config.settings import (
@@ -17,6 +16,7 @@ from syncline_analyzer.results import Finding
 from syncline_analyzer.service_ids import PRODUCES, SYNC, moved_emcy_id, sync_id
 from syncline_schemas.canopen.services import predefined_pdo
 from syncline_schemas.devices import quirks
+from syncline_schemas.records import dataclass
 
 _TPDOS = range(COMMUNICATION["tpdo"], COMMUNICATION["tpdo"] + PDO_COUNT)
 _RESERVED = {

@@ -1,7 +1,7 @@
 """Findings on what the bus description says of a device and the bus does not bear out."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.findings.device.rules import named
@@ -10,6 +10,7 @@ from syncline_analyzer.object_history import Known
 from syncline_analyzer.results import Finding
 from syncline_schemas.description import NodeEntry
 from syncline_schemas.measurement import contradicted_settings, measuring_device
+from syncline_schemas.records import dataclass
 
 Key = tuple[int, int]
 

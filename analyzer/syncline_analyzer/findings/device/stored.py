@@ -1,7 +1,6 @@
 """Findings on what devices keep over a reset, and what they forget."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from itertools import pairwise
 
 from syncline_analyzer.findings.config.settings import assumed_words, restart_after
@@ -10,6 +9,7 @@ from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.object_history import Change, Known
 from syncline_analyzer.results import Finding
 from syncline_schemas.devices import Device, quirks
+from syncline_schemas.records import dataclass
 
 SAVE, LOAD = 0x1010, 0x1011
 REWRITTEN_NS = 30_000_000_000

@@ -1,7 +1,6 @@
 """Nodes that fell silent: each by itself, or with the whole bus, equal losses told as one."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import groupby
 from typing import NamedTuple
 
@@ -24,6 +23,7 @@ from syncline_analyzer.folds.nmt.timeline import Timeline
 from syncline_analyzer.folds.nmt.timeout import LOST_FACTOR
 from syncline_analyzer.results import Finding, Severity
 from syncline_schemas.canopen.nmt import RESETS
+from syncline_schemas.records import dataclass
 
 BOOT_UP_NS = 1_000_000_000
 """A boot-up this soon after a silence belongs to it [ns]."""

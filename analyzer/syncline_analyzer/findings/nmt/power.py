@@ -1,7 +1,6 @@
 """Short breaks of the whole machine's supply: all nodes start anew at once, so none by itself."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 from syncline_analyzer.findings.rule import Facts
@@ -10,6 +9,7 @@ from syncline_analyzer.folds.nmt.table import BootUp
 from syncline_analyzer.folds.nmt.timeline import Timeline
 from syncline_analyzer.results import Finding
 from syncline_schemas.canopen.nmt import NmtState
+from syncline_schemas.records import dataclass
 
 APART_NS = 2_000_000_000
 """Nodes that start together boot no further apart than this [ns]."""

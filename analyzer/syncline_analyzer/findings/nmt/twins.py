@@ -1,7 +1,6 @@
 """Two devices under one node id: interleaved cadences, states told in turn, double answers."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import pairwise
 
 from syncline_analyzer.findings.rule import Facts, Rule
@@ -12,6 +11,7 @@ from syncline_analyzer.folds.nmt.table import NodeKey, NodeNmt
 from syncline_analyzer.folds.nmt.timeline import Timeline
 from syncline_analyzer.folds.nmt.timeout import PRODUCER_TIME
 from syncline_analyzer.results import Finding
+from syncline_schemas.records import dataclass
 
 FLIPS = 3
 """Returns to OPERATIONAL without a command that no single node makes."""

@@ -1,11 +1,11 @@
 """Whether bus or device made a synchronous PDO late, in words."""
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 
 from syncline_analyzer.findings.rule import Facts
 from syncline_analyzer.findings.stretch import milliseconds
 from syncline_analyzer.results import Ahead, LatenessRow, PdoRow, WaitRow
+from syncline_schemas.records import dataclass
 from syncline_schemas.wording import counted
 
 _GUESS = " (guess)"

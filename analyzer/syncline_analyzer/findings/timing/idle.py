@@ -1,7 +1,7 @@
 """Findings on PDOs that are not sent at all, or more often than the bus can carry."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import seconds
@@ -9,6 +9,7 @@ from syncline_analyzer.object_history import Known
 from syncline_analyzer.pdo_binding import Pdo, PdoBindings
 from syncline_analyzer.results import Finding, NodeRow
 from syncline_schemas.devices import quirks
+from syncline_schemas.records import dataclass
 
 SILENT_NS = 5_000_000_000
 """A node must have been OPERATIONAL for so long [ns]."""

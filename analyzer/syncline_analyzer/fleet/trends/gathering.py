@@ -1,13 +1,13 @@
 """The rows of a data set that trends are judged from."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from syncline_analyzer.fleet.database import Database, Query
 from syncline_analyzer.fleet.quantities import QUANTITIES, quantity_named
 from syncline_analyzer.fleet.questions import utc_ns
 from syncline_analyzer.fleet.trends.tracks import Tracks, tracks_of
+from syncline_schemas.records import dataclass
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -1,7 +1,6 @@
 """Trends of levels: of fleets, and of single machines against their fleet."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -26,6 +25,7 @@ from syncline_analyzer.fleet.trends.shapes import (
 from syncline_analyzer.fleet.trends.statistics import SIGMA, Bools, Floats, Ints, medians
 from syncline_analyzer.fleet.trends.tracks import Tracks
 from syncline_analyzer.fleet.trends.trend import Trend
+from syncline_schemas.records import dataclass
 
 _SHARING = 0.5
 """Share of a fleet's machines that must move with it; a machine does from so much of its change on."""

@@ -1,8 +1,9 @@
 """From which size on a trend of a quantity is told, and what it may come from."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from types import MappingProxyType
+
+from syncline_schemas.records import dataclass
 
 MIN_SIDE = 5
 """Days with captures on either side of a step."""

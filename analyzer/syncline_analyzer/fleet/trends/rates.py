@@ -3,8 +3,6 @@
 Matrices are (tracks, bins), vectors (tracks,).
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from syncline_analyzer.fleet.trends.limits import MIN_SIDE, RATE_DAYS
@@ -15,6 +13,7 @@ from syncline_analyzer.fleet.trends.statistics import (
     normal_of_student,
     normal_p,
 )
+from syncline_schemas.records import dataclass
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,10 +1,11 @@
 """The row of a trend: what became different over the captures of weeks."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Literal
 
 from syncline_analyzer.results import SEVERITY_RANK
 from syncline_analyzer.results.finding import Severity
+from syncline_schemas.records import dataclass
 
 TrendId = Literal[
     "trend.drift",

@@ -3,7 +3,7 @@
 Matrices are (tracks, bins), vectors (tracks,).
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import fields
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from syncline_analyzer.fleet.trends.statistics import (
     totals,
     weighted_medians,
 )
+from syncline_schemas.records import dataclass
 
 _AT_ONCE = 256
 _SHARE_OF_KNEE = 0.85

@@ -1,7 +1,6 @@
 """One quantity of all nodes over the days: what trends are judged from."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -9,6 +8,7 @@ import numpy as np
 from syncline_analyzer.fleet.quantities import QUANTITIES
 from syncline_analyzer.fleet.trends.limits import LIMITS, MIN_SIDE, SEPARATION
 from syncline_analyzer.fleet.trends.statistics import Bools, Floats, Ints
+from syncline_schemas.records import dataclass
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -1,9 +1,9 @@
 """A trend before it is put into words."""
 
-from dataclasses import dataclass
 from typing import Literal
 
 from syncline_analyzer.fleet.trends.tracks import Label, Tracks
+from syncline_schemas.records import dataclass
 
 Kind = Literal["step", "drift", "rate", "wear"]
 

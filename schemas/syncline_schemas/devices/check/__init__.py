@@ -1,7 +1,6 @@
 """What is wrong with a device description file: what the reader repaired and what it did not see."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
 
 from syncline_schemas.devices.build import EDS_SUFFIXES
@@ -14,6 +13,7 @@ from syncline_schemas.devices.check.sheet import Fault as Fault
 from syncline_schemas.devices.check.sheet import Sheet, of_warning
 from syncline_schemas.eds import LoadedEds, load_eds, read_eds, variables
 from syncline_schemas.errors import DescriptionError
+from syncline_schemas.records import dataclass
 from syncline_schemas.xdd import looks_like_xml
 
 

@@ -4,8 +4,9 @@ error: a tool that believes the file goes wrong. warning: it contradicts the sta
 stumbles. note: unusual, or worth a look. The rules are those of CiA 301, CiA 306 and CiA 311.
 """
 
-from dataclasses import dataclass
 from typing import Literal
+
+from syncline_schemas.records import dataclass
 
 Severity = Literal["error", "warning", "note"]
 SEVERITIES: tuple[Severity, ...] = ("error", "warning", "note")

@@ -1,11 +1,11 @@
 """Faults of identifiers, PDOs and their mappings (CiA 301 7.3.5 and 7.5.2, CiA 306 4.6.2)."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 from syncline_schemas.canopen.datatypes import DATA_TYPES
 from syncline_schemas.devices.check.sheet import Fault, Sheet
 from syncline_schemas.eds_repair import number
+from syncline_schemas.records import dataclass
 
 _OFF, _WIDE = 1 << 31, 1 << 29
 _BITS_11_TO_28 = 0x1FFF_F800

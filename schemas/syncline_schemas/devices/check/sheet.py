@@ -1,6 +1,5 @@
 """A description file as the checks see it, and the faults they find."""
 
-from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -8,6 +7,7 @@ from syncline_schemas.devices.check.kinds import KINDS, Severity
 from syncline_schemas.eds import EdsWarning, LoadedEds, assumed_value, variables
 from syncline_schemas.eds_repair import Entry, number
 from syncline_schemas.eds_text import Section
+from syncline_schemas.records import dataclass
 
 if TYPE_CHECKING:
     from canopen.objectdictionary import ODVariable

@@ -4,7 +4,7 @@ What follows from the frames within 3 ns each (the columns by identifier) is mad
 arrives: to send eight bytes costs as much.
 """
 
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.grouping import Grouping
 from syncline_schemas.batch import FrameBatch
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.wire_length import short_wire_bits
 
 

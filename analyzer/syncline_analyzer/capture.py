@@ -3,12 +3,13 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import field
 from pathlib import Path
-from typing import Literal, NamedTuple, Protocol
+from typing import Literal, Protocol
 
 from syncline_schemas.batch import FrameBatch, Gap
 from syncline_schemas.capture.adapter_fit import AdapterFit
 from syncline_schemas.capture.learned import Settings
 from syncline_schemas.capture.mark import Mark
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.records import dataclass
 
 TimeBase = Literal["utc", "relative", "none"]

@@ -3,7 +3,6 @@
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
 from dataclasses import field, replace
-from typing import NamedTuple
 
 from syncline_analyzer.change_words import (
     change_words,
@@ -20,6 +19,7 @@ from syncline_analyzer.results import ObjectChangeRow, SdoRow, SdoTransfers
 from syncline_schemas.canopen.objects import standard_object
 from syncline_schemas.canopen.sdo import LOAD_SIGNATURE, SAVE_SIGNATURE
 from syncline_schemas.devices import Device, quirks
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.records import dataclass
 
 MAX_ROWS = 100_000

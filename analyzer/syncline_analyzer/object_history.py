@@ -3,8 +3,9 @@
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from dataclasses import field
-from typing import Literal, NamedTuple
+from typing import Literal
 
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.records import dataclass
 
 Source = Literal["sdo-read", "sdo-write", "bus-description", "eds-default"]

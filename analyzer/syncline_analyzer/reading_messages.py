@@ -3,7 +3,7 @@
 First `Opened`, then a `SentStep` for every step, then `End`; or `Failed` in place of what is left.
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 from syncline_analyzer.batch_transfer import PackedBatch
 from syncline_analyzer.capture import CaptureFacts
@@ -12,6 +12,7 @@ from syncline_analyzer.echo import Doubling
 from syncline_analyzer.folds.timing.silence import SilenceFold
 from syncline_analyzer.preparing import Step
 from syncline_analyzer.redaction import Veil
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.records import dataclass
 
 

@@ -1,7 +1,6 @@
 """How far apart the first frames of each bus are, beside how long they are on the wire."""
 
 from dataclasses import field
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +8,7 @@ from numpy.typing import NDArray
 from syncline_analyzer.echo import COPY
 from syncline_analyzer.fold import IndexedBatch
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.records import dataclass
 from syncline_schemas.wire_length import data_phase_bits, wire_bits
 

@@ -1,12 +1,12 @@
 """Words for frames: frames of one kind and identifier, and what each of them says."""
 
 from enum import StrEnum
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from syncline_schemas.batch import FrameBatch
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.records import dataclass
 
 Rows = NDArray[np.intp]

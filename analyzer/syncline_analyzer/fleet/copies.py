@@ -2,13 +2,14 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 from syncline_analyzer.fleet.fetch import fetched
 from syncline_analyzer.fleet.recording import File, Recording
 from syncline_analyzer.readers import open_capture
 from syncline_schemas.batch import FrameBatch
 from syncline_schemas.errors import SynclineError
+from syncline_schemas.named_tuples import NamedTuple
 
 
 def with_whole_files(recording: Recording, options: Mapping[str, Any]) -> Recording:

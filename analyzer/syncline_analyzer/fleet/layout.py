@@ -11,8 +11,9 @@ recordings/<capture_id>.rrd
 
 import hashlib
 from datetime import date, timedelta
-from typing import NamedTuple
 from urllib.parse import quote, unquote
+
+from syncline_schemas.named_tuples import NamedTuple
 
 UNDATED = "undated"
 """Instead of a date: the capture tells none."""

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import field
 from pathlib import Path
-from typing import NamedTuple, Self
+from typing import Self
 
 from syncline_analyzer.fleet.layout import (
     CAPTURES_FILE,
@@ -19,6 +19,7 @@ from syncline_analyzer.fleet.layout import (
 )
 from syncline_analyzer.fleet.source import etag_of, modified_ns_of
 from syncline_analyzer.fleet.storage import Storage
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.records import dataclass
 
 

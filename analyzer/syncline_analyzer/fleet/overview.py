@@ -4,11 +4,12 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import date, timedelta
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 from syncline_analyzer.fleet.captures import HEALTHY, FailureEntry
 from syncline_analyzer.fleet.database import Database, Query
 from syncline_analyzer.fleet.layout import UNDATED
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.records import dataclass
 
 SEVERITIES = ("error", "warning", HEALTHY)

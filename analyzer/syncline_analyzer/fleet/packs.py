@@ -7,7 +7,7 @@ was changed or taken away since has another stamp, or none: its rows in the pack
 import json
 from collections.abc import Mapping, Sequence
 from io import BytesIO
-from typing import Any, NamedTuple
+from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -23,6 +23,7 @@ from syncline_analyzer.fleet.layout import Partition, pack_file
 from syncline_analyzer.fleet.listing import Listing, PackFiles
 from syncline_analyzer.fleet.schemas import CAPTURES, PARTITIONS, table_schema, tables
 from syncline_analyzer.fleet.storage import Storage
+from syncline_schemas.named_tuples import NamedTuple
 
 STAMP = "stamp"
 """Column of a pack's `captures`: that of the capture when it was packed."""

@@ -8,7 +8,7 @@ from decimal import Decimal, InvalidOperation
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
-from typing import Final, NamedTuple
+from typing import Final
 
 from syncline_analyzer.capture import CaptureFacts
 from syncline_analyzer.readers.csv_clock import Clock
@@ -32,6 +32,7 @@ from syncline_analyzer.readers.lines import (
 )
 from syncline_analyzer.readers.times import FIRST_UTC_NS, SECOND_NS, Times, decimal_times
 from syncline_schemas.batch import FrameFlag
+from syncline_schemas.named_tuples import NamedTuple
 
 _DAY_NS: Final = 24 * 3600 * SECOND_NS
 _NUMBER = re.compile(rb"(?P<s>\d{1,19})(?:[.,](?P<f>\d+))?")

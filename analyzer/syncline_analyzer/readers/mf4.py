@@ -15,11 +15,12 @@ from dataclasses import fields
 from importlib.util import find_spec
 from pathlib import Path
 from threading import Timer
-from typing import IO, Any, Final, NamedTuple
+from typing import IO, Any, Final
 
 from syncline_analyzer.capture import CaptureFacts
 from syncline_schemas.batch import FrameBatch, Gap
 from syncline_schemas.errors import CaptureError
+from syncline_schemas.named_tuples import NamedTuple
 
 PIP_LINE: Final = "pip install 'syncline[mf4]'"
 PATIENCE_S: Final = 90.0

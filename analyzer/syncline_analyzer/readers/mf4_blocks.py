@@ -5,7 +5,9 @@ Source: ASAM MDF 4.1, "Block structure": id, reserved, length, number of links, 
 
 import os
 import struct
-from typing import BinaryIO, Final, NamedTuple
+from typing import BinaryIO, Final
+
+from syncline_schemas.named_tuples import NamedTuple
 
 HEAD_BYTES: Final = 24
 LENGTH_AT: Final = 8

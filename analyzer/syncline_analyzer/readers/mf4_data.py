@@ -6,11 +6,12 @@ Source: ASAM MDF 4.1, "DTBLOCK", "DZBLOCK" (deflated, or turned about and deflat
 import struct
 import zlib
 from collections.abc import Iterator, Sequence
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
 from syncline_analyzer.readers.mf4_blocks import HEAD_BYTES, Block, Blocks
+from syncline_schemas.named_tuples import NamedTuple
 
 PLAIN: Final = (b"##DT", b"##SD")
 _READ_BYTES: Final = 1 << 20

@@ -4,13 +4,14 @@ Source: ASAM MDF 4.1, "DLBLOCK", "Record layout", "VLSD".
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
 from syncline_analyzer.readers.mf4_blocks import HEAD_BYTES, LENGTH_AT, MOST_BLOCKS, Blocks
 from syncline_analyzer.readers.mf4_data import PLAIN, Data, Piece, content, piece_of
 from syncline_analyzer.readers.mf4_survey import Group, Signal
+from syncline_schemas.named_tuples import NamedTuple
 
 _FIRST: Final = 64
 _MOST_UNPACKED: Final = 64 << 20

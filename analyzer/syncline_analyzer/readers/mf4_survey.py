@@ -5,10 +5,11 @@ Source: ASAM MDF 4.1, "HDBLOCK", "DGBLOCK", "CGBLOCK", "CNBLOCK".
 
 import struct
 from dataclasses import field
-from typing import Final, NamedTuple
+from typing import Final
 
 from syncline_analyzer.readers.mf4_blocks import HEAD_BYTES, MOST_BLOCKS, Block, Blocks
 from syncline_analyzer.readers.mf4_data import Data, data_of
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.records import dataclass
 
 _HD: Final = 64

@@ -3,10 +3,10 @@
 Source: ASAM MDF 4.1, "SDBLOCK", "VLSD".
 """
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
+
+from syncline_schemas.named_tuples import NamedTuple
 
 _LENGTH_BYTES = 4
 

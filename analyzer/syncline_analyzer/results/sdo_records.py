@@ -1,7 +1,7 @@
 """SDO transfers as records of fixed size, and the rows that they stand for."""
 
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from syncline_analyzer.results.sdo import SdoRow
 from syncline_schemas.canopen.datatypes import DATA_TYPES, decode_value
 from syncline_schemas.canopen.sdo import abort_meaning
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.records import dataclass
 
 DIRECTIONS = ("upload", "download")

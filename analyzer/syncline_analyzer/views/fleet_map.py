@@ -2,13 +2,13 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby
-from typing import NamedTuple
 
 from syncline_analyzer.fleet.captures import HEALTHY
 from syncline_analyzer.fleet.layout import UNDATED
 from syncline_analyzer.fleet.overview import SEVERITIES, Cell, Machine, Overview, column_of
 from syncline_analyzer.views.fleet_links import Links, many
 from syncline_analyzer.views.html import Html, element, joined
+from syncline_schemas.named_tuples import NamedTuple
 
 FIRST_ROWS = 40
 """Machines that are seen at once; the others open on a click."""

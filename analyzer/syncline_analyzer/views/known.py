@@ -1,10 +1,10 @@
 """What is known of each node's settings, and from where, in one short line per matter."""
 
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
 
 from syncline_analyzer.results import Analysis, NodeRow, ObjectRow
 from syncline_analyzer.views.words import hex_code, printable
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.wording import counted
 
 MAX_LINES = 12

@@ -1,11 +1,11 @@
 """Findings as Markdown, for the text panel of the Rerun viewer."""
 
 from pathlib import Path
-from typing import NamedTuple
 
 from syncline_analyzer.results import Analysis, Finding
 from syncline_analyzer.views.basis import basis_lines
 from syncline_analyzer.views.words import Clock, duration, names_of, node_label, printable
+from syncline_schemas.named_tuples import NamedTuple
 
 _MARKS = {"error": "ERROR", "warning": "WARNING", "info": "NOTE"}
 HEADLINES = 30

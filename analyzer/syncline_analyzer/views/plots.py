@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import field, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from syncline_analyzer.results import TRACE_FLAGS, Analysis, Responses, Series, 
 from syncline_analyzer.views.basis import estimated_buses
 from syncline_analyzer.views.palette import Rgb, line_colour, paler
 from syncline_analyzer.views.words import hex_code, names_of, node_label, printable, trace_object
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.records import dataclass
 
 QUANTITIES = {

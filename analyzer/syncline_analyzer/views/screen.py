@@ -3,7 +3,6 @@
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from io import StringIO
-from typing import NamedTuple
 
 from rich.cells import cell_len, set_cell_size
 from rich.console import Console
@@ -27,6 +26,7 @@ from syncline_analyzer.views.words import (
     printable,
 )
 from syncline_schemas.canopen.nmt import NmtState
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.wording import counted
 
 FEWEST, MOST = 24, 40

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby
-from typing import NamedTuple
 
 from syncline_analyzer.results import (
     Analysis,
@@ -19,6 +18,7 @@ from syncline_analyzer.views.words import (
     node_label,
     object_name,
 )
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.wording import counted
 
 ERROR_LIST = 0x1003

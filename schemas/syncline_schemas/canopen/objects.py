@@ -1,6 +1,6 @@
 """Names, types and units of the communication profile's objects (CiA 301 7.5.2)."""
 
-from typing import NamedTuple
+from syncline_schemas.named_tuples import NamedTuple
 
 UNSIGNED8, UNSIGNED16, UNSIGNED32, VISIBLE_STRING = 0x05, 0x06, 0x07, 0x09
 

@@ -1,9 +1,9 @@
 """What the TPDOs of a device look like as it leaves the factory."""
 
 from collections.abc import Iterator
-from typing import NamedTuple
 
 from syncline_schemas.devices.model import Device
+from syncline_schemas.named_tuples import NamedTuple
 
 
 class FactoryPdo(NamedTuple):

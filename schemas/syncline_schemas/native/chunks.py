@@ -1,10 +1,9 @@
 """Columns out of the messages of a chunk: `chunk.c`."""
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.native.library import AT, INT, Loop, column_of
 
 MOST_OTHERS = 4096

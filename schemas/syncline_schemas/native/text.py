@@ -1,11 +1,11 @@
 """Frames out of lines of text whose layout is known: `lines.c`."""
 
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.native.library import AT, INT, Loop, column_of
 
 MOST_LENGTH = 512

@@ -1,10 +1,9 @@
 """When frames can have been ready, and how long devices took: `waiting.c`."""
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.native.library import AT, FLOAT, INT, Loop, check, column_of
 
 _ARBITRATION = Loop("arbitration", INT, *[AT] * 4, FLOAT, AT, AT)

@@ -1,10 +1,9 @@
 """What answers waited for, summed up by the frames ahead of them: `waiting_sums.c`."""
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.native.library import AT, INT, Loop, check, column_of
 from syncline_schemas.native.waiting import Bools, Floats, Ints, begins_and_edges
 

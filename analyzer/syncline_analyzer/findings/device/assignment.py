@@ -1,7 +1,6 @@
 """Findings on what a node is taken for: a device that it cannot be, or one that it looks like."""
 
 from collections.abc import Iterator
-from typing import NamedTuple
 
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.pdo_binding import PdoBindings
@@ -16,6 +15,7 @@ from syncline_schemas.devices import (
     standard_device,
     suspects,
 )
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.wording import counted
 
 MIN_FRAMES = 3

@@ -1,12 +1,12 @@
 """Findings on node ids and bit rates that a write changed: who is who before and after a reset."""
 
 from collections.abc import Iterable, Iterator
-from typing import NamedTuple
 
 from syncline_analyzer.findings.device.rules import named, number, told, writes
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.results import Finding, NodeRow, PdoRow, SdoRow
 from syncline_schemas.devices import Device
+from syncline_schemas.named_tuples import NamedTuple
 
 SAVE = 0x1010
 _NO_LIFE = ("UNKNOWN", "LOST", "INITIALISING")

@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from typing import NamedTuple
 
 from syncline_analyzer.findings.bus.bus_off import tells_bus_off
 from syncline_analyzer.findings.emcy import history as emcy_history
@@ -15,6 +14,7 @@ from syncline_analyzer.folds.emcy.rates import Storm
 from syncline_analyzer.results import EmcyContextRow, EmcyRow, ErrorRow, Finding, Severity
 from syncline_schemas.canopen.nmt import NmtState
 from syncline_schemas.devices import emcy_meaning
+from syncline_schemas.named_tuples import NamedTuple
 
 LIFE_GUARD = 0x8130
 """Told as the story of the master's silence, by the NMT findings."""

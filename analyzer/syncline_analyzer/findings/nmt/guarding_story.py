@@ -4,7 +4,6 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
 from itertools import groupby
 from operator import itemgetter
-from typing import NamedTuple
 
 from syncline_analyzer.findings.nmt.waited import only_waited
 from syncline_analyzer.findings.reaction import told_until_ns
@@ -14,6 +13,7 @@ from syncline_analyzer.folds.nmt.events import Pause
 from syncline_analyzer.folds.nmt.table import NodeKey
 from syncline_analyzer.folds.nmt.timeout import life_time_ns
 from syncline_analyzer.results import EmcyRow, ErrorRow, Finding
+from syncline_schemas.named_tuples import NamedTuple
 
 STORY_NS = 10_000_000_000
 """Events this close to an EMCY belong to its story [ns]."""

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from itertools import groupby
-from typing import NamedTuple
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.findings.bus.bus_off import bus_off_silences
@@ -23,6 +22,7 @@ from syncline_analyzer.folds.nmt.timeline import Timeline
 from syncline_analyzer.folds.nmt.timeout import LOST_FACTOR
 from syncline_analyzer.results import Finding, Severity
 from syncline_schemas.canopen.nmt import RESETS
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.records import dataclass
 
 BOOT_UP_NS = 1_000_000_000

@@ -1,7 +1,6 @@
 """Heartbeats that a full bus kept back for so long that their nodes count as lost."""
 
 from collections.abc import Iterator
-from typing import NamedTuple
 
 from syncline_analyzer.findings.nmt.lateness import late_silences
 from syncline_analyzer.findings.rule import Facts, Rule
@@ -10,6 +9,7 @@ from syncline_analyzer.folds.nmt.events import KeptWaiting, Lost
 from syncline_analyzer.folds.nmt.kept_waiting import losses_by_waiting
 from syncline_analyzer.folds.nmt.table import NodeKey
 from syncline_analyzer.results import Finding
+from syncline_schemas.named_tuples import NamedTuple
 
 EVIDENCE = 40
 

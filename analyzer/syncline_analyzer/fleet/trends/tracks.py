@@ -1,13 +1,14 @@
 """One quantity of all nodes over the days: what trends are judged from."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from syncline_analyzer.fleet.quantities import QUANTITIES
 from syncline_analyzer.fleet.trends.limits import LIMITS, MIN_SIDE, SEPARATION
 from syncline_analyzer.fleet.trends.statistics import Bools, Floats, Ints
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.records import dataclass
 
 if TYPE_CHECKING:

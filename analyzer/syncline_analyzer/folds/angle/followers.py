@@ -2,7 +2,6 @@
 
 from dataclasses import field
 from itertools import combinations
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +11,7 @@ from syncline_analyzer.folds.angle.samples import Key, Samples
 from syncline_analyzer.folds.angle.shafts import FAR_NS, LAG_NS, TOLERANCE_DEG
 from syncline_analyzer.folds.angle.trace import Encoder
 from syncline_analyzer.results import FollowerRow
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.records import dataclass
 
 TICK_NS = 100_000_000

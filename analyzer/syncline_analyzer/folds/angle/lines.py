@@ -1,11 +1,10 @@
 """Lines of degrees that encoders draw, as they wait for those of others on the same shaft."""
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.folds.angle.samples import Samples
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.records import dataclass
 
 MAX_WAITING = 200_000

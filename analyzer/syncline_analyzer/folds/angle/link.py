@@ -2,12 +2,12 @@
 
 from collections.abc import Callable
 from dataclasses import field
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.folds.angle.samples import Samples
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.records import dataclass
 
 Floats = NDArray[np.float64]

@@ -3,7 +3,6 @@
 from bisect import bisect_left, insort
 from collections.abc import Sequence
 from dataclasses import field
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +28,7 @@ from syncline_analyzer.folds.angle.trace import (
 )
 from syncline_analyzer.results import TRACE_FLAGS, EventKind, Trace, TraceEventRow, TraceRow
 from syncline_analyzer.series import Columns, Thinner
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.records import dataclass
 
 MOVES = ("jump", "step", "spike", "preset", "unsure step")

@@ -1,7 +1,6 @@
 """The stamps themselves: steps back of the clock, and stretches without any frame on a bus."""
 
 from dataclasses import field
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +9,7 @@ from syncline_analyzer.context import Context
 from syncline_analyzer.fold import IndexedBatch
 from syncline_schemas import native
 from syncline_schemas.batch import Gap
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.records import dataclass
 
 MAX_STEPS = 1000

@@ -1,10 +1,11 @@
 """EMCYs that come too often: storms, and messages inside the inhibit time 1015h."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from syncline_schemas.named_tuples import NamedTuple
 
 STORM_COUNT = 10
 """More EMCYs of one node than this within one second are a storm (analysis.md 6)."""

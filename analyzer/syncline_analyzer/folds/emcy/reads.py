@@ -1,10 +1,9 @@
 """Reads with which a node says that none of its errors is left: 1001h = 0, or an empty 1003h."""
 
-from typing import NamedTuple
-
 from syncline_analyzer.context import Context
 from syncline_analyzer.results import SdoTransfers
 from syncline_schemas.devices import quirks
+from syncline_schemas.named_tuples import NamedTuple
 
 ERROR_REGISTER = 0x1001
 ERROR_FIELD = 0x1003

@@ -1,12 +1,12 @@
 """Which RPDO a node complained of with 8210h or 8220h (CiA 301 7.2.7.1: PDO length)."""
 
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import numpy as np
 
 from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.shadow import Shadow
+from syncline_schemas.named_tuples import NamedTuple
 
 LENGTH_CODES = (b"\x10\x82", b"\x20\x82")
 """First bytes of an EMCY that tells of a PDO of the wrong length: 8210h too short, 8220h too long."""

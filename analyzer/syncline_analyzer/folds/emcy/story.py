@@ -2,7 +2,7 @@
 
 from bisect import bisect_right
 from collections.abc import Sequence
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 from syncline_analyzer.folds.emcy.reads import NoError
 from syncline_analyzer.folds.nmt.table import BootUp
@@ -15,6 +15,7 @@ from syncline_schemas.emcy_errors import (
     codes_told,
     codes_unexplained,
 )
+from syncline_schemas.named_tuples import NamedTuple
 
 MAX_EVIDENCE = 50
 MAX_LISTED = 32

@@ -5,7 +5,6 @@ before, its heartbeats wait until there are many of them.
 """
 
 from collections.abc import Collection, Mapping
-from typing import NamedTuple
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.folds.nmt.cadence import CANDIDATE_RATIO, MIN_PERIODS, Int64s
 from syncline_analyzer.folds.nmt.senders import Sent
 from syncline_analyzer.folds.nmt.table import NodeKey
+from syncline_schemas.named_tuples import NamedTuple
 
 QUEUED_NS = 3_000_000
 """Messages closer together stood in line behind other frames: no node sends them so often [ns]."""

@@ -1,11 +1,10 @@
 """Frames of one node's error control, and its signs of life between them."""
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.folds.nmt.cadence import Int64s, Mask
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.records import dataclass
 
 

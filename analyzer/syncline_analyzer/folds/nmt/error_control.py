@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import field
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +41,7 @@ from syncline_analyzer.folds.nmt.pace import HeartbeatPeriods
 from syncline_analyzer.folds.nmt.pairs import Pairs
 from syncline_analyzer.folds.nmt.restarts import LastTold, Restart, restarts
 from syncline_analyzer.median import median
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.records import dataclass
 
 WINDOW = 15

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import field
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from syncline_analyzer.folds.nmt.pace import Even, Pace
 from syncline_analyzer.folds.nmt.witness import Witnesses
 from syncline_schemas.batch import Gap
 from syncline_schemas.canopen.nmt import NmtState
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.records import dataclass
 
 IN_FLIGHT_NS = 10_000_000

@@ -1,7 +1,6 @@
 """Node guarding of one node: the master's requests, and which of them the node answered."""
 
 from dataclasses import field
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +13,7 @@ from syncline_analyzer.folds.nmt.cadence import (
     longer_than_before,
 )
 from syncline_analyzer.folds.nmt.events import Pause, Unanswered
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.records import dataclass
 
 GUARD_ANSWER_NS = 100_000_000

@@ -1,7 +1,6 @@
 """PDOs of every node between what may change its state, and two cadences of one PDO."""
 
 from collections.abc import Callable, Iterator, Mapping
-from typing import NamedTuple
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from syncline_analyzer.folds.nmt.senders import Sent
 from syncline_analyzer.folds.nmt.table import NodeKey
 from syncline_analyzer.folds.timing.pdo_spans import PdoSpans
 from syncline_schemas.canopen.services import Service
+from syncline_schemas.named_tuples import NamedTuple
 
 Cut = tuple[int, int]
 """(seq, t_ns) of what may change a node's state."""

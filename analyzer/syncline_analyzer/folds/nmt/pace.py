@@ -2,12 +2,12 @@
 
 from collections.abc import Iterable
 from dataclasses import field
-from typing import NamedTuple
 
 import numpy as np
 
 from syncline_analyzer.folds.nmt.cadence import MIN_PERIODS, Bins, Int64s, Mask, Periods
 from syncline_analyzer.results import Quantiles
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.records import dataclass
 
 WINDOW = 8

@@ -1,7 +1,6 @@
 """Messages of error control that may tell that a node started anew."""
 
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +8,7 @@ from numpy.typing import NDArray
 from syncline_analyzer.folds.nmt.columns import Columns
 from syncline_analyzer.folds.nmt.kinds import BOOT_UP, HEARTBEAT
 from syncline_schemas.canopen.nmt import STATE_OF_BYTE, NmtState
+from syncline_schemas.named_tuples import NamedTuple
 
 _ON_COMMAND = (0x04, 0x05)
 """State bytes of STOPPED and OPERATIONAL, into which a node does not boot."""

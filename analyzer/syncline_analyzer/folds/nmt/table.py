@@ -1,7 +1,7 @@
 """What the NMT fold tells: commands, states, boot-ups, and what else there is of each node."""
 
 from dataclasses import field
-from typing import Literal, NamedTuple
+from typing import Literal
 
 from syncline_analyzer.folds.nmt.cadence import Doubles, Twins
 from syncline_analyzer.folds.nmt.events import (
@@ -18,6 +18,7 @@ from syncline_analyzer.folds.nmt.pairs import Pairs
 from syncline_analyzer.folds.nmt.timeline import Timeline
 from syncline_analyzer.results import NmtCommandRow, NmtStateRow, Quantiles
 from syncline_schemas.canopen.nmt import NmtState
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.records import dataclass
 
 NodeKey = tuple[int, int]

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import field
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +18,7 @@ from syncline_analyzer.results import SdoTransfers
 from syncline_schemas.batch import Gap
 from syncline_schemas.canopen.services import Service
 from syncline_schemas.devices import quirks
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.records import dataclass
 
 OBJECT_MISSING = 0x06020000

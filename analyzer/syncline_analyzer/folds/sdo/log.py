@@ -1,7 +1,6 @@
 """SDO transfers kept as records until the end of the capture."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +25,7 @@ from syncline_analyzer.results.sdo_records import (
     SdoObject,
     joined,
 )
+from syncline_schemas.named_tuples import NamedTuple
 
 MAX_ROWS = 500_000
 """Transfers that become rows; of a node that is polled for days the rest is counted only."""

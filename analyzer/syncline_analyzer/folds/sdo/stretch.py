@@ -1,7 +1,6 @@
 """A stretch of SDO frames on its way through the channels: plain transfers in runs, the rest singly."""
 
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +8,7 @@ from numpy.typing import NDArray
 from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.folds.sdo.channel import SdoChannel
 from syncline_analyzer.folds.sdo.pairs import Plain, SdoFrames
+from syncline_schemas.named_tuples import NamedTuple
 
 
 class Side(NamedTuple):

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from heapq import heapify, heappop, heappush
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +13,7 @@ from syncline_analyzer.object_history import Known, Value
 from syncline_analyzer.shadow import Shadow
 from syncline_schemas.canopen.sdo import LOAD_SIGNATURE, SAVE_SIGNATURE
 from syncline_schemas.devices import quirks
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.records import dataclass
 
 STORE, RESTORE = 0x1010, 0x1011

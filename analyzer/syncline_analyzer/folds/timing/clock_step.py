@@ -1,9 +1,9 @@
 """Whether the recorder's clock was set in a silence: each identifier goes on as if it had not been."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 from syncline_analyzer.distribution import Distribution
+from syncline_schemas.named_tuples import NamedTuple
 
 HEARTBEATS = range(0x701, 0x780)
 SYNC = 0x80

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +11,7 @@ from syncline_analyzer.folds.timing.senders import Sender
 from syncline_analyzer.folds.timing.waiting import UNKNOWN, Asked, Ready
 from syncline_analyzer.folds.timing.waiting_bus import Bools, BusBlock, Floats, Ints, laid_out
 from syncline_schemas import native
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.records import dataclass
 
 _AT_ONCE = 1 << 12

@@ -1,13 +1,13 @@
 """Two SYNC producers on one identifier: a second rhythm between the beats of the first."""
 
 from dataclasses import field
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.distribution import quantile_of
 from syncline_analyzer.results import SyncDoubleRow
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.records import dataclass
 
 MIN_PAIRS = 20

@@ -1,13 +1,12 @@
 """Frames that come late all at once: then the bus was not heard, or the clock was set."""
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.distinct import distinct
 from syncline_analyzer.folds.timing.block import Block
 from syncline_analyzer.pdo_binding import Pdo
+from syncline_schemas.named_tuples import NamedTuple
 
 _LEARN = 8
 _STEADY = 0.1

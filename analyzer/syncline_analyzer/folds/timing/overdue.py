@@ -1,7 +1,6 @@
 """Missing frames of a PDO that an event timer sends."""
 
 from dataclasses import field
-from typing import NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -9,6 +8,7 @@ from numpy.typing import NDArray
 
 from syncline_analyzer.distribution import quantile_of
 from syncline_analyzer.folds.timing.rhythm import Missed
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.records import dataclass
 
 LATE = 1.5

@@ -1,12 +1,12 @@
 """Which of n SYNCs a PDO answers that is sent with every n-th."""
 
 from dataclasses import field
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.folds.timing.sync_index import SyncIndex
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.records import dataclass
 
 UNTOLD = 240

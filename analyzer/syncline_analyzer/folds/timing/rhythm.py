@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import field
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +9,7 @@ from numpy.typing import NDArray
 from syncline_analyzer.folds.timing.extremes import limits_of
 from syncline_analyzer.folds.timing.slips import Spared
 from syncline_analyzer.folds.timing.sync_index import SyncIndex
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.records import dataclass
 
 MAX_KEPT = 100_000

@@ -4,7 +4,6 @@ The predefined connection set tells what nothing else does.
 """
 
 from collections.abc import Mapping
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +22,7 @@ from syncline_analyzer.service_ids import (
 from syncline_schemas import native
 from syncline_schemas.batch import FrameBatch, FrameFlag
 from syncline_schemas.canopen.services import SERVICE_OF_ID, Service
+from syncline_schemas.named_tuples import NamedTuple
 
 _REMOTE = 1 << 11
 _NO_SERVICE = np.uint16(FrameFlag.EXTENDED | FrameFlag.ERROR | FrameFlag.FD)

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import field
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +20,7 @@ from syncline_analyzer.folds.timing.clock_step import (
     forward_step,
     witness,
 )
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.records import dataclass
 
 MAX_SILENCES = 1000

@@ -1,12 +1,12 @@
 """SYNCs that a PDO left out although its frames came as often as ever: a timer of its own sent them."""
 
 from dataclasses import field
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.folds.timing.sync_index import SyncIndex
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.records import dataclass
 
 _SINGLE = 1.25

@@ -1,7 +1,6 @@
 """What is kept of one SYNC identifier from block to block."""
 
 from dataclasses import field
-from typing import NamedTuple
 
 from syncline_analyzer.distribution import Distribution
 from syncline_analyzer.folds.timing.double_sync import DoubleSync
@@ -14,6 +13,7 @@ from syncline_analyzer.folds.timing.unsteady import Unsteady
 from syncline_analyzer.results import ClockStepRow
 from syncline_analyzer.series import Thinner
 from syncline_analyzer.shadow import Shadow
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.records import dataclass
 
 MAX_POINTS = 20_000

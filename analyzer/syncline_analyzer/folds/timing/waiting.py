@@ -6,13 +6,14 @@ node started one of lower priority; and it was ready at its own start at the lat
 """
 
 from functools import cached_property
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from syncline_schemas import native
 from syncline_schemas.batch import FrameBatch, FrameFlag
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.records import dataclass
 from syncline_schemas.wire_length import INTERMISSION_BITS
 

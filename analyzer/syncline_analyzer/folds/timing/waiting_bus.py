@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import field, fields
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from syncline_analyzer.folds.timing.waiting import MASTER, UNKNOWN, Arbitration,
 from syncline_analyzer.results import Ahead
 from syncline_schemas import native
 from syncline_schemas.batch import FrameFlag
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.records import dataclass
 
 _AT_ONCE = 1 << 13

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import field, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +14,7 @@ from syncline_analyzer.folds.timing.late_behind import LateBehind
 from syncline_analyzer.folds.timing.waiting import Most, Ready
 from syncline_analyzer.folds.timing.waiting_bus import Blame, BusBlock, Span
 from syncline_analyzer.results import Ahead, LatenessRow, PdoRow, WaitRow
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.records import dataclass
 
 WORST = 10

@@ -49,15 +49,16 @@ def stage_seconds(stats: pstats.Stats, path: str, function: str) -> float:
 
 def print_stages(capture: Path) -> None:
     """One process that does everything, under the profiler."""
-    from syncline_analyzer import open_session, reading_child
+    from syncline_analyzer import open_session
+    from syncline_schemas import second_process
 
-    two_processes = reading_child.LEAST_BYTES
-    reading_child.LEAST_BYTES = sys.maxsize
+    two_processes = second_process.LEAST_BYTES
+    second_process.LEAST_BYTES = sys.maxsize
     profiler = cProfile.Profile()
     begin = time.perf_counter()
     analysis = profiler.runcall(lambda: open_session(capture).analysis)
     whole = time.perf_counter() - begin
-    reading_child.LEAST_BYTES = two_processes
+    second_process.LEAST_BYTES = two_processes
     frames, stats = analysis.capture.frames, pstats.Stats(profiler)
     print(f"{frames:,} frames, {whole / frames * 1e9:.0f} ns/frame under the profiler, of which")
     for name, path, function in (*READING, *ANALYSIS):
@@ -66,9 +67,10 @@ def print_stages(capture: Path) -> None:
 
 def print_processes(capture: Path) -> None:
     """Two processes, and what reading costs alone."""
-    from syncline_analyzer import open_session, reading_child
+    from syncline_analyzer import open_session
+    from syncline_schemas import second_process
 
-    reading_child.LEAST_BYTES = 0
+    second_process.LEAST_BYTES = 0
     begin, parent, child = time.perf_counter(), time.process_time(), _children_s()
     frames = open_session(capture).analysis.capture.frames
     wall, parent = time.perf_counter() - begin, time.process_time() - parent

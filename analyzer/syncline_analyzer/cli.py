@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Unpack
 
 import click
 
-from syncline_analyzer.collecting import rare_collections
 from syncline_analyzer.command_options import (
     CAPTURES,
     CHECK,
@@ -24,6 +23,7 @@ from syncline_analyzer.command_options import (
     selecting,
     session_of,
 )
+from syncline_schemas.collecting import rare_collections
 from syncline_schemas.errors import SynclineError, UsageError
 from syncline_schemas.progress_line import progress_line
 

@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from syncline_analyzer.bit_rates import BitRates
 from syncline_analyzer.capture import CaptureFacts
 from syncline_analyzer.capture_row import capture_row
-from syncline_analyzer.collecting import rare_collections
 from syncline_analyzer.deafness import Numbered
 from syncline_analyzer.device_health import device_health_rows
 from syncline_analyzer.doubled_rows import doubled_rows
@@ -25,6 +24,7 @@ from syncline_analyzer.pdo_lengths import PdoLengths, length_rows
 from syncline_analyzer.preparing import Preparation, Prepared, Step
 from syncline_analyzer.results import Analysis
 from syncline_schemas.canopen.nmt import NmtState
+from syncline_schemas.collecting import rare_collections
 from syncline_schemas.description import BusDescription
 from syncline_schemas.devices import Device
 

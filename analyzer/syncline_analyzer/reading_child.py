@@ -3,37 +3,26 @@
 Nothing heavy is imported here: the process starts while this one imports the analyses.
 """
 
-import json
-import os
 import pickle
-import subprocess
-import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Literal, Self, cast
 
-from syncline_analyzer.collecting import YOUNG
 from syncline_analyzer.reading_request import Request
+from syncline_schemas import second_process
 from syncline_schemas.errors import CaptureError
-from syncline_schemas.processors import processors
 
 if TYPE_CHECKING:
+    import subprocess
     from io import RawIOBase
 
     from syncline_analyzer.reading import Reading
     from syncline_analyzer.reading_messages import End, Opened, SentStep
 
-LEAST_BYTES = 16 << 20
-"""Captures of fewer bytes together are read in the process that analyzes them."""
 _PIPE_BYTES = 1 << 20
-_NO_THREADS = {"OPENBLAS_NUM_THREADS": "1"}
-"""numpy's threads for linear algebra, of which reading needs none, cost 50 ms of a processor."""
-_START = (
-    "import gc, json, sys; gc.set_threshold(int(sys.argv[2])); sys.path[:] = json.loads(sys.argv[1]);"
-    " from syncline_analyzer.reading_process import main; main()"
-)
+_MODULE = "syncline_analyzer.reading_process"
 
 
 @contextmanager
@@ -66,19 +55,8 @@ class ReadingChild:
     @classmethod
     def started(cls, request: Request) -> Self | None:
         """A process that begins to read; None where none can be started."""
-        path = json.dumps(list(map(str, sys.path)))
-        try:
-            process = subprocess.Popen(
-                [sys.executable, "-P", "-c", _START, path, str(YOUNG)],
-                bufsize=0,
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,
-                env={**os.environ, **_NO_THREADS},
-                # Windows: no console window of its own.
-                creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
-            )
-        except OSError:
+        process = second_process.process(_MODULE)
+        if process is None:
             return None
         assert process.stdin is not None
         assert process.stdout is not None
@@ -133,9 +111,7 @@ def _opened(request: Request, child: ReadingChild | None) -> "Reading":
 
 def _is_worth_it(request: Request) -> bool:
     """Whether there is a second processor, and enough to read for it."""
-    # A program that Python is built into cannot be started as a Python.
-    interpreter = Path(sys.executable or "").name.lower().startswith(("python", "pypy"))
-    return interpreter and processors() > 1 and _bytes(request.paths) >= LEAST_BYTES
+    return second_process.has_room() and _bytes(request.paths) >= second_process.LEAST_BYTES
 
 
 def _bytes(paths: Iterable[Path]) -> int:

@@ -19,11 +19,11 @@ from io import FileIO
 
 from syncline_analyzer.batch_transfer import packed
 from syncline_analyzer.capture import CaptureFacts
-from syncline_analyzer.collecting import rare_collections
 from syncline_analyzer.messages import MessageWriter
 from syncline_analyzer.reading import LocalReading
 from syncline_analyzer.reading_messages import End, Failed, News, Opened, SentStep
 from syncline_analyzer.reading_request import Request
+from syncline_schemas.collecting import rare_collections
 from syncline_schemas.errors import SynclineError
 from syncline_schemas.processors import leave
 
@@ -37,7 +37,10 @@ def main() -> None:
     # Ctrl-C is meant for the parent, which ends this process.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     out, sys.stdout = FileIO(sys.stdout.fileno(), "wb", closefd=False), sys.stderr
-    request: Request = pickle.load(sys.stdin.buffer)
+    try:
+        request: Request = pickle.load(sys.stdin.buffer)
+    except EOFError:  # started in vain
+        return
     # The parent has one of its own to work with.
     leave(1)
     with MessageWriter(out) as writer, rare_collections():

@@ -8,10 +8,10 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from syncline_analyzer.collecting import rare_collections, settled_objects
 from syncline_analyzer.moments import Moment, parse_moment
 from syncline_analyzer.reading_child import begun
 from syncline_analyzer.reading_request import Request
+from syncline_schemas.collecting import rare_collections, settled_objects
 from syncline_schemas.errors import UsageError
 
 # All else is imported when it is needed, so that a process that reads can start before it.

@@ -1,5 +1,5 @@
 """`python -m syncline_logger` is `syncline`."""
 
-from syncline_logger.cli import main
+from syncline_logger.start import main
 
 main()

@@ -10,10 +10,10 @@ import click
 
 from syncline_logger.lazy_group import LazyCommand, LazyGroup, import_from, missing_extra
 from syncline_logger.standard_output import discard_stdout, open_missing_streams
+from syncline_logger.start import INTERRUPTED
 from syncline_schemas.errors import SeveralErrors, SynclineError
 
 FAILED = 1
-INTERRUPTED = 130
 
 _EXTRA = 'pip install "syncline[analyzer]"'
 

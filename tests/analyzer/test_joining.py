@@ -7,11 +7,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from syncline_analyzer.collecting import rare_collections
 from syncline_analyzer.deafness import Numbered
 from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.joining import joined
 from syncline_schemas.batch import FrameBatch, Gap
+from syncline_schemas.collecting import rare_collections
 
 
 def _batch(first: int, count: int) -> FrameBatch:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from syncline_analyzer import open_session, reading_child
+from syncline_analyzer import open_session
 from syncline_analyzer.batch_transfer import packed, unpacked
 from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.reading import LocalReading
@@ -21,6 +21,7 @@ from syncline_analyzer.reading_request import Request
 from syncline_analyzer.remote_reading import RemoteReading
 from syncline_analyzer.session import Session
 from syncline_analyzer.views.json_view import to_object
+from syncline_schemas import second_process
 from syncline_schemas.batch import FrameBatch, FrameFlag
 from syncline_schemas.capture.layout import BusInfo, CaptureMetadata
 from syncline_schemas.capture.writer import CaptureWriter
@@ -96,12 +97,12 @@ def small(tmp_path: Path) -> Path:
 @pytest.fixture
 def other_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """However small captures are, another process reads them."""
-    monkeypatch.setattr(reading_child, "LEAST_BYTES", 0)
-    monkeypatch.setattr(reading_child, "processors", lambda: 2)
+    monkeypatch.setattr(second_process, "LEAST_BYTES", 0)
+    monkeypatch.setattr(second_process, "processors", lambda: 2)
 
 
 def told(session: Session, least_bytes: int, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
-    monkeypatch.setattr(reading_child, "LEAST_BYTES", least_bytes)
+    monkeypatch.setattr(second_process, "LEAST_BYTES", least_bytes)
     return to_object(session.analysis)
 
 
@@ -151,7 +152,7 @@ def test_the_other_process_is_used_and_gone_in_the_end(small: Path) -> None:
 def test_what_is_to_be_done_meanwhile_comes_before_the_frames(
     small: Path, least_bytes: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(reading_child, "LEAST_BYTES", least_bytes)
+    monkeypatch.setattr(second_process, "LEAST_BYTES", least_bytes)
     done: list[int] = []
     session = open_session(small)
     session.analyze(done.append, lambda: done.append(-1))
@@ -211,7 +212,7 @@ def test_a_file_that_is_no_capture(
 
 def child_that(code: str) -> str:
     """The code of a child that does something else on its way; `rp` is the module."""
-    start = "import json, sys; sys.path[:] = json.loads(sys.argv[1])\n"
+    start = "import sys; sys.path[:] = sys.argv[2:]\n"
     module = "import os; from syncline_analyzer import reading_process as rp\n"
     return start + module + dedent(code) + "\nrp.main()"
 
@@ -226,7 +227,7 @@ def test_a_process_that_dies_is_told(small: Path, monkeypatch: pytest.MonkeyPatc
             os._exit(7)
         rp.MessageWriter.put = lambda to, m: put(to, m) if type(m) is rp.Opened else die(to)
         """)
-    monkeypatch.setattr(reading_child, "_START", code)
+    monkeypatch.setattr(second_process, "_CODE", code)
     with pytest.raises(CaptureError, match=r"ended before their end \(exit code 7\)"):
         open_session(small).analyze()
 
@@ -234,7 +235,7 @@ def test_a_process_that_dies_is_told(small: Path, monkeypatch: pytest.MonkeyPatc
 @pytest.mark.usefixtures("other_process")
 def test_an_error_in_it_is_raised_here(small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     code = child_that("def fail(batch): raise ZeroDivisionError('by us')\nrp.packed = fail")
-    monkeypatch.setattr(reading_child, "_START", code)
+    monkeypatch.setattr(second_process, "_CODE", code)
     with pytest.raises(ZeroDivisionError, match="by us") as raised:
         open_session(small).analyze()
     assert "reading_process" in raised.value.__notes__[0]
@@ -247,7 +248,7 @@ def test_an_error_in_it_is_raised_here(small: Path, monkeypatch: pytest.MonkeyPa
 def test_where_no_process_can_be_started_this_one_reads(
     small: Path, code: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(reading_child, "_START", code)
+    monkeypatch.setattr(second_process, "_CODE", code)
     with begun(Request([small])) as opened:
         assert isinstance(opened(), LocalReading)
 
@@ -267,10 +268,10 @@ def test_small_captures_and_single_processors_need_none(
 ) -> None:
     with begun(Request([small])) as opened:
         assert isinstance(opened(), LocalReading)
-    monkeypatch.setattr(reading_child, "LEAST_BYTES", 0)
+    monkeypatch.setattr(second_process, "LEAST_BYTES", 0)
     with begun(Request([small]), 1) as opened:
         assert isinstance(opened(), LocalReading)
-    monkeypatch.setattr(reading_child, "processors", lambda: 1)
+    monkeypatch.setattr(second_process, "processors", lambda: 1)
     with begun(Request([small])) as opened:
         assert isinstance(opened(), LocalReading)
 
@@ -279,9 +280,10 @@ def test_a_script_without_a_guard_works(small: Path, tmp_path: Path) -> None:
     script = tmp_path / "script.py"
     script.write_text(
         dedent(f"""
-        from syncline_analyzer import open_session, reading_child
-        reading_child.LEAST_BYTES = 0
-        reading_child.processors = lambda: 2
+        from syncline_analyzer import open_session
+        from syncline_schemas import second_process
+        second_process.LEAST_BYTES = 0
+        second_process.processors = lambda: 2
         print(open_session({str(small)!r}).analysis.capture.frames)
         """),
         encoding="utf-8",

@@ -8,7 +8,6 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from syncline_analyzer.collecting import rare_collections
 from syncline_analyzer.fleet.captures import CaptureEntry, capture_values, outcome_of
 from syncline_analyzer.fleet.columns import arrow_table
 from syncline_analyzer.fleet.copies import with_whole_files
@@ -32,6 +31,7 @@ from syncline_analyzer.readers import open_capture
 from syncline_analyzer.reading import LocalReading
 from syncline_analyzer.reading_request import Request
 from syncline_analyzer.results import Analysis
+from syncline_schemas.collecting import rare_collections
 from syncline_schemas.description import BusDescription
 from syncline_schemas.errors import CaptureError
 

@@ -3,6 +3,7 @@
 That process and this one take a tenth of a second to import what they need: at the same time.
 """
 
+import gc
 import os
 import sys
 
@@ -30,13 +31,12 @@ def main() -> None:
 
 
 def _read_ahead(module: str, words: list[str]) -> None:
-    import gc
-
-    from syncline_schemas import second_process
     from syncline_schemas.collecting import YOUNG
 
     # Modules make no cycles that are worth a search.
     gc.set_threshold(YOUNG)
+    from syncline_schemas import second_process
+
     # In the place of a closed stream a pipe to the process would get what is said there.
     streams = None not in (sys.stdin, sys.stdout, sys.stderr)
     large = _bytes(words) >= second_process.LEAST_BYTES

@@ -333,9 +333,8 @@ class ErrorControl:
         telling = np.flatnonzero((beat_kinds == ANSWER) | (beat_kinds == BOOT_UP))
         if not len(telling):
             return
-        toggles = np.where(beat_kinds[telling] == ANSWER, beats.byte[telling] >> 7, -1).astype(
-            np.int8
-        )
+        toggle = (beats.byte[telling] >> 7).astype(np.int8)
+        toggles = np.where(beat_kinds[telling] == ANSWER, toggle, np.int8(-1))
         before = np.concatenate(([self._toggle], toggles[:-1]))
         wrong = np.flatnonzero((toggles == before) & (toggles >= 0))
         counts.toggle_errors += len(wrong)
@@ -468,7 +467,8 @@ class ErrorControl:
         n = len(beats.seq)
         if not n:
             return
-        states = np.where(kinds == EMPTY, -2, np.where(kinds == BOOT_UP, -3, beats.byte & 0x7F))
+        heard = (beats.byte & 0x7F).astype(np.int64)
+        states = np.where(kinds == EMPTY, -2, np.where(kinds == BOOT_UP, -3, heard))
         keep = states != np.concatenate(([self._state], states[:-1]))
         keep |= kinds == BOOT_UP
         keep[:-1] |= (kinds[:-1] == EMPTY) & (kinds[1:] == HEARTBEAT)

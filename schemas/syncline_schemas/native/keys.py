@@ -1,10 +1,9 @@
 """Frames in order of bus and identifier: `grouping.c`."""
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.native.library import AT, INT, U32, Loop, check, column_of
 
 MOST_KEYS = 16 << 12

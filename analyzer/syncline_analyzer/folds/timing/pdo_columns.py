@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import field
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +13,7 @@ from syncline_analyzer.folds.timing.phase import UNTOLD
 from syncline_analyzer.folds.timing.repeats import Runs
 from syncline_analyzer.folds.timing.sync_index import SyncIndex
 from syncline_schemas import native
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.records import dataclass
 
 Ints = NDArray[np.int64]

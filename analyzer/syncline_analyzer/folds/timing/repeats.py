@@ -1,10 +1,9 @@
 """Frames of a PDO that bring the data of the one before."""
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.records import dataclass
 
 

@@ -1,5 +1,7 @@
 """Bus load by hand: frames of known length in known windows."""
 
+from fractions import Fraction
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -235,6 +237,18 @@ def test_shares_add_up_and_name_their_senders() -> None:
     assert sum(row.load_percent or 0 for row in tables.node_shares) == pytest.approx(
         tables.bus_load[0].mean_percent, rel=0.01
     )
+
+
+def test_a_node_has_the_exact_sum_of_its_shares() -> None:
+    """A hundredth ten times is a tenth, in whatever order and version of Python it is added."""
+    ids = [*range(0x181, 0x18B), *range(0x201, 0x20B), *range(0x281, 0x28B)]
+    frames = ordered(frame(k * MS, ids[k % 30], DATA[: k % 9]) for k in range(997))
+    tables = timing(context(bitrate=125_000), frames)
+    for node in tables.node_shares:
+        own = [row for row in tables.bus_shares if row.node == node.node]
+        exact = sum((Fraction(row.share_percent) for row in own), Fraction())
+        assert node.share_percent == float(exact)
+        assert node.load_percent == float(sum(Fraction(row.load_percent or 0) for row in own))
 
 
 def test_peaks_say_when() -> None:

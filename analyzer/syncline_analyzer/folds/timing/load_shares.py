@@ -1,6 +1,7 @@
 """Whose frames fill a bus: bits and frames per identifier and per node."""
 
 from collections.abc import Callable, Iterable
+from math import fsum
 from typing import Any
 
 import numpy as np
@@ -135,8 +136,9 @@ def _by_node(bus: str, rows: list[BusShareRow]) -> list[NodeShareRow]:
                 bus,
                 node,
                 sum(row.frames for row in own),
-                sum(row.share_percent for row in own),
-                sum(loads) if len(loads) == len(own) else None,
+                # sum() adds floats otherwise from Python 3.12 on: a capture tells the same to all.
+                fsum(row.share_percent for row in own),
+                fsum(loads) if len(loads) == len(own) else None,
             )
         )
     return sorted(found, key=lambda row: (-row.share_percent, row.node or 0))

@@ -233,7 +233,7 @@ def encode_sdo(
     """Messages of the chosen SDO frames of a pass; `frames` and `log_ns` are of the whole batch."""
     rows = done.rows[chosen]
     messages = [
-        _block_segment(frames.data[row], frames.can_id[row] >= _FIRST_REQUEST)
+        _block_segment(frames.data[row], bool(frames.can_id[row] >= _FIRST_REQUEST))
         if done.segment[i]
         else _sdo_message(done.frames[i], device)
         for i, row in zip(chosen.tolist(), rows.tolist(), strict=True)

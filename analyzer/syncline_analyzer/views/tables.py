@@ -420,6 +420,10 @@ def _arrow(frame: pd.DataFrame, kind: type | None) -> pa.Table:
         at = schema.get_field_index(name)
         if at >= 0 and typing.get_origin(hint) is list and hint in _LIST_TYPES:
             schema = schema.set(at, pa.field(name, _LIST_TYPES[hint]))
+    for at, field in enumerate(schema):
+        # pandas 2 does not know that a column without rows is of text.
+        if pa.types.is_null(field.type):
+            schema = schema.set(at, field.with_type(pa.string()))
     return pa.Table.from_pandas(frame, schema=schema, preserve_index=False)
 
 

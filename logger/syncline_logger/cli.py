@@ -3,7 +3,6 @@
 import gc
 import os
 import sys
-import traceback
 from collections.abc import Sequence
 
 import click
@@ -85,6 +84,8 @@ def main(argv: Sequence[str] | None = None) -> None:
 def _explain(error: Exception, words: Sequence[str]) -> int:
     debug = "--debug" in words
     if debug:
+        import traceback
+
         traceback.print_exception(error)
     if isinstance(error, ModuleNotFoundError) and not str(error.name).startswith("syncline"):
         command = next((word for word in words if not word.startswith("-")), "")

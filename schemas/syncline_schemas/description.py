@@ -1,6 +1,5 @@
 """Bus description: which devices are on which bus, and what is known of them beforehand."""
 
-import tomllib
 from collections.abc import Mapping
 from collections.abc import Set as AbstractSet
 from dataclasses import field
@@ -108,6 +107,8 @@ class BusDescription:
         Raises:
             DescriptionError: the text is wrong; names all mistakes at once.
         """
+        import tomllib
+
         try:
             data = tomllib.loads(text)
         except tomllib.TOMLDecodeError as error:

@@ -18,7 +18,6 @@ from syncline_schemas.eds_repair import Entry, Objects, number, objects_of
 from syncline_schemas.eds_text import EdsText, EdsWarning, Section, parse
 from syncline_schemas.errors import DescriptionError
 from syncline_schemas.records import dataclass
-from syncline_schemas.xdd import looks_like_xml, parse_xdd
 
 if TYPE_CHECKING:
     from canopen import ObjectDictionary
@@ -61,6 +60,8 @@ def load_eds(source: str | Path | bytes, node_id: int | None = None) -> LoadedEd
     Raises:
         DescriptionError: the file cannot be read, or nothing in it can be used.
     """
+    from syncline_schemas.xdd import looks_like_xml, parse_xdd
+
     where, data = _content(source)
     text = parse_xdd(data) if looks_like_xml(data) else parse(data)
     objects = objects_of(text)

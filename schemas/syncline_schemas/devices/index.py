@@ -3,7 +3,6 @@
 `data/index.json` is made of the device files by `python -m syncline_schemas.devices.index`.
 """
 
-import json
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
@@ -40,12 +39,16 @@ class Hallmarks:
 @cache
 def built_in_hallmarks() -> dict[str, Hallmarks]:
     """Those of the built-in devices by name."""
+    import json
+
     listed = json.loads(INDEX.read_text(encoding="utf-8"))
     return {name: _read(entry) for name, entry in listed.items()}
 
 
 def index_text() -> str:
     """The index as the device files make it."""
+    import json
+
     found = {}
     for path in sorted(DATA.glob("*.toml")):
         names = [p for p in DATA.iterdir() if p.suffix != INDEX.suffix]

@@ -1,6 +1,5 @@
 """The TOML file of a device read into facts; everything wrong in it is told at once."""
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import field, fields, replace
 from typing import Any, cast
@@ -295,6 +294,8 @@ def read_profile(text: str, where: str) -> Profile:
     Raises:
         DescriptionError: the text is no TOML, or keys or values are wrong; all at once.
     """
+    import tomllib
+
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

@@ -279,6 +279,8 @@ else:
         """A class of the same fields and options, as the standard library makes it."""
         cls = record.cls
         body = record.values | {"__annotations__": record.kinds, "__module__": cls.__module__}
+        # Without one the library looks for the signature, which takes longer than all else.
+        body["__doc__"] = cls.__doc__
         made = dataclasses.dataclass(type(cls.__name__, (), body), init=False, repr=False, eq=False)
         for name, value in record.options.items():
             if hasattr(made.__dataclass_params__, name):

@@ -12,9 +12,9 @@ if TYPE_CHECKING:
     from dataclasses import dataclass
 else:
     import dataclasses
-    import inspect
     from dataclasses import MISSING, Field
     from functools import partial
+    from types import GenericAlias, UnionType
     from typing import ClassVar
 
     _OPTIONS = {"frozen": False, "slots": False, "repr": True, "eq": True}
@@ -22,6 +22,9 @@ else:
     _OWN |= {"__slots__"}
     _CHANGING = (list, dict, set)
     _TOLD = ("__dataclass_fields__", "__dataclass_params__")
+    _NEVER_SPECIAL = {type, GenericAlias, UnionType}
+    """Kinds of annotations of a field, but for `InitVar` itself."""
+    _GIVEN = MISSING, MISSING, True
     _BY_THE_WAY = 64
     """Rows made without a compiled `__init__`: to compile one takes as long as that saves."""
 
@@ -60,30 +63,39 @@ else:
         """
 
         def __init__(self, cls):
-            self.cls, self.kinds, self.options = cls, inspect.get_annotations(cls), {}
+            self.cls, self.kinds, self.options = cls, cls.__annotations__, {}
             own = vars(cls)
             self.values = {name: own[name] for name in self.kinds if name in own}
+            said = {name: _said(value) for name, value in self.values.items()}
+            self.said = dict.fromkeys(self.kinds, _GIVEN) | said
 
         def is_plain(self):
             """Whether there is nothing special about the class, nor a mistake in it."""
-            own, said = vars(self.cls), self.said().values()
-            needed = [default is factory for default, factory, init in said if init]
+            own = vars(self.cls)
             fields = {name: value for name, value in own.items() if type(value) is Field}
             return (
                 self.cls.__bases__ == (object,)
                 and type(self.cls) is type
                 and own.keys().isdisjoint(_OWN)
-                and not any(map(_is_special, self.kinds.values()))
+                and not self._has_special_kinds()
                 and fields.keys() <= self.kinds.keys()
                 and not any(field.kw_only is True for field in fields.values())
-                and not any(isinstance(default, _CHANGING) for default, _, _ in said)
-                # None that is needed follows one that is not.
-                and needed == sorted(needed, reverse=True)
+                and self._has_plain_defaults()
             )
 
-        def said(self):
-            """Default, factory and whether it is an argument, of each field by name."""
-            return {name: _said(self.values.get(name, MISSING)) for name in self.kinds}
+        def _has_special_kinds(self):
+            kinds = self.kinds.values()
+            if {*map(type, kinds)} <= _NEVER_SPECIAL:
+                return dataclasses.InitVar in kinds
+            return any(map(_is_special, kinds))
+
+        def _has_plain_defaults(self):
+            said = self.said.values()
+            needed = [default is factory for default, factory, init in said if init]
+            # None that is needed follows one that is not.
+            return needed == sorted(needed, reverse=True) and not any(
+                isinstance(default, _CHANGING) for default, _, _ in said
+            )
 
         def finished(self, options):
             """The class, or another one with slots, with its parts."""
@@ -95,12 +107,11 @@ else:
 
         def _slotted(self, cls):
             """The class made again, with slots."""
-            left_out = {"__dict__", "__weakref__", *self.kinds}
-            own = {name: value for name, value in vars(cls).items() if name not in left_out}
-            own |= self._parts(own) | {
-                "__slots__": (*self.kinds,),
-                "__qualname__": cls.__qualname__,
-            }
+            own = dict(vars(cls))
+            for name in ("__dict__", "__weakref__", *self.values):
+                own.pop(name, None)
+            own |= self._parts(own)
+            own |= {"__slots__": (*self.kinds,), "__qualname__": cls.__qualname__}
             return type(cls.__name__, (), own)
 
         def _mended(self, cls):
@@ -118,14 +129,14 @@ else:
         def _parts(self, own):
             """What a dataclass of these options has, by name. own: what the class itself has."""
             equal, frozen = self.options["eq"], self.options["frozen"]
-            shown = self.options["repr"] and "__repr__" not in own
-            late = [*_TOLD, *["__repr__"] * shown, *["__eq__"] * equal]
-            late += ["__hash__"] * (equal and frozen)
-            parts = {name: _Late(self, name) for name in late}
+            parts = {name: _Late(self, name) for name in _TOLD}
             parts["__init__"] = _LateInit(self, "__init__")
-            parts["__match_args__"] = tuple(name for name, said in self.said().items() if said[2])
-            if equal and not frozen:
-                parts["__hash__"] = None
+            parts["__match_args__"] = tuple([name for name, said in self.said.items() if said[2]])
+            if self.options["repr"] and "__repr__" not in own:
+                parts["__repr__"] = _Late(self, "__repr__")
+            if equal:
+                parts["__eq__"] = _Late(self, "__eq__")
+                parts["__hash__"] = _Late(self, "__hash__") if frozen else None
             if frozen:
                 parts |= self._refusals()
                 if self.options["slots"] and own.keys().isdisjoint(_STATE):
@@ -204,7 +215,7 @@ else:
 
         def _look(self):
             """Learn what is to be assigned, in which order."""
-            said = self._record.said()
+            said = self._record.said
             self._places = tuple(name for name, (_, _, init) in said.items() if init)
             self._allowed = frozenset(self._places)
             self._needed = {

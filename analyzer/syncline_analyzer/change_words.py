@@ -6,7 +6,7 @@ from typing import Any
 from syncline_schemas.canopen.objects import standard_meaning, standard_object
 from syncline_schemas.canopen.sdo import LOAD_SIGNATURE, SAVE_SIGNATURE
 from syncline_schemas.devices import Device, ObjectFacts, standard_facts
-from syncline_schemas.devices.standard import standard_profiles
+from syncline_schemas.devices.standard import standard_profile
 from syncline_schemas.wording import counted
 
 Key = tuple[int, int]
@@ -75,7 +75,7 @@ def measuring_roles(device: Device | None, profile: int | None) -> Mapping[str, 
     """Which object does what in the measurement, by the device, else by its CiA profile."""
     if device is not None and device.measurement:
         return device.measurement
-    standard = standard_profiles().get(profile or 0)
+    standard = standard_profile(profile or 0)
     return standard.measurement if standard is not None else {}
 
 

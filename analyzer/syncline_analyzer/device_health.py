@@ -8,7 +8,7 @@ from syncline_analyzer.context import Context
 from syncline_analyzer.results import DeviceHealthRow, ErrorHistoryRow, SdoRow, SdoTransfers
 from syncline_schemas.canopen.sdo import SAVE_SIGNATURE
 from syncline_schemas.devices import Device, ObjectFacts, quirks
-from syncline_schemas.devices.standard import standard_profiles
+from syncline_schemas.devices.standard import standard_profile
 from syncline_schemas.wording import counted
 
 ERROR_REGISTER, ERROR_LIST, STORE = 0x1001, 0x1003, 0x1010
@@ -65,7 +65,7 @@ def _health(device: Device | None, profile: int | None) -> Mapping[str, Key]:
     """Objects that tell how a device is, by what they are."""
     if device is not None:
         return device.health
-    standard = standard_profiles().get(profile or 0)
+    standard = standard_profile(profile or 0)
     return standard.health if standard is not None else {}
 
 

@@ -6,7 +6,7 @@ from typing import Any, cast
 
 from syncline_schemas.devices.model import Device, Key, Kind, ObjectFacts
 from syncline_schemas.devices.profile import Profile, emcy_fields, read_profile, with_profile
-from syncline_schemas.devices.standard import standard_profiles
+from syncline_schemas.devices.standard import standard_profile
 from syncline_schemas.eds import LoadedEds, load_eds, variables
 from syncline_schemas.errors import DescriptionError
 
@@ -87,7 +87,7 @@ def _from_eds(name: str, loaded: LoadedEds, files: Mapping[str, bytes]) -> Devic
     """Device of which nothing is known but its EDS: the device profile's measurement, no quirks."""
     device_type = getattr(loaded.od.indices.get(0x1000), "default", None)
     number = device_type & 0xFFFF if isinstance(device_type, int) else 0
-    profile = standard_profiles().get(number, Profile())
+    profile = standard_profile(number) or Profile()
     objects = {
         key: {k: v for k, v in more.items() if k != "name"} for key, more in profile.objects.items()
     }

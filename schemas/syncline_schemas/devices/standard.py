@@ -32,18 +32,30 @@ _SIGNED: dict[int, dict[int, int]] = {
 
 
 @cache
+def _paths() -> dict[int, Path]:
+    return {int(path.stem): path for path in _PROFILES.glob("*.toml")}
+
+
+@cache
+def _read(path: Path) -> Profile:
+    return read_profile(path.read_text(encoding="utf-8"), path.name)
+
+
 def standard_profiles() -> dict[int, Profile]:
     """Device profiles by CiA number (`profiles/406.toml` ...)."""
-    return {
-        int(path.stem): read_profile(path.read_text(encoding="utf-8"), path.name)
-        for path in _PROFILES.glob("*.toml")
-    }
+    return {number: _read(path) for number, path in _paths().items()}
+
+
+def standard_profile(number: int) -> Profile | None:
+    """The device profile of a CiA number; None, and nothing read, for others."""
+    path = _paths().get(number)
+    return None if path is None else _read(path)
 
 
 @cache
 def standard_device(number: int) -> Device | None:
     """A device that follows a CiA profile and of which no EDS is known; None for other profiles."""
-    profile = standard_profiles().get(number)
+    profile = standard_profile(number)
     if profile is None:
         return None
     from syncline_schemas.lean_canopen import ObjectDictionary
@@ -70,7 +82,7 @@ def standard_facts(number: int, index: int, sub: int) -> ObjectFacts | None:
     >>> standard_facts(406, 0x6003, 0).name, standard_facts(402, 0x6003, 0)
     ('preset value', None)
     """
-    profile = standard_profiles().get(number)
+    profile = standard_profile(number)
     more = profile.objects.get((index, sub)) if profile else None
     kind = _SIGNED.get(number, {}).get(index)
     known = {"name": "", "data_type": kind, **(more or {})}
@@ -95,7 +107,7 @@ def standard_jumps(number: int | None) -> tuple[Jump, ...]:
     >>> [jump.text for jump in standard_jumps(410)][0], len(standard_jumps(402))
     ('resolution', 0)
     """
-    profiles = standard_profiles()
     if number:
-        return profiles[number].quirks.jumps if number in profiles else ()
-    return tuple(jump for profile in profiles.values() for jump in profile.quirks.jumps)
+        profile = standard_profile(number)
+        return profile.quirks.jumps if profile else ()
+    return tuple(jump for each in standard_profiles().values() for jump in each.quirks.jumps)

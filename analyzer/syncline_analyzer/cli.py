@@ -200,12 +200,14 @@ def _print_json(analysis: "Analysis") -> None:
 
 
 def _print_text(analysis: "Analysis", *, everything: bool) -> None:
-    from syncline_analyzer.views.screen import print_screen
-    from syncline_analyzer.views.text import console_for, print_summary
+    from syncline_analyzer.views.terminal import console_for
 
+    if everything:
+        from syncline_analyzer.views.text import print_summary as show
+    else:
+        from syncline_analyzer.views.screen import print_screen as show
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")
-    show = print_summary if everything else print_screen
     show(analysis, console_for(sys.stdout))
 
 

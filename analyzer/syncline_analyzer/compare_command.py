@@ -87,7 +87,7 @@ def compare(
         click.echo(comparison_json(found))
     else:
         from syncline_analyzer.views.comparison_text import print_comparison
-        from syncline_analyzer.views.text import console_for
+        from syncline_analyzer.views.terminal import console_for
 
         if isinstance(sys.stdout, TextIOWrapper):
             sys.stdout.reconfigure(errors="replace")

@@ -219,7 +219,7 @@ def _layout(decoding: "Decoding", form: str, utc: bool, first_ns: int | None) ->
 
         return DecodedJson(decoding)
     from syncline_analyzer.views.decode_lines import COLOURS, PLAIN, Columns, DecodedLines
-    from syncline_analyzer.views.text import console_for
+    from syncline_analyzer.views.terminal import console_for
 
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")

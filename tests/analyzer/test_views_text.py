@@ -9,7 +9,8 @@ from rich.console import Console
 from syncline_analyzer.results import Link, NmtStateRow
 from syncline_analyzer.views.lanes import cells
 from syncline_analyzer.views.markdown import findings_markdown
-from syncline_analyzer.views.text import console_for, print_summary, summary
+from syncline_analyzer.views.terminal import console_for
+from syncline_analyzer.views.text import print_summary, summary
 from tests.analyzer.analysis_builder import (
     SECOND,
     T0,

@@ -14,7 +14,7 @@ from syncline_analyzer.views.lanes import Lanes, cells, lanes_of
 from syncline_analyzer.views.load import bit_rate
 from syncline_analyzer.views.markdown import extent, verdict
 from syncline_analyzer.views.palette import SEVERITY_COLOURS, STATE_LETTERS, css
-from syncline_analyzer.views.text import SEVERITY_WORDS, start_lines, state_bar
+from syncline_analyzer.views.terminal import SEVERITY_WORDS, start_lines, state_bar
 from syncline_analyzer.views.troubled import troubled
 from syncline_analyzer.views.words import (
     Clock,

@@ -1,10 +1,8 @@
 """Everything of an analysis as text for a terminal: findings first, then what they rest on."""
 
-import os
 from collections.abc import Iterable, Iterator, Sequence
 from io import StringIO
 from itertools import groupby
-from typing import IO
 
 from rich import box
 from rich.console import Console, Group, RenderableType
@@ -21,6 +19,12 @@ from syncline_analyzer.views.load import load_listing
 from syncline_analyzer.views.markdown import chain_lines, extent, verdict, where
 from syncline_analyzer.views.palette import SEVERITY_COLOURS, STATE_COLOURS, STATE_LETTERS, css
 from syncline_analyzer.views.services import Listing, error_list, listings
+from syncline_analyzer.views.terminal import (
+    PIPE_WIDTH,
+    SEVERITY_WORDS,
+    start_lines,
+    state_bar,
+)
 from syncline_analyzer.views.timing import error_control_listings
 from syncline_analyzer.views.traces import trace_listings, trace_notes
 from syncline_analyzer.views.waits import late_because, waiting_listings
@@ -36,9 +40,6 @@ from syncline_analyzer.views.words import (
     printable,
     sdo_result,
 )
-
-PIPE_WIDTH = 120
-"""Columns where the output is no terminal and COLUMNS does not say otherwise."""
 
 MAX_ROWS = 20
 """Rows of EMCY and failed SDO transfers; a note says how many there are in all."""
@@ -58,20 +59,12 @@ _MEANT = (
 )
 """What columns of the table of SYNC and PDOs hold."""
 
-SEVERITY_WORDS = {"error": "ERROR", "warning": "WARNING", "info": "NOTE"}
-
 
 def summary(analysis: Analysis, *, width: int = PIPE_WIDTH) -> str:
     """The summary as plain text without colours."""
     out = StringIO()
     print_summary(analysis, Console(file=out, width=width, color_system=None))
     return out.getvalue()
-
-
-def console_for(stream: IO[str]) -> Console:
-    """A console on a stream: its colours and width on a terminal, plain text of 120 columns else."""
-    piped = not stream.isatty() and "COLUMNS" not in os.environ
-    return Console(file=stream, width=PIPE_WIDTH if piped else None, highlight=False, markup=False)
 
 
 def print_summary(analysis: Analysis, console: Console) -> None:
@@ -91,28 +84,6 @@ def _parts(analysis: Analysis, width: int) -> Iterator[RenderableType]:
         yield Text()
         yield Text(title, style="bold underline")
         yield table
-
-
-def start_lines(analysis: Analysis, clock: Clock) -> Iterator[Text]:
-    """When the capture was made, and what is to be known before anything else."""
-    capture = analysis.capture
-    if not capture.frames:
-        yield Text("There are no frames in it, so there are no times.", style="dim")
-    elif not clock.timed:
-        yield Text(
-            "The log has no times: nothing here is about how long or how late.", style="yellow"
-        )
-    elif not clock.dated:
-        yield Text("The log has no date: times count from its first frame.", style="dim")
-    else:
-        begin, end = clock.full(capture.begin_ns), clock.full(capture.end_ns)
-        yield Text(begin if begin == end else f"{begin} to {end}", style="dim")
-    for damage in capture.damage:
-        yield Text(f"Damaged, read in part: {printable(damage)}", style="bold red")
-    if capture.frames and not analysis.nodes:
-        yield Text(
-            "No frame proves a CANopen node; this may be a bus of another protocol.", style="yellow"
-        )
 
 
 def _story(
@@ -260,18 +231,6 @@ def _states(analysis: Analysis, width: int) -> Group:
         )
     legend = "  ".join(f"{letter} {state}" for state, letter in STATE_LETTERS.items())
     return Group(table, Text(legend, style="dim"))
-
-
-def state_bar(states: list[str]) -> Text:
-    """One letter per cell, on the colour of its state."""
-    bar = Text()
-    for state, run in groupby(states):
-        count = len(list(run))
-        if state:
-            bar.append(STATE_LETTERS[state] * count, style=f"black on {css(STATE_COLOURS[state])}")
-        else:
-            bar.append(" " * count)
-    return bar
 
 
 def _timing(analysis: Analysis, clock: Clock, width: int) -> Iterator[tuple[str, RenderableType]]:

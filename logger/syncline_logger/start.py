@@ -11,6 +11,8 @@ INTERRUPTED = 130
 """Exit code after Ctrl-C."""
 _READERS = dict.fromkeys(("analyze", "view"), "syncline_analyzer.reading_process")
 """The module that reads for a command which goes through all frames of its captures."""
+_WITH_ENDS = {"duckdb", "rerun"}
+"""Libraries that write or close something when the process ends."""
 
 
 def main() -> None:
@@ -24,10 +26,15 @@ def main() -> None:
 
         run(words)
     except KeyboardInterrupt:
-        sys.exit(INTERRUPTED)
+        code: object = INTERRUPTED
+    except SystemExit as end:
+        code = end.code
     finally:
         if module is not None:
             _end_waiting()
+    if module is not None and isinstance(code, int):
+        _leave(code)
+    sys.exit(code)  # type: ignore[arg-type]
 
 
 def _read_ahead(module: str, words: list[str]) -> None:
@@ -48,6 +55,26 @@ def _end_waiting() -> None:
     from syncline_schemas import second_process
 
     second_process.end_waiting()
+
+
+def _leave(code: int) -> None:
+    """Exit without taking apart all objects one by one, where nothing but memory hangs on them.
+
+    It returns where another thread runs, a library is loaded that has an end of its own, or what
+    was said could not be written: Python knows what to do then.
+    """
+    import atexit
+    import threading
+
+    if threading.active_count() > 1 or not _WITH_ENDS.isdisjoint(sys.modules):
+        return
+    atexit._run_exitfuncs()
+    try:
+        for stream in (sys.stdout, sys.stderr):
+            stream.flush()
+    except (OSError, ValueError, AttributeError):  # full, closed, none
+        return
+    os._exit(code)
 
 
 def _bytes(words: list[str]) -> int:

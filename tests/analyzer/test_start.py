@@ -227,6 +227,33 @@ def test_none_takes_the_place_of_a_closed_stream(
     assert started_in(tmp_path) == []
 
 
+@pytest.mark.parametrize(
+    "later",
+    [
+        "atexit.register(print, 'the last word')",
+        "threading.Thread(target=last).start()",
+        "sys.modules['duckdb'] = Said()",
+    ],
+)
+def test_what_waits_for_the_end_happens(later: str, tmp_path: Path, capture: Path) -> None:
+    more = f"""
+        import threading
+
+        def last():
+            threading.main_thread().join()
+            print("the last word")
+
+        class Said:
+            def __del__(self, say=print):
+                say("the last word")
+
+        {later}
+        """
+    ended = run(tmp_path, "analyze", str(capture), more=dedent(more))
+    assert ended.code == 0
+    assert ended.out.endswith("the last word\n")
+
+
 def test_one_that_nobody_asks_ends_by_itself() -> None:
     process = second_process.process(READER)
     assert process is not None

@@ -8,7 +8,7 @@ from mcap.writer import Writer
 
 from syncline_analyzer.readers import open_capture
 from syncline_analyzer.readers.mcap import McapReader
-from syncline_schemas.batch import FrameBatch, Gap
+from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
 from syncline_schemas.capture.layout import (
     BusInfo,
     CaptureMetadata,
@@ -137,3 +137,23 @@ def test_a_recovered_capture_says_so(tmp_path: Path) -> None:
     assert reader.facts.damage is None
     (note,) = reader.facts.notes
     assert note.startswith("recovered from a.mcap: chunk at byte")
+
+
+@pytest.mark.parametrize("beside", [0, 64])
+def test_a_remote_frame_of_a_length_that_there_is_not_is_none_whatever_stands_beside_it(
+    tmp_path: Path, beside: int
+) -> None:
+    """Frames of 64 bytes make the columns of all frames that are read with them wider."""
+    path, remote = tmp_path / "a.mcap", int(FrameFlag.REMOTE)
+    rows = [(T0, 0, 0x701, remote, 8, b""), (T0 + 1, 0, 0x702, remote, 9, b"")]
+    rows += [(T0 + 2, 0, 0x300, int(FrameFlag.FD), beside, bytes(beside))]
+    stream = BytesIO()
+    writer = CaptureWriter(stream, CaptureMetadata("0.1", "id"), [BusInfo("line", 0)])
+    writer.write_chunk(FrameBatch.from_rows(rows))
+    writer.finish()
+    path.write_bytes(stream.getvalue())
+    reader = McapReader(path)
+    (batch,) = reader.batches()
+    assert isinstance(batch, FrameBatch)
+    assert batch.can_id.tolist() == [0x701, 0x300]
+    assert reader.facts.unparsed_count == 1

@@ -5,6 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from syncline_analyzer.folds.timing.overdue import lacking_after
+from syncline_analyzer.folds.timing.rhythm import Missed, Operational
 
 TIMER = 1000
 
@@ -69,3 +70,31 @@ def test_where_events_restart_the_timer_nothing_makes_up_for_a_silence() -> None
     stamps = [200.0 * k for k in range(100)]
     stamps = stamps[:50] + [t + 3000 for t in stamps[50:]]
     assert lacking(stamps) == {49: 2}
+
+
+@pytest.mark.parametrize(
+    ("start", "end", "settle"),
+    [
+        (0, 10**9, 0),
+        (0, 10**9, TIMER),
+        (150_000_500, 200_000_000, 0),
+        (1, 120_000_999, 77),
+        (9, 9, 0),
+    ],
+)
+def test_moments_beyond_those_that_are_kept_count_where_their_node_ran(
+    start: int, end: int, settle: int
+) -> None:
+    missed = Missed()
+    missed.add_evenly(0, TIMER, 250_000, 7)
+    found = missed.within([Operational(start, end, False)], TIMER, settle)
+    due = range(TIMER, 250_001 * TIMER, TIMER)
+    assert found.count == sum(each - settle >= start and each + TIMER <= end for each in due)
+
+
+def test_a_silence_of_many_years_takes_no_memory() -> None:
+    """The clock of a recorder without a battery was set while it recorded."""
+    missed = Missed()
+    missed.add_evenly(0, TIMER, 10**13, 7)
+    found = missed.within([Operational(0, 10**16, False)], TIMER)
+    assert found.count == 10**13 - 1

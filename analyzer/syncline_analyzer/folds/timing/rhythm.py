@@ -1,5 +1,6 @@
 """Which SYNCs a PDO answers: the pattern, and the SYNCs that it missed."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import field
 
@@ -117,21 +118,32 @@ class Missed:
         for interval in intervals:
             rows = _inside(t_ns, since_ns, interval, step_ns, settle_ns)
             inside[_without_leaving(rows, t_ns, interval, step_ns)] = True
-            for start, end, count in self._beyond:
-                spread = np.linspace(start, end, count)
-                beyond += len(_inside(spread, spread, interval, step_ns, settle_ns))
+            beyond += sum(_spread(each, interval, step_ns, settle_ns) for each in self._beyond)
         return MissedList(t_ns[inside], seq[inside], beyond)
 
 
 def _inside(
-    t_ns: NDArray[np.int64] | NDArray[np.float64],
-    since_ns: NDArray[np.int64] | NDArray[np.float64],
+    t_ns: NDArray[np.int64],
+    since_ns: NDArray[np.int64],
     interval: Operational,
     step_ns: float,
     settle_ns: float,
 ) -> NDArray[np.intp]:
     after = since_ns - settle_ns >= interval.start_ns
     return np.flatnonzero(after & (t_ns + step_ns <= interval.end_ns))
+
+
+def _spread(
+    stretch: tuple[int, int, int], interval: Operational, step_ns: float, settle_ns: float
+) -> int:
+    """How many of `count` moments from `start` to `end` are inside; there may be any number of them."""
+    start, end, count = stretch
+    between = (end - start) / (count - 1) if count > 1 else 0.0
+    after, left = interval.start_ns - start + settle_ns, interval.end_ns - start - step_ns
+    if between <= 0:
+        return count if after <= 0 <= left else 0
+    first, last = math.ceil(after / between), math.floor(left / between)
+    return max(min(last, count - 1) - max(first, 0) + 1, 0)
 
 
 def _without_leaving(

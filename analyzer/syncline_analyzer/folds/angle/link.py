@@ -134,7 +134,7 @@ def _by_source(piece: Samples) -> dict[int, Rows]:
 def _spacing(link: Link, piece: Samples, source: int, rows: Rows) -> float:
     """Usual time between samples of a source [ns]; without times the share of others."""
     usual_ns = link.spacing_ns.get(source, 0.0)
-    span_ns = float(piece.t_ns[rows[-1]] - piece.t_ns[rows[0]])
+    span_ns = float(int(piece.t_ns[rows[-1]]) - int(piece.t_ns[rows[0]]))
     if usual_ns > 0.0:
         return usual_ns
     if len(rows) > 1 and span_ns > 0.0:

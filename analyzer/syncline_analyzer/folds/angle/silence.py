@@ -57,7 +57,8 @@ class Pauses:
         After each the usual time is learned anew: the rhythm may be another one.
         """
         before = [] if self._last_ns is None else [self._last_ns]
-        spans = np.diff(np.concatenate((before, t_ns)).astype(np.int64))
+        # An empty list alone would be one of floats, which hold no ns of today.
+        spans = np.diff(np.concatenate((np.array(before, np.int64), t_ns)))
         offset = len(t_ns) - len(spans)
         self._last_ns = int(t_ns[-1])
         found: list[tuple[int, int]] = []

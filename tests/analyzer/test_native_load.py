@@ -166,6 +166,22 @@ def test_bins_of_a_plain_loop(dtype: type[np.int64] | type[np.float64]) -> None:
     ]
 
 
+@pytest.mark.parametrize("compiled", [True, False])
+def test_stamps_too_far_apart_for_their_distance_tell_no_burst(
+    monkeypatch: pytest.MonkeyPatch, compiled: bool
+) -> None:
+    """As of a damaged capture: 300 years lie between two frames."""
+    monkeypatch.setattr(native, "available", lambda: compiled)
+    early = np.arange(1, 201) * 200_000 - 2**62
+    late = early + 2**62 + 2**62
+    bus = Busy()
+    for t_ns in (early[:100], np.concatenate((early[100:], late[:100])), late[100:]):
+        bus.add(t_ns, np.full(len(t_ns), 1e5), 1e3, 1)
+    assert bus.burst is not None
+    assert bus.burst[0] == pytest.approx(0.5)
+    assert bus.burst[1] == early[0]
+
+
 def test_columns_of_other_lengths_are_refused() -> None:
     t_ns, wire_ns, none = np.arange(3), np.ones(3), np.zeros(0)
     counts = np.zeros(FINE_BINS, np.int64)
@@ -181,3 +197,5 @@ def test_columns_of_other_lengths_are_refused() -> None:
         native.tally(np.array([3], np.uint32), wire_ns[:1], counts[:4], np.zeros(3))
     with pytest.raises(ValueError, match="columns of other"):
         native.histogram(wire_ns, 0.0, 1.0, counts, 45, 0, counts[:0])
+    with pytest.raises(ValueError, match="columns of other"):
+        native.histogram(wire_ns, 0.0, 1.0, counts, 45, -1, counts)

@@ -29,7 +29,7 @@ def histogram(
     """
     for counts in (fine, coarse):
         check(counts.dtype == np.int64 and counts.flags.carray and len(counts) > 0)
-    check(0 <= shift < 64)
+    check(0 <= shift < 64 and first_key >= 0)
     bins, count = (shift, first_key, len(coarse)), len(values)
     given = _either(values)
     above = np.empty(count, np.float64)

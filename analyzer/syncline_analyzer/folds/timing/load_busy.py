@@ -29,7 +29,7 @@ _ROUNDING_NS = 1.0
 _TOLD_BITS = 8
 """A frame must come so much too soon to count for that [bit]."""
 
-_EARLIEST_NS = int(np.iinfo(np.int64).min)
+_EARLIEST_NS, _FARTHEST_NS = int(np.iinfo(np.int64).min), int(np.iinfo(np.int64).max)
 
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -137,6 +137,8 @@ class Busy:
         self._recent_ns, self._recent_wire_ns = end_ns[late:].copy(), wire_ns[late:].copy()
         self._recent_soon = soon[late:].copy()
         if self.burst is not None and self.burst[0] >= 1.0:
+            return
+        if int(end_ns[-1]) - self._begun_ns > _FARTHEST_NS:
             return
         spoiled = _Spoiled.by(end_ns, soon, self._begun_ns)
         # Windows up to the frames that are known were looked at before.

@@ -182,6 +182,12 @@ def test_stamps_too_far_apart_for_their_distance_tell_no_burst(
     assert bus.burst[1] == early[0]
 
 
+def test_the_earliest_stamps_that_there_are_tell_a_stretch() -> None:
+    bus, t_ns = Busy(), np.arange(1, 4) * 100_000 + np.iinfo(np.int64).min
+    bus.add(t_ns, np.full(3, 1e5), 1e3, 1)
+    assert bus.longest == load_busy.Stretch(-(2**63), int(t_ns[-1]), 3)
+
+
 def test_columns_of_other_lengths_are_refused() -> None:
     t_ns, wire_ns, none = np.arange(3), np.ones(3), np.zeros(0)
     counts = np.zeros(FINE_BINS, np.int64)

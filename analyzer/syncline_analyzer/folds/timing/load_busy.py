@@ -132,7 +132,7 @@ class Busy:
         end_ns = np.concatenate([self._recent_ns, t_ns])
         wire_ns = np.concatenate([self._recent_wire_ns, wire_ns])
         soon = np.concatenate([self._recent_soon, soon])
-        late = int(np.searchsorted(end_ns, end_ns[-1] - BURST_NS))
+        late = int(np.searchsorted(end_ns, max(int(end_ns[-1]) - BURST_NS, _EARLIEST_NS)))
         # Copies: what is kept must not hold on to the columns of the whole block.
         self._recent_ns, self._recent_wire_ns = end_ns[late:].copy(), wire_ns[late:].copy()
         self._recent_soon = soon[late:].copy()

@@ -158,3 +158,12 @@ def test_a_bus_name_is_one_part_of_a_topic(name: str, part: str) -> None:
 def test_gap_survives_its_message(gap: Gap) -> None:
     message = syncline_pb2.Gap.FromString(gap_message(gap).SerializeToString())
     assert gap_of(message) == gap
+
+
+@pytest.mark.parametrize("number", ["0", "-5", "1" + "0" * 30, "9" * 400, "x", ""])
+def test_rates_and_steps_that_there_are_not_are_unknown(number: str) -> None:
+    """A damaged capture: with them nothing could be computed, or less than nothing."""
+    rates = {"bitrate": number, "data_bitrate": number, "resolution_ns": number}
+    bus = BusInfo.from_channel({"bus": "line", **rates}, 0)
+    assert bus == BusInfo("line", 0)
+    assert CaptureMetadata.from_record({"resolution_ns": number}).resolution_ns == 1

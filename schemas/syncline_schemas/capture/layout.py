@@ -44,6 +44,10 @@ MARK_TOPIC = "/recorder/mark"
 DESCRIPTION_ATTACHMENT = "bus-description.toml"
 DESCRIPTION_MEDIA_TYPE = "application/toml"
 EDS_MEDIA_TYPE = "text/x-canopen-eds"
+_MOST_BITRATE = 1_000_000_000
+"""No bus is so fast [bit/s]; CAN XL has 20 million."""
+_COARSEST_NS = 3_600_000_000_000
+"""No stamps have longer steps."""
 
 Compression = Literal["zstd", "lz4", "none"]
 
@@ -93,13 +97,13 @@ class BusInfo:
         return cls(
             name=metadata.get("bus") or f"bus{fallback_number}",
             number=fallback_number if number is None or not 0 <= number <= 255 else number,
-            bitrate=_integer(metadata.get("bitrate")),
-            data_bitrate=_integer(metadata.get("data_bitrate")),
+            bitrate=_within(metadata.get("bitrate"), _MOST_BITRATE),
+            data_bitrate=_within(metadata.get("data_bitrate"), _MOST_BITRATE),
             interface=metadata.get("interface", ""),
             channel=metadata.get("channel", ""),
             filters=metadata.get("filters", ""),
             clock=metadata.get("clock", ""),
-            resolution_ns=_integer(metadata.get("resolution_ns")),
+            resolution_ns=_within(metadata.get("resolution_ns"), _COARSEST_NS),
         )
 
 
@@ -158,7 +162,7 @@ class CaptureMetadata:
             host=record.get("host", ""),
             created_ns=_integer(record.get("created_ns")) or 0,
             clock=record.get("clock") or "unknown",
-            resolution_ns=_integer(record.get("resolution_ns")) or 1,
+            resolution_ns=_within(record.get("resolution_ns"), _COARSEST_NS) or 1,
             time_base=record.get("time_base") or "utc",
             source=record.get("source", ""),
             extra={key: value for key, value in record.items() if key not in known},
@@ -237,3 +241,9 @@ def _integer(text: str | None) -> int | None:
         return int(text or "")
     except ValueError:
         return None
+
+
+def _within(text: str | None, most: int) -> int | None:
+    """A number from 1 on up to another one; what else a damaged file holds is unknown."""
+    found = _integer(text)
+    return found if found is not None and 0 < found <= most else None

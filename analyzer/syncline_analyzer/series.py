@@ -134,6 +134,11 @@ def _column(block: Columns, name: str) -> NDArray[Any]:
 
 def _thin(blocks: list[Columns], key: str, run: int, count: int | None = None) -> Columns:
     """The extremes of each run of the rows of several blocks, or of the first `count` of them."""
+    if native.available():
+        rows = sum(len(block[key]) for block in blocks) if count is None else count
+        kept = native.thinned(blocks, key, run, rows)
+        if kept is not None:
+            return kept
     # Of the other columns only the rows that stay are looked at.
     keys = np.concatenate([block[key] for block in blocks])[:count]
     return _rows_of(blocks, extreme_rows(keys.astype(np.float64, copy=False), run))

@@ -17,7 +17,7 @@ from syncline_analyzer.folds.timing.pdo_columns import PdoColumns
 from syncline_analyzer.folds.timing.pdo_state import PdoState
 from syncline_analyzer.folds.timing.repeats import Repeats, Runs
 from syncline_analyzer.folds.timing.sync_index import SyncIndex
-from syncline_analyzer.series import extreme_rows
+from syncline_analyzer.series import Thinner, extreme_rows
 from syncline_schemas import native
 from syncline_schemas.batch import FrameBatch
 
@@ -73,6 +73,36 @@ class Peaks(Ask):
             if rng.random() < 0.5:
                 values[rng.random(len(values)) < rng.random()] = each
         return extreme_rows(values, int(rng.integers(1, 12))).tolist()
+
+
+class Thinned(Ask):
+    """Columns over time, added in parts some of which are empty; not all can be thinned compiled."""
+
+    def __call__(self) -> object:
+        rng = self.rng
+        kept, found = Thinner("value", 4 * int(rng.integers(1, 8))), []
+        types: list[type[np.generic]] = [
+            (np.int64, np.float64)[kind] for kind in rng.integers(0, 2, 3)
+        ]
+        more = rng.random() < 0.2
+        if rng.random() < 0.2:
+            types[1] = np.uint8
+        for part in rng.integers(0, rng.choice([5, 6000]), int(rng.integers(1, 8))):
+            values = rng.integers(0, 9, part), np.arange(2 * part)[:: rng.integers(1, 3)][:part]
+            columns = {
+                name: column.astype(dtype)
+                for name, column, dtype in zip(
+                    ("value", "row", "bound"), (*values, values[1]), types, strict=True
+                )
+            }
+            if types[0] == np.float64:
+                columns["value"][rng.random(part) < 0.1] = np.nan
+            if more and rng.random() < 0.5:
+                del columns["bound"]
+            kept.add(columns)
+            now = kept.columns()
+            found.append({name: (str(now[name].dtype), now[name].tolist()) for name in now})
+        return found
 
 
 class Pdos(Ask):
@@ -154,7 +184,7 @@ def index(block: Block, first_ordinal: int) -> SyncIndex:
     )
 
 
-@pytest.mark.parametrize("kind", [Spread, Peaks, Pdos, Sums, SdoPairs])
+@pytest.mark.parametrize("kind", [Spread, Peaks, Thinned, Pdos, Sums, SdoPairs])
 @given(seed=SEEDS)
 @settings(max_examples=60, deadline=None)
 def test_columns_are_those_of_numpy(kind: type[Ask], seed: int) -> None:
@@ -221,3 +251,8 @@ def test_rows_outside_are_refused() -> None:
         native.before(np.array([2, 1]), 4)
     with pytest.raises(ValueError, match="columns of other"):
         native.before(np.array([5]), 4)
+    for run, count in ((0, 4), (2, 5), (2, -1)):
+        with pytest.raises(ValueError, match="columns of other"):
+            native.thinned([{"key": column}], "key", run, count)
+    with pytest.raises(ValueError, match="columns of other"):
+        native.thinned([{"key": column, "other": column[:3]}], "key", 2, 4)

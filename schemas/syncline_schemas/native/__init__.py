@@ -9,7 +9,7 @@ from syncline_schemas.native.keys import MOST_KEYS, Grouped, grouping, soon
 from syncline_schemas.native.library import SWITCH, available
 from syncline_schemas.native.places import after, before, differences, running, runs
 from syncline_schemas.native.sdo_pairs import sdo_pairs
-from syncline_schemas.native.series import extremes, histogram, tally
+from syncline_schemas.native.series import extremes, histogram, tally, thinned
 from syncline_schemas.native.stamps import later, sooner
 from syncline_schemas.native.text import MOST_LENGTH, KnownLines, lines
 from syncline_schemas.native.waiting import BusRows, bounds, close, marked
@@ -52,5 +52,6 @@ __all__ = [
     "sooner",
     "stretches",
     "tally",
+    "thinned",
     "wire_bits",
 ]

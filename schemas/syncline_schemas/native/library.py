@@ -3,6 +3,7 @@
 import ctypes
 import os
 import sys
+from collections.abc import Sequence
 from functools import cache, cached_property
 from typing import Any
 
@@ -67,6 +68,11 @@ def _begin(column: NDArray[Any]) -> int:
     if column.flags.writeable:  # by a quarter of the time that numpy takes to tell
         return ctypes.addressof(_NOTHING.from_buffer(column))  # type: ignore[arg-type]
     return column.ctypes.data
+
+
+def begins(columns: Sequence[NDArray[Any]]) -> NDArray[np.uint64]:
+    """(c,) where each column begins; they must be held as long as that is used."""
+    return np.array([_begin(column) for column in columns], np.uint64)
 
 
 def column_of(values: NDArray[Any], dtype: DTypeLike, size: int) -> NDArray[Any]:

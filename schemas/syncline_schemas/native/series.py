@@ -1,15 +1,18 @@
 """Values of one series: `histogram.c`, `extremes.c`."""
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from syncline_schemas.native.library import AT, FLOAT, INT, Loop, check, column_of
+from syncline_schemas.native.library import AT, FLOAT, INT, Loop, begins, check, column_of
 
 _HISTOGRAM = Loop("histogram", INT, AT, AT, FLOAT, FLOAT, INT, AT, INT, INT, INT, AT, AT)
 _TALLY = Loop("tally", INT, AT, AT, AT, INT, AT, AT)
 _EXTREMES = Loop("extremes", INT, AT, INT, AT)
+_THINNED = Loop("thinned", *[INT] * 3, AT, *[INT] * 3, AT, AT)
+_EIGHT_BYTES = (np.dtype(np.int64), np.dtype(np.float64))
 
 
 def histogram(
@@ -58,6 +61,34 @@ def extremes(values: NDArray[np.float64], run: int) -> NDArray[np.intp]:
     rows = np.empty(2 * -(-count // run), np.int64)
     found = _EXTREMES(count, column_of(values, np.float64, count), run, rows)
     return rows[:found]
+
+
+def thinned(
+    blocks: Sequence[Mapping[str, NDArray[Any]]], key: str, run: int, count: int
+) -> dict[str, NDArray[Any]] | None:
+    """The first `count` rows of blocks, of which those stay that are `extremes` of the column `key`.
+
+    None where blocks are not of the same columns, or one is neither of int64 nor of float64.
+    """
+    types = {name: column.dtype for name, column in blocks[0].items()}
+    for block in blocks:
+        if {name: column.dtype for name, column in block.items()} != types:
+            return None
+    if any(dtype not in _EIGHT_BYTES for dtype in types.values()):
+        return None
+    lengths = np.array([len(block[key]) for block in blocks], np.int64)
+    check(run > 0 and 0 <= count <= lengths.sum())
+    sizes = lengths.tolist()
+    sources = [
+        column_of(block[name], dtype, size)
+        for name, dtype in types.items()
+        for block, size in zip(blocks, sizes, strict=True)
+    ]
+    kept = {name: np.empty(2 * -(-count // run), dtype) for name, dtype in types.items()}
+    columns = len(types), list(types).index(key), types[key] == np.int64
+    places = begins(sources), begins(list(kept.values()))
+    found = _THINNED(count, run, len(blocks), lengths, *columns, *places)
+    return {name: column[:found] for name, column in kept.items()}
 
 
 def _either(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from syncline_analyzer.context import Context
-from syncline_analyzer.folds.angle.fold import AngleTables
+from syncline_analyzer.folds.angle.fold import AngleFold, AngleTables
 from syncline_analyzer.folds.angle.state import MAX_SAMPLES
 from syncline_analyzer.results import TRACE_FLAGS, Trace, TraceEventRow
 from syncline_schemas.batch import FrameBatch, Gap
@@ -19,6 +19,7 @@ from tests.analyzer.timing_builder import (
     T0,
     Row,
     angles,
+    batches,
     context,
     frame,
     learn,
@@ -465,6 +466,18 @@ def mapped(*objects: int, node: int = 5, **known: int) -> Context:
     for name, value in known.items():
         learn(ctx, node, int(name.removeprefix("o"), 16), 0, value)
     return ctx
+
+
+def test_a_position_that_is_mapped_on_the_way_is_traced_from_then_on() -> None:
+    ctx = context()
+    fold = AngleFold(ctx, 5)
+    frames = ordered([frame(k * MS, 0x185, position(1000 + k, 7)) for k in range(20)])
+    for batch in batches(frames, 5):
+        if batch.seq0 == 10:
+            learn(ctx, 5, 0x1A00, 1, 0x6004_0020, seq=12, source="sdo-write")
+            learn(ctx, 5, 0x1A00, 0, 1, seq=12, source="sdo-write")
+        fold.update(batch)
+    assert only(fold.finish(T0 + 20 * MS)).value.tolist() == list(range(1012, 1020))
 
 
 def test_a_position_mapped_on_an_unknown_node_is_traced_as_raw_counts() -> None:

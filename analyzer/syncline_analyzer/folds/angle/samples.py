@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.folds.timing.block import Block
-from syncline_analyzer.pdo_binding import Pdo, PdoBindings
+from syncline_analyzer.pdo_binding import Pdo, PdoBindings, settled
 from syncline_analyzer.reads import Reads
 from syncline_analyzer.shadow import Known, Shadow
 from syncline_schemas.decoder import MappedObject, PdoColumn, PdoMapping, decode_pdo
@@ -87,15 +87,16 @@ class SampleReader:
         self._reads_seen: dict[int, int] = {}
         self._last_raw: dict[tuple[Key, int], int] = {}
         self._bits: dict[Key, int] = {}
+        self._others: dict[int, tuple[int, set[int]]] = {}
+        """By bus: a version of the shadow, and identifiers of which it tells no TPDO."""
 
     def read(self, block: Block, bus: int) -> dict[Key, Samples]:
         """Samples of every trace of a bus in a block."""
         self._bindings.refresh(bus)
         found: dict[Key, list[Samples]] = {}
-        for id_bus, can_id in block.batch.ids():
-            if id_bus == bus:
-                for key, samples in self._from_pdo(block, bus, can_id):
-                    found.setdefault(key, []).append(samples)
+        for can_id in self._identifiers(block, bus):
+            for key, samples in self._from_pdo(block, bus, can_id):
+                found.setdefault(key, []).append(samples)
         last_seq = block.batch.last_seq
         for key, samples in self._from_sdo(bus, self._reads_seen.get(bus, -1), last_seq):
             found.setdefault(key, []).append(samples)
@@ -110,6 +111,20 @@ class SampleReader:
             return samples
         return replace(samples, entry=replace(samples.entry, bits=widest), bits=samples.widths)
 
+    def _identifiers(self, block: Block, bus: int) -> list[int]:
+        """Identifiers in a block that may carry a TPDO, looked up again when the shadow changes."""
+        seen = [can_id for id_bus, can_id in block.batch.ids() if id_bus == bus]
+        version = settled(self._shadow, bus, block.batch.seq0 - 1)
+        if version is None:
+            return seen
+        if self._others.get(bus, (None,))[0] != version:
+            self._others[bus] = version, set()
+        others = self._others[bus][1]
+        wanted = [can_id for can_id in seen if can_id not in others]
+        tpdos = [can_id for can_id in wanted if _is_tpdo(self._bindings.owner(bus, can_id))]
+        others.update(set(wanted).difference(tpdos))
+        return tpdos
+
     def _from_pdo(self, block: Block, bus: int, can_id: int) -> Iterator[tuple[Key, Samples]]:
         rows = block.batch.rows(bus, can_id)
         first, last = block.batch.seq(rows[0]), block.batch.seq(rows[-1])
@@ -120,7 +135,7 @@ class SampleReader:
         edges = [first, *sorted(cuts), last + 1]
         for begin, stop in pairwise(edges):
             owner = self._bindings.owner(bus, can_id, begin)
-            if owner is None or owner.guess or owner.kind != "tpdo":
+            if owner is None or not _is_tpdo(owner):
                 continue
             mapping = self._bindings.mapping(owner, begin)
             low, high = np.searchsorted(block.batch.seqs_at(rows), [begin, stop])
@@ -219,6 +234,11 @@ class SampleReader:
             if known.source == "sdo-read"
         ]
         return Reads.joined(Reads.of(*news), self._shadow.take_rereads(bus, node, *key, last))
+
+
+def _is_tpdo(owner: Pdo | None) -> bool:
+    """Whether more than the predefined connection set says that it is a TPDO."""
+    return owner is not None and not owner.guess and owner.kind == "tpdo"
 
 
 def alarm_objects(device: Device | None) -> tuple[tuple[int, int], ...]:

@@ -1,9 +1,14 @@
 """Figures of SYNC beyond its periods: drift, counter, doubled ones, what the stamps can show."""
 
+from statistics import median
+
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from syncline_analyzer.folds.timing.doubled_sync import Doubled
+from syncline_analyzer.folds.timing.usual import even
 from syncline_analyzer.results import SyncRow, WorstRow
 from syncline_schemas.batch import Gap
 from tests.analyzer.timing_builder import (
@@ -228,3 +233,24 @@ def test_syncs_that_share_a_stamp_are_not_held_against_a_period_of_nothing() -> 
     doubled = Doubled()
     doubled.add(np.arange(4), np.array([0, 0, 0, 10]), np.array([0.0, 0.0, 0.0, 10.0]))
     assert doubled.count == 0
+
+
+@given(st.lists(st.integers(9_700_000, 10_300_000), min_size=16, max_size=50))
+def test_even_periods_hide_nothing(periods: list[int]) -> None:
+    usual = median(periods)
+    near = all(abs(each - usual) <= 0.02 * usual for each in periods)
+    assert even((min(periods), max(periods)), float(usual)) == near
+    doubled = Doubled()
+    doubled.add(np.arange(len(periods)), np.array(periods), np.full(len(periods), usual))
+    assert doubled.count == 0
+
+
+def test_even_blocks_lie_between_two_stretches_of_jitter() -> None:
+    late = [2 * MS * (k % 2) for k in range(12)]
+    steps = np.full(400, 10 * MS)
+    for begin in (35, 305):
+        steps[begin : begin + 12] += np.diff(late, append=0)
+    frames = ordered(syncs(np.cumsum(steps).tolist()))
+    for size in (50, 1000):
+        rows = timing(context(), frames, size=size, block_frames=size).sync_jitter
+        assert [(row.off, row.periods) for row in rows] == [(12, 12), (12, 12)]

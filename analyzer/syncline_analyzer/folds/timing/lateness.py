@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.distinct import distinct
+from syncline_analyzer.distribution import quantile_of
 from syncline_analyzer.folds.timing.block import Block
 from syncline_analyzer.pdo_binding import Pdo
 from syncline_schemas.named_tuples import NamedTuple
@@ -83,7 +84,7 @@ def clock_set(block: Block, bus: int, syncs: NDArray[np.intp]) -> list[ClockSet]
     periods = t_ns[1:] - t_ns[:-1]
     if len(periods) <= _LEARN or int(periods.max()) - int(periods.min()) <= _STAMP_NS:
         return []
-    low, usual, high = np.quantile(periods, (0.05, 0.5, 0.95)).tolist()
+    low, usual, high = (quantile_of(periods, share) for share in (0.05, 0.5, 0.95))
     late = periods - usual
     after = np.append(periods[1:], usual)
     may = (late > max(_STAMP_NS, 2 * (high - low))) & (np.abs(after - usual) <= _STAYS * late)

@@ -16,7 +16,7 @@ from syncline_analyzer.folds.timing.sync_settings import told_overflow
 from syncline_analyzer.folds.timing.sync_state import SyncHole, SyncState, told_of
 from syncline_analyzer.folds.timing.sync_table import SyncTable, sync_table
 from syncline_analyzer.folds.timing.unsteady import OFF
-from syncline_analyzer.folds.timing.usual import MISSING, cycles_of, usual_of
+from syncline_analyzer.folds.timing.usual import MISSING, cycles_of, even, usual_of
 from syncline_analyzer.results import ClockStepRow
 from syncline_schemas.batch import FrameFlag
 from syncline_schemas.wire_length import longest_bits
@@ -151,7 +151,7 @@ class SyncFold:
             usable,
             bundled,
             median,
-            _counters(block, state, rows),
+            _counters(block, state, rows, block.batch.lengths.get((bus, cob_id), (0, 0))[1]),
             len(block.batch),
         )
 
@@ -208,7 +208,8 @@ class SyncFold:
         if not len(periods) or int(periods.max()) < 0:
             return
         median = _median_of(state, index, periods)
-        usual = np.full(len(periods), median) if index.steady else usual_of(periods, median)
+        steady = index.steady and len(periods) >= _LEARN
+        usual = median if steady else usual_of(periods, median)
         if int(periods.min()) >= 0:
             ahead, ahead_seq, ahead_ns = periods, seq, t_ns
         else:
@@ -217,9 +218,15 @@ class SyncFold:
         state.periods.add(ahead, ahead_seq, ahead_ns)
         state.over_time.add({"t_ns": ahead_ns, "value": ahead.astype(np.float64) / 1000})
         state.pace.add(periods, usual)
-        if not in_bundles:
-            state.double.add(t_ns, seq, periods, median)
+        if in_bundles:
+            return
+        state.double.add(t_ns, seq, periods, median)
+        if not isinstance(usual, float):
+            # Of steady periods no two together are as short as one.
             state.doubled.add(seq, periods, usual)
+        if steady and even(index.limits, median):
+            state.unsteady.go_on(len(periods))
+        else:
             self._find_jitter(state, bus, index, t_ns, seq, periods)
 
     def _find_jitter(
@@ -311,9 +318,11 @@ def _step(block: Block, bus: str, found: ClockSet) -> ClockStepRow:
     return ClockStepRow(bus, *around, found.by_ns, found.witnesses, [seq])
 
 
-def _counters(block: Block, state: SyncState, rows: NDArray[np.intp]) -> NDArray[np.int64]:
-    """(m + 1,) counters of the SYNCs, 0 for those without one."""
-    if not state.last_counter and not block.frames.dlc.take(rows).any():
+def _counters(
+    block: Block, state: SyncState, rows: NDArray[np.intp], longest: int
+) -> NDArray[np.int64]:
+    """(m + 1,) counters of the SYNCs, 0 for those without one; `longest` has so many bytes."""
+    if not state.last_counter and not longest:
         return np.zeros(len(rows) + 1, np.int64)
     counter = np.where(block.frames.dlc[rows] > 0, block.frames.data[rows, 0], 0)
     return np.concatenate(([state.last_counter], counter)).astype(np.int64)

@@ -5,6 +5,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from syncline_analyzer.folds.timing.extremes import limits_of
 from syncline_analyzer.folds.timing.usual import MISSING
 from syncline_schemas import native
 from syncline_schemas.records import dataclass
@@ -95,13 +96,17 @@ class SyncIndex:
         return self.t_ns[self.first + 1 :] - self.t_ns[self.first : -1]
 
     @cached_property
+    def limits(self) -> tuple[int, int]:
+        """The shortest and the longest of the periods, of which there is one at least."""
+        return limits_of(self.periods)
+
+    @cached_property
     def steady(self) -> bool:
         """Whether nothing can be missing in any of the periods, nor come at once."""
-        periods = self.periods
-        if not len(periods) or self.any_bundled:
+        if not len(self.periods) or self.any_bundled:
             return False
-        shortest = int(periods.min())
-        return shortest > 0 and int(periods.max()) <= MISSING * shortest
+        shortest, longest = self.limits
+        return shortest > 0 and longest <= MISSING * shortest
 
     @property
     def last_closed(self) -> int:

@@ -29,12 +29,13 @@ class SyncPace:
             self._sum_ns, self._count, self._pieces = 0, 0, 1
         self.expected_us = period_us
 
-    def add(self, periods: NDArray[np.int64], usual_ns: NDArray[np.float64]) -> None:
-        """Take in periods, each with the usual one around it; (n,)."""
+    def add(self, periods: NDArray[np.int64], usual_ns: NDArray[np.float64] | float) -> None:
+        """Take in periods, (n,), each with the usual one around it, or the one of all of them."""
         single = (periods > _SHORT * usual_ns) & (periods < _LONG * usual_ns)
-        self._sum_ns += int(periods[single].sum())
-        self._count += int(np.count_nonzero(single))
-        self._pieces += int(len(periods) - np.count_nonzero(single))
+        count = int(np.count_nonzero(single))
+        self._sum_ns += int(periods.sum() if count == len(periods) else periods[single].sum())
+        self._count += count
+        self._pieces += len(periods) - count
 
     def cut(self) -> None:
         """A gap: the next stamp begins anew."""

@@ -112,6 +112,10 @@ class Unsteady:
         for at in np.flatnonzero(enough).tolist():
             self._take(_stretch(found[int(starts[at]) : int(stops[at])]))
 
+    def go_on(self, count: int) -> None:
+        """Take in so many periods none of which is off."""
+        self._periods += count
+
     def rows(self, bus: str, cob_id: int) -> list[SyncJitterRow]:
         """The stretches that hold enough periods off the mean."""
         return [

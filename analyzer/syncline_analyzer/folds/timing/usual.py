@@ -38,6 +38,11 @@ def cycles_of(periods: NDArray[np.int64], median: float | None = None) -> NDArra
     return np.full(len(periods), mean) if same else cycles
 
 
+def even(limits: tuple[int, int], median: float) -> bool:
+    """Whether periods within limits are all so close to their median that it is their cycle."""
+    return max(median - limits[0], limits[1] - median) <= _STEADY * median
+
+
 def usual_of(periods: NDArray[np.int64], median: float) -> NDArray[np.float64]:
     """(n,) the median of the periods around each one; `median` where there are too few of them."""
     if len(periods) < _AROUND or float(periods.max()) <= MISSING * _low(periods):

@@ -200,15 +200,17 @@ def _print_json(analysis: "Analysis") -> None:
 
 
 def _print_text(analysis: "Analysis", *, everything: bool) -> None:
-    from syncline_analyzer.views.terminal import console_for
-
-    if everything:
-        from syncline_analyzer.views.text import print_summary as show
-    else:
-        from syncline_analyzer.views.screen import print_screen as show
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")
-    show(analysis, console_for(sys.stdout))
+    if everything:
+        from syncline_analyzer.views.terminal import console_for
+        from syncline_analyzer.views.text import print_summary
+
+        print_summary(analysis, console_for(sys.stdout))
+    else:
+        from syncline_analyzer.views.screen import write_screen
+
+        write_screen(analysis, sys.stdout)
 
 
 def _write(session: "Session", folder: Path) -> None:

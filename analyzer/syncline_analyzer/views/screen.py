@@ -2,19 +2,23 @@
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from io import StringIO
-
-from rich.cells import cell_len, set_cell_size
-from rich.console import Console
-from rich.text import Text
+from typing import IO, TYPE_CHECKING
 
 from syncline_analyzer.redaction import Redaction
 from syncline_analyzer.results import Analysis, Finding, SyncRow
 from syncline_analyzer.views.lanes import Lanes, cells, lanes_of
+from syncline_analyzer.views.line import Line, broken, columns, fitted
 from syncline_analyzer.views.load import bit_rate
 from syncline_analyzer.views.markdown import extent, verdict
 from syncline_analyzer.views.palette import SEVERITY_COLOURS, STATE_LETTERS, css
-from syncline_analyzer.views.terminal import SEVERITY_WORDS, start_lines, state_bar
+from syncline_analyzer.views.terminal import (
+    PIPE_WIDTH,
+    SEVERITY_WORDS,
+    console_for,
+    is_plain,
+    start_lines,
+    state_bar,
+)
 from syncline_analyzer.views.troubled import troubled
 from syncline_analyzer.views.words import (
     Clock,
@@ -29,16 +33,15 @@ from syncline_schemas.canopen.nmt import NmtState
 from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.wording import counted
 
+if TYPE_CHECKING:
+    from rich.console import Console
+
 FEWEST, MOST = 24, 40
 """Lines of a screen, whatever the terminal says."""
 MOST_LANES = 12
 _LEAST_LANES = 3
 _LABEL_WIDTH = 22
 _ELLIPSIS = " ..."
-_PLAIN = Console(file=StringIO(), color_system=None)
-"""What measures texts: some characters take two columns."""
-
-Line = Text
 
 
 class Shape(NamedTuple):
@@ -54,19 +57,27 @@ SHORT = Shape(2, False), Shape(1, False)
 
 def screen(analysis: Analysis, *, width: int, height: int = MOST, whole_texts: bool = True) -> str:
     """The screen as plain text without colours."""
-    out = StringIO()
-    console = Console(file=out, width=width, height=height, color_system=None)
-    for line in _lines(analysis, width, height, whole_texts=whole_texts):
-        console.print(line, highlight=False, no_wrap=True, crop=False)
-    return out.getvalue()
+    lines = _lines(analysis, width, height, whole_texts=whole_texts)
+    texts = [line.plain for line in lines]
+    shown = [fitted(text, width) if columns(text) > width else text for text in texts]
+    return "".join(f"{text}\n" for text in shown)
 
 
-def print_screen(analysis: Analysis, console: Console) -> None:
+def write_screen(analysis: Analysis, stream: IO[str]) -> None:
+    """Write what fits on one screen to a stream: colours and shortened texts to a terminal only."""
+    if is_plain(stream):
+        stream.write(screen(analysis, width=PIPE_WIDTH))
+        stream.flush()
+    else:
+        print_screen(analysis, console_for(stream))
+
+
+def print_screen(analysis: Analysis, console: "Console") -> None:
     """Print what fits on one screen; texts are shortened on a terminal only."""
     height = console.height - 1 if console.is_terminal else MOST
     whole = not console.is_terminal
     for line in _lines(analysis, console.width, height, whole_texts=whole):
-        console.print(line, highlight=False, no_wrap=True, crop=False)
+        console.print(line.coloured(), highlight=False, no_wrap=True, crop=False)
 
 
 def _lines(analysis: Analysis, width: int, height: int, *, whole_texts: bool) -> list[Line]:
@@ -74,8 +85,8 @@ def _lines(analysis: Analysis, width: int, height: int, *, whole_texts: bool) ->
     clock = Clock.of(analysis.capture)
     budget = min(max(height, FEWEST), MOST)
     lanes = lanes_of(analysis) if clock.timed else {}
-    middle = [Text()] * bool(lanes or analysis.findings)
-    top = [*_top(analysis, clock, width), Text()]
+    middle = [Line()] * bool(lanes or analysis.findings)
+    top = [*_top(analysis, clock, width), Line()]
     bottom = [*middle, *_bottom(analysis, clock, width)]
     legend = list(_legend(lanes, width)) if lanes else []
     least = min(len(lanes), _LEAST_LANES) + 2 + len(legend) if lanes else 0
@@ -88,20 +99,17 @@ def _lines(analysis: Analysis, width: int, height: int, *, whole_texts: bool) ->
 
 
 def _top(analysis: Analysis, clock: Clock, width: int) -> Iterator[Line]:
-    yield from _wrapped(Text(extent(analysis), style="dim"), width)
-    for text in start_lines(analysis, clock):
-        yield from _wrapped(text, width)
-    yield from _wrapped(Text(verdict(analysis), style="bold"), width)
+    yield from _wrapped(Line.of(extent(analysis), "dim"), width)
+    for line in start_lines(analysis, clock):
+        yield from _wrapped(line, width)
+    yield from _wrapped(Line.of(verdict(analysis), "bold"), width)
 
 
-def _wrapped(text: Text, width: int) -> Iterator[Line]:
-    for line in _rows(text.plain, width) or [""]:
-        yield Text(line, style=text.style)
-
-
-def _rows(text: str, width: int) -> list[str]:
-    """A text broken between words into rows of so many columns."""
-    return [row.plain.rstrip() for row in Text(text).wrap(_PLAIN, max(width, 1))]
+def _wrapped(line: Line, width: int) -> Iterator[Line]:
+    """A line of one style broken into as many as it takes."""
+    ((text, style),) = line.pieces
+    for row in broken(text, width) or [""]:
+        yield Line.of(row, style)
 
 
 def _findings(
@@ -134,7 +142,7 @@ def _left_out(findings: Sequence[Finding], width: int) -> list[Line]:
         return []
     counts = Counter(SEVERITY_WORDS[each.severity].lower() for each in findings)
     told = ", ".join(counted(count, word) for word, count in counts.items())
-    return [*_wrapped(Text(f"and {told} more: -v", style="dim"), width)]
+    return [*_wrapped(Line.of(f"and {told} more: -v", "dim"), width)]
 
 
 def _finding(
@@ -152,20 +160,20 @@ def _finding(
     loud = f"bold {css(SEVERITY_COLOURS[finding.severity])}"
     when = f"{clock.short(finding.start_ns)} " if clock.timed else ""
     bus = f"{printable(finding.bus)}: " if finding.bus and several else ""
-    rows = _rows(f"{when}{bus}{printable(finding.text)}", width - len(head))
+    rows = broken(f"{when}{bus}{printable(finding.text)}", width - len(head))
     if shape.lines is not None and len(rows) > shape.lines:
         rows = rows[: shape.lines]
         rows[-1] = _shortened(rows[-1], width - len(head))
     indent = " " * len(head)
-    lines = [Text.assemble((head, loud), rows[0]), *(Text(f"{indent}{row}") for row in rows[1:])]
+    lines = [Line(((head, loud), (rows[0], ""))), *(Line.of(f"{indent}{row}") for row in rows[1:])]
     if shape.check:
-        checks = _rows(f"check: {printable(finding.check_next)}", width - len(head))
-        lines += [Text(f"{indent}{row}", style="dim") for row in checks]
+        checks = broken(f"check: {printable(finding.check_next)}", width - len(head))
+        lines += [Line.of(f"{indent}{row}", "dim") for row in checks]
     return lines
 
 
 def _shortened(row: str, room: int) -> str:
-    while cell_len(row) > room - len(_ELLIPSIS) and " " in row:
+    while columns(row) > room - len(_ELLIPSIS) and " " in row:
         row = row.rpartition(" ")[0]
     return row + _ELLIPSIS
 
@@ -183,19 +191,19 @@ def _states(analysis: Analysis, lanes: Lanes, width: int, room: int) -> list[Lin
     for key in chosen:
         label = labels.get(key, node_label(key[1]))
         label = f"{printable(key[0])} {label}" if several else label
-        short = f"{set_cell_size(label, label_width - 2)}.."
-        heads[key] = label if cell_len(label) <= label_width else short
-    taken = max(map(cell_len, heads.values())) + 1
-    lines = [Text()] * bool(analysis.findings)
+        short = f"{fitted(label, label_width - 2)}.."
+        heads[key] = label if columns(label) <= label_width else short
+    taken = max(map(columns, heads.values())) + 1
+    lines = [Line()] * bool(analysis.findings)
     for key in chosen:
         bar = state_bar(cells(lanes[key], capture.begin_ns, capture.end_ns, width - taken))
-        lines.append(Text(set_cell_size(heads[key], taken)) + bar)
+        lines.append(Line(((fitted(heads[key], taken), ""), *bar.pieces)))
     rest = [key for key in lanes if key not in heads]
     if rest:
         ends = Counter(lanes[key][-1].state for key in rest)
         told = ", ".join(f"{count} {state}" for state, count in ends.most_common())
         more = f"{counted(len(rest), 'more node')}, at the end {told}"
-        lines += _wrapped(Text(more, style="dim"), width)
+        lines += _wrapped(Line.of(more, "dim"), width)
     return lines
 
 
@@ -203,7 +211,7 @@ def _legend(lanes: Lanes, width: int) -> Iterator[Line]:
     """The letters of the states that there are."""
     seen = {row.state for rows in lanes.values() for row in rows}
     told = [f"{STATE_LETTERS[state]} {str(state).lower()}" for state in NmtState if state in seen]
-    yield from _wrapped(Text("  ".join(told), style="dim"), width)
+    yield from _wrapped(Line.of("  ".join(told), "dim"), width)
 
 
 def _bottom(analysis: Analysis, clock: Clock, width: int) -> Iterator[Line]:
@@ -226,10 +234,10 @@ def _bottom(analysis: Analysis, clock: Clock, width: int) -> Iterator[Line]:
     if redaction := Redaction.of_analysis(analysis):
         told.append(f"redacted, nothing is concluded from the payload of {redaction.text}")
     for text in told:
-        for line in _rows(text, width):
-            yield Text(line)
-    for line in _rows("-v: everything   --out DIR: report, plots, tables", width):
-        yield Text(line, style="dim")
+        for line in broken(text, width):
+            yield Line.of(line)
+    for line in broken("-v: everything   --out DIR: report, plots, tables", width):
+        yield Line.of(line, "dim")
 
 
 def _sync(row: SyncRow) -> str:

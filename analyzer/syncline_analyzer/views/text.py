@@ -76,7 +76,7 @@ def print_summary(analysis: Analysis, console: Console) -> None:
 def _parts(analysis: Analysis, width: int) -> Iterator[RenderableType]:
     clock = Clock.of(analysis.capture)
     yield Text(extent(analysis), style="dim")
-    yield from start_lines(analysis, clock)
+    yield from (line.coloured() for line in start_lines(analysis, clock))
     yield Text(verdict(analysis), style="bold")
     for place, finding in enumerate(analysis.findings, 1):
         yield from _story(place, finding, analysis, clock)
@@ -227,7 +227,8 @@ def _states(analysis: Analysis, width: int) -> Group:
     table.add_column(no_wrap=True)
     for key, rows in lanes.items():
         table.add_row(
-            Text(heads[key]), state_bar(cells(rows, capture.begin_ns, capture.end_ns, room))
+            Text(heads[key]),
+            state_bar(cells(rows, capture.begin_ns, capture.end_ns, room)).coloured(),
         )
     legend = "  ".join(f"{letter} {state}" for state, letter in STATE_LETTERS.items())
     return Group(table, Text(legend, style="dim"))

@@ -156,6 +156,21 @@ def test_a_reset_by_sdo_is_not_spontaneous() -> None:
     assert run(*ordered(rows, OTHER)).ids() == ["nmt.unexpected_reset"]
 
 
+@pytest.mark.near_miss("nmt.unexpected_reset", "nmt.boot_loop")
+@pytest.mark.parametrize("order", [0, 1, 2])
+def test_a_stop_start_or_reset_of_the_program_is_no_break_of_the_supply(order: int) -> None:
+    """CiA 302-3: 1F51h stops, starts or resets a node's program, which boots anew."""
+    write = frame(1005, 0x605, f"2F511F01{order:02X}000000")
+    after = ordered([frame(2200, 0x705, "00")], heartbeats(2300, 4000))
+    taken, refused = frame(1006, 0x585, "60511F0100000000"), frame(1006, 0x585, "80511F0122000008")
+    beats = heartbeats(0, 1000)
+    assert run(*ordered(beats, [write, taken], after, OTHER)).ids() == []
+    assert run(*ordered(beats, [write], after, OTHER)).ids() == []
+    assert "nmt.unexpected_reset" in run(*ordered(beats, [write, refused], after, OTHER)).ids()
+    cleared = frame(1005, 0x605, "2F511F0103000000")
+    assert "nmt.unexpected_reset" in run(*ordered(beats, [cleared, taken], after, OTHER)).ids()
+
+
 def test_command_ignored() -> None:
     stop = [frame(1010, 0x000, "0205")]
     finding = one(run(*ordered(heartbeats(0, 4000), stop, OTHER)), "nmt.command_ignored")

@@ -28,6 +28,9 @@ LOOP = 3
 """Restarts that make a loop."""
 COMMANDED = 6
 """Commanded resets in a row that are worth a word."""
+PROGRAM_CONTROL = 0x1F51
+PROGRAM_ORDERS = (b"\x00", b"\x01", b"\x02")
+"""Values of 1F51h that stop, start and reset a program (CiA 302-3): the node boots anew."""
 _RESETS = tuple(command_name(specifier) for specifier in sorted(RESETS))
 GROUPED = 5
 """More unexpected resets of one node than this are one finding."""
@@ -72,6 +75,7 @@ def _explained(facts: Facts, key: NodeKey, boot: BootUp, silence: Lost | None) -
         or any(0 <= boot.t_ns - lost.end_ns <= BOOT_UP_NS for lost in timeline.lost)
         or (silence is None and _recent_command(facts, timeline, boot))
         or _reset_by_sdo(facts, key, boot)
+        or _program_ordered(facts, boot)
     )
 
 
@@ -125,6 +129,18 @@ def _reset_by_sdo(facts: Facts, key: NodeKey, boot: BootUp) -> bool:
     orders = own.of_objects(lambda of: (of.index or 0, of.sub or 0) in writes).records
     lately = boot.t_ns - orders["start_ns"] <= COMMAND_WINDOW_NS
     return bool((lately & (orders["seq"] < boot.seq)).any())
+
+
+def _program_ordered(facts: Facts, boot: BootUp) -> bool:
+    """Whether the node's program was stopped, started or reset (1F51h), as for new firmware."""
+    own = facts.analysis.sdo.writes.of_node(boot.bus, boot.node)
+    return any(
+        row.seq < boot.seq
+        and boot.t_ns - row.start_ns <= COMMAND_WINDOW_NS
+        and row.result != "abort"
+        and row.data[:1] in PROGRAM_ORDERS
+        for row in own.of_objects(lambda of: of.index == PROGRAM_CONTROL)
+    )
 
 
 def _resets(facts: Facts) -> Iterator[Finding]:
@@ -317,6 +333,7 @@ _UNASKED = (
         "No reset command, and no write that resets the device, in the 10 s before, unless the node"
         " had booted and told its state since, and fell silent before it booted again."
     ),
+    "A write to 1F51h that stops, starts or resets the program is such a write (CiA 302-3).",
     "The first boot-up of a node that was not heard before is its switching on.",
     "Not where a capture gap or a silence of the whole bus lies just before it.",
     "The second frame of a pair that one start sends is none.",

@@ -102,6 +102,25 @@ def test_a_boot_up_a_gap_and_another_setting_begin_anew() -> None:
     assert (row.period_us.max, row.expected_us) == (500_000, 500_000)
 
 
+@pytest.mark.parametrize("size", [1 << 20, 64, 7, 1])
+def test_only_the_periods_since_1017h_was_written_are_held_against_it(size: int) -> None:
+    """A master that slows a heartbeat down: most periods are of the former setting."""
+    ctx = context()
+    learn(ctx, NODE, 0x1017, 0, 1000, seq=300, source="sdo-write")
+    fast, slow = regular(300, 100 * MS), regular(50, 1010 * MS, 31 * SECOND)
+    row = only(ctx, ordered(beats(fast), beats(slow)), size=size)
+    assert row.period_us is not None
+    assert (row.period_us.median, row.expected_us) == (100_000, 1_000_000)
+    assert row.deviation_us == 10_000
+
+
+def test_a_setting_that_no_heartbeat_followed_says_nothing_of_them() -> None:
+    ctx = context()
+    learn(ctx, NODE, 0x1017, 0, 1000, seq=300, source="sdo-write")
+    row = only(ctx, ordered(beats(regular(300, 100 * MS))))
+    assert (row.expected_us, row.expected_source, row.deviation_us) == (None, None, None)
+
+
 def test_nothing_is_missing_while_the_node_starts() -> None:
     """A device whose boot-up is no 00h: only the states tell that it was starting."""
     times = [*regular(50, 100 * MS), *regular(50, 100 * MS, 8 * SECOND)]

@@ -1,7 +1,7 @@
 """Periods of heartbeats and of the requests that guard a node (CiA 301 7.2.8.3)."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import field
+from dataclasses import field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -13,6 +13,7 @@ from syncline_analyzer.distribution import Distribution, quantile_of
 from syncline_analyzer.fold import IndexedBatch
 from syncline_analyzer.folds.nmt.table import NodeNmt
 from syncline_analyzer.folds.timing.block import Block
+from syncline_analyzer.folds.timing.extremes import limits_of
 from syncline_analyzer.folds.timing.overdue import LATE, Overdue
 from syncline_analyzer.folds.timing.periods import Periods
 from syncline_analyzer.folds.timing.request_answers import RequestAnswers
@@ -26,6 +27,7 @@ HEARTBEAT_TIME, GUARD_TIME = 0x1017, 0x100C
 FIRST_ID = 0x700
 MAX_NODE = 127
 MAX_EVIDENCE = 20
+MS = 1_000_000
 _ANSWER_NS = 100_000_000
 """A guard answer follows its request within this time; a later message is a heartbeat."""
 _LEARN = 8
@@ -83,6 +85,18 @@ class _State:
     """Time of the last frame, if it was a request."""
     broken: bool = True
     """The next heartbeat does not follow one: after a gap, a boot-up, another setting."""
+    told_ns: int | None = None
+    """1017h as it held for the heartbeats so far."""
+    settled: Distribution | None = None
+    """Periods since 1017h changed among the heartbeats; None where it never did."""
+
+    def settle(self, periods: Ints, told_ns: int | None) -> None:
+        """Keep what came since the last change of 1017h, which earlier periods do not tell of."""
+        if told_ns != self.told_ns:
+            earlier = self.beats.periods.spread.count > len(periods)
+            self.told_ns, self.settled = told_ns, Distribution() if earlier else None
+        if self.settled is not None and len(periods):
+            self.settled.add(periods, limits_of(periods))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -267,6 +281,7 @@ class ErrorControlPeriods:
     def _judge(state: _State, found: tuple[Ints, Ints, Ints], told_ns: int | None) -> None:
         """Find missing heartbeats by the periods, and the stamp and `seq` that each began with."""
         periods, before_ns, before_seq = found
+        state.settle(periods, told_ns)
         timer_ns = _timer(periods, state.beats.periods.spread, told_ns)
         if timer_ns:
             late = periods > LATE * timer_ns
@@ -283,8 +298,14 @@ class ErrorControlPeriods:
         )
         missing = missing.without(quiet)
         known = self._context.shadow.get(bus, node, HEARTBEAT_TIME)
+        if known and known.source == "sdo-write" and state.told_ns != (_told(known) or 0) * MS:
+            known = None  # no heartbeat followed the write
         seqs = list(dict.fromkeys(missing.seq.tolist()))[:MAX_EVIDENCE]
-        return self._row(bus, node, "heartbeat", state.beats, known, missing.count, seqs)
+        row = self._row(bus, node, "heartbeat", state.beats, known, missing.count, seqs)
+        if state.settled is None or not row.expected_us:
+            return row
+        step_ns = self._context.resolution_ns
+        return replace(row, deviation_us=state.settled.off(row.expected_us * 1e3, 1000, step_ns))
 
     def _guarding(self, bus: int, node: int, state: _State) -> ErrorControlRow:
         known = self._context.shadow.get(bus, node, GUARD_TIME)

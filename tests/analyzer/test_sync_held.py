@@ -3,7 +3,7 @@
 import pytest
 
 from tests.analyzer.control_runs import MS, Row
-from tests.analyzer.whole_run import beats, every, found, ids, whole
+from tests.analyzer.whole_run import beats, every, found, ids, whole, write
 
 STOP_MS = 60_000
 
@@ -54,6 +54,30 @@ def test_sync_may_be_off_while_the_master_holds_all_nodes(specifier: int, began_
 def test_sync_that_stays_away_otherwise_is_missing(commands: list[Row]) -> None:
     told = whole(nodes(), away(30_000, 40_100), commands)
     assert "sync.missing" in ids(told)
+
+
+@pytest.mark.near_miss("sync.missing")
+@pytest.mark.parametrize("written_ms", [29_950, 30_000])
+@pytest.mark.parametrize("off", [(0x1005, 0x80), (0x1006, 0)])
+def test_sync_may_be_off_while_it_moves_to_another_producer(
+    written_ms: float, off: tuple[int, int]
+) -> None:
+    produced = [*write(100, 5, 0x1006, 0, 20_000), *write(200, 5, 0x1005, 0, 0x40000080)]
+    taken_over = write(30_400, 6, 0x1005, 0, 0x40000080)
+    told = whole(
+        nodes(), away(29_990, 30_420), produced, write(written_ms, 5, off[0], 0, off[1]), taken_over
+    )
+    assert "sync.missing" not in ids(told)
+    assert told.sync[0].missing == 0
+
+
+@pytest.mark.triggers("sync.missing")
+def test_sync_that_stays_away_while_a_node_that_never_sent_it_is_set_is_missing() -> None:
+    produced = [*write(100, 5, 0x1006, 0, 20_000), *write(200, 5, 0x1005, 0, 0x40000080)]
+    told = whole(nodes(), away(29_990, 30_420), produced, write(30_000, 6, 0x1005, 0, 0x80))
+    assert "sync.missing" in ids(told)
+    late = whole(nodes(), away(29_990, 30_420), produced, write(29_000, 5, 0x1005, 0, 0x80))
+    assert "sync.missing" in ids(late)
 
 
 def handed_over(rows: list[Row], every_ms: float, apart_us: float) -> list[Row]:

@@ -202,6 +202,7 @@ RULES = (
             "Never over a capture gap or a step of the clock, nor where only the counter begins anew.",
             "A backlog that the recorder delivers at once counts nowhere; what it bundles is counted.",
             "Not while the master holds all nodes (stop, pre-operational or reset of all).",
+            "Not where the producer is switched off just then (1005h bit 30, or 1006h = 0).",
             "Not where as many lines of the log could not be read.",
         ),
         _sync_missing,

@@ -107,7 +107,7 @@ class TimingFold:
         )
         for table in syncs:
             silences = self._silences(silence, table.row.bus)
-            told = judged(table, nmt_states or (), silences, commands, unread)
+            told = judged(self._context, table, nmt_states or (), silences, commands, unread)
             tables.sync.append(told.row)
             tables.holes.extend(sync_holes(told))
             tables.worst.extend(table.worst)

@@ -2,13 +2,17 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import product
 
 from syncline_analyzer.capture import Unread
+from syncline_analyzer.context import Context
 from syncline_analyzer.folds.timing.held import held
 from syncline_analyzer.folds.timing.silence import Silence
+from syncline_analyzer.folds.timing.sync_settings import PERIOD, producers
 from syncline_analyzer.folds.timing.sync_state import SyncHole
 from syncline_analyzer.folds.timing.sync_table import SyncTable
-from syncline_analyzer.results import HoleRow, NmtCommandRow, NmtStateRow
+from syncline_analyzer.results import HoleRow, NmtCommandRow, NmtStateRow, SyncRow
+from syncline_analyzer.service_ids import SYNC
 
 MAX_HOLES = 1000
 LONG_HOLE_NS = 1_000_000_000
@@ -16,6 +20,7 @@ LONG_HOLE_NS = 1_000_000_000
 
 
 def judged(
+    context: Context,
     table: SyncTable,
     nmt_states: Sequence[NmtStateRow],
     silences: Sequence[Silence],
@@ -37,12 +42,30 @@ def judged(
         if not _explained(hole, off)
         and not _unheard(hole, silences)
         and not held(hole, mine, period_ns)
+        and not _switched_off(context, table.row, hole, period_ns)
         and hole.missing > _unread_within(hole, unread)
     ]
     missing = (
         table.row.missing - sum(h.missing for h in table.holes) + sum(h.missing for h in holes)
     )
     return replace(table, row=replace(table.row, missing=missing), holes=holes)
+
+
+def _switched_off(context: Context, row: SyncRow, hole: SyncHole, period_ns: float) -> bool:
+    """Whether a client switched the producer off just then (1005h bit 30, or 1006h = 0)."""
+    shadow, bus = context.shadow, context.buses.index(row.bus)
+    earliest_ns = hole.start_ns - 2 * period_ns
+    for node, index in product(shadow.nodes_of(bus), (SYNC, PERIOD)):
+        for seq in shadow.changes(bus, node, index):
+            known = shadow.get(bus, node, index, 0, seq)
+            if known is None or known.source != "sdo-write" or known.t_ns is None:
+                continue
+            if not earliest_ns <= known.t_ns <= hole.end_ns:
+                continue
+            sends = bool(known.value) and node in producers(shadow, bus, row.cob_id, seq)
+            if not sends and node in producers(shadow, bus, row.cob_id, seq - 1):
+                return True
+    return False
 
 
 def _explained(hole: SyncHole, off: Sequence[NmtStateRow]) -> bool:

@@ -171,6 +171,17 @@ def test_a_stop_start_or_reset_of_the_program_is_no_break_of_the_supply(order: i
     assert "nmt.unexpected_reset" in run(*ordered(beats, [cleared, taken], after, OTHER)).ids()
 
 
+def test_a_new_program_may_take_its_time_until_it_boots_once() -> None:
+    other = heartbeats(0, 60_000, node=9)
+    order = [frame(1005, 0x605, "2F511F0101000000"), frame(1006, 0x585, "60511F0100000000")]
+    booted = ordered(heartbeats(0, 1000), order, [frame(31_000, 0x705, "00")])
+    ran = ordered(booted, heartbeats(31_100, 60_000))
+    assert "nmt.unexpected_reset" not in run(*ordered(ran, other)).ids()
+    again = ordered(booted, heartbeats(31_100, 45_000), [frame(45_900, 0x705, "00")])
+    crashed = run(*ordered(again, heartbeats(46_000, 60_000), other))
+    assert one(crashed, "nmt.unexpected_reset").start_ns > 44_000 * MS
+
+
 def test_command_ignored() -> None:
     stop = [frame(1010, 0x000, "0205")]
     finding = one(run(*ordered(heartbeats(0, 4000), stop, OTHER)), "nmt.command_ignored")

@@ -31,6 +31,8 @@ COMMANDED = 6
 PROGRAM_CONTROL = 0x1F51
 PROGRAM_ORDERS = (b"\x00", b"\x01", b"\x02")
 """Values of 1F51h that stop, start and reset a program (CiA 302-3): the node boots anew."""
+PROGRAM_NS = 60_000_000_000
+"""A program may be checked for so long before it boots for the first time [ns]."""
 _RESETS = tuple(command_name(specifier) for specifier in sorted(RESETS))
 GROUPED = 5
 """More unexpected resets of one node than this are one finding."""
@@ -75,7 +77,7 @@ def _explained(facts: Facts, key: NodeKey, boot: BootUp, silence: Lost | None) -
         or any(0 <= boot.t_ns - lost.end_ns <= BOOT_UP_NS for lost in timeline.lost)
         or (silence is None and _recent_command(facts, timeline, boot))
         or _reset_by_sdo(facts, key, boot)
-        or _program_ordered(facts, boot)
+        or _program_ordered(facts, timeline, boot)
     )
 
 
@@ -131,16 +133,16 @@ def _reset_by_sdo(facts: Facts, key: NodeKey, boot: BootUp) -> bool:
     return bool((lately & (orders["seq"] < boot.seq)).any())
 
 
-def _program_ordered(facts: Facts, boot: BootUp) -> bool:
+def _program_ordered(facts: Facts, timeline: Timeline, boot: BootUp) -> bool:
     """Whether the node's program was stopped, started or reset (1F51h), as for new firmware."""
     own = facts.analysis.sdo.writes.of_node(boot.bus, boot.node)
-    return any(
-        row.seq < boot.seq
-        and boot.t_ns - row.start_ns <= COMMAND_WINDOW_NS
-        and row.result != "abort"
-        and row.data[:1] in PROGRAM_ORDERS
-        for row in own.of_objects(lambda of: of.index == PROGRAM_CONTROL)
-    )
+    for row in own.of_objects(lambda of: of.index == PROGRAM_CONTROL):
+        if row.seq > boot.seq or row.result == "abort" or row.data[:1] not in PROGRAM_ORDERS:
+            continue
+        first = not any(row.seq < each.seq < boot.seq for each in timeline.boot_ups)
+        if boot.t_ns - row.start_ns <= (PROGRAM_NS if first else COMMAND_WINDOW_NS):
+            return True
+    return False
 
 
 def _resets(facts: Facts) -> Iterator[Finding]:
@@ -333,7 +335,10 @@ _UNASKED = (
         "No reset command, and no write that resets the device, in the 10 s before, unless the node"
         " had booted and told its state since, and fell silent before it booted again."
     ),
-    "A write to 1F51h that stops, starts or resets the program is such a write (CiA 302-3).",
+    (
+        "A write to 1F51h that stops, starts or resets the program is such a write (CiA 302-3); the"
+        " first boot-up after it may take 60 s."
+    ),
     "The first boot-up of a node that was not heard before is its switching on.",
     "Not where a capture gap or a silence of the whole bus lies just before it.",
     "The second frame of a pair that one start sends is none.",

@@ -3,6 +3,7 @@
 import pytest
 
 from tests.analyzer.traps.script import Script, little
+from tests.analyzer.whole_run import beats, every, found, ids, whole, write
 
 TURN = 8192
 
@@ -94,6 +95,24 @@ def test_a_device_of_which_nothing_is_known_may_store_by_itself() -> None:
 @pytest.mark.near_miss("pdo.silent")
 def test_a_node_that_stays_pre_operational_owes_no_pdo() -> None:
     assert "pdo.silent" not in encoder().heartbeat(0, 20_000, 0x7F).told().ids
+
+
+@pytest.mark.near_miss("pdo.silent")
+def test_a_pdo_on_an_identifier_of_29_bits_is_not_said_to_stay_away() -> None:
+    """It is told neither under the lower 11 bits, which may be another PDO's, nor as silent."""
+    rows = [*beats(5, 10, 20_000), *write(100, 5, 0x1800, 1, 0x38FF1205)]
+    assert "pdo.silent" not in ids(whole(rows))
+    rows = [*beats(5, 10, 20_000), *write(100, 5, 0x1800, 1, 0xB8FF1205)]
+    assert "is switched off" in found(whole(rows), "pdo.silent")[0].text
+
+
+@pytest.mark.near_miss("pdo.silent")
+def test_of_two_nodes_that_send_on_one_identifier_neither_is_silent() -> None:
+    rows = [*write(100, 5, 0x1800, 1, 0x185), *write(200, 6, 0x1800, 1, 0x185)]
+    nodes = [*beats(5, 10, 20_000), *beats(6, 11, 20_000)]
+    told = whole(nodes, rows, every(0x185, 300, 20_000, 50, bytes(8)))
+    assert "config.cob_id_collision" in ids(told)
+    assert "pdo.silent" not in ids(told)
 
 
 def two_ways(second: int) -> Script:

@@ -8,6 +8,7 @@ from syncline_analyzer.findings.stretch import seconds
 from syncline_analyzer.object_history import Known
 from syncline_analyzer.pdo_binding import Pdo, PdoBindings
 from syncline_analyzer.results import Finding, NodeRow
+from syncline_analyzer.service_ids import FRAME_29_BIT, cob_id
 from syncline_schemas.devices import quirks
 from syncline_schemas.records import dataclass
 
@@ -36,7 +37,7 @@ def _silent(facts: Facts) -> Iterator[Finding]:
         if (row.bus, row.node) in sending or lasted_ns < SILENT_NS:
             continue
         pdos = _pdos(facts, row)
-        if not pdos:
+        if not pdos or any(_may_be_sent(facts, row, pdo) for pdo in pdos):
             continue
         reasons = [_reason(facts, bindings, row, pdo) for pdo in pdos]
         told = "; ".join(
@@ -66,6 +67,19 @@ def _silent(facts: Facts) -> Iterator[Finding]:
 
 def _is_sent(name: str | None) -> bool:
     return (name or "").startswith("TPDO")
+
+
+def _may_be_sent(facts: Facts, row: NodeRow, pdo: Pdo) -> bool:
+    """Whether a PDO is set to an identifier of 29 bits, or to one that another node sends on too."""
+    known = facts.context.shadow.get(pdo.bus, row.node, pdo.communication, 1)
+    if known is None or not isinstance(known.value, int) or known.value & _OFF:
+        return False
+    if known.value & FRAME_29_BIT:
+        return True
+    others = (sent for sent in facts.analysis.pdos if sent.bus == row.bus and sent.node != row.node)
+    return known.confirmed and any(
+        _is_sent(sent.pdo) and sent.frames and sent.cob_id == cob_id(known.value) for sent in others
+    )
 
 
 def _operational(facts: Facts, row: NodeRow) -> tuple[int, int, int, list[int]]:
@@ -239,6 +253,7 @@ RULES: tuple[Rule, ...] = (
         (
             f"From {seconds(SILENT_NS)} in OPERATIONAL by the node's own word on.",
             "It is an info: the settings, a missing SYNC or standstill explain the silence.",
+            "Not where a PDO is set to 29 bits, or to an identifier on which another node sends.",
         ),
         _silent,
     ),

@@ -144,6 +144,22 @@ def test_a_pair_of_boot_ups_is_one_restart() -> None:
     assert "two boot-up frames" in finding.text
 
 
+def test_nodes_that_restart_together_name_one_another_and_what_they_share() -> None:
+    def booting(node: int, at_ms: int) -> list[Row]:
+        boot = [frame(at_ms, 0x700 + node, "00")]
+        after = heartbeats(at_ms + 50, 6000, node=node)
+        return ordered(heartbeats(0, 1000, node=node), boot, after)
+
+    other = heartbeats(0, 6000, node=9)
+    result = run(*ordered(booting(5, 1900), booting(6, 2400), booting(7, 5500), other))
+    found = {f.node: f for f in result.findings() if f.id == "nmt.unexpected_reset"}
+    assert "Node 6 restarted" in found[5].text.partition(". ")[2]
+    assert "Node 5 restarted" in found[6].text.partition(". ")[2]
+    assert "common" in found[5].cause
+    assert "common" in found[6].check_next
+    assert "common" not in found[7].cause
+
+
 def test_the_first_boot_up_of_a_capture_is_no_restart() -> None:
     assert run(*ordered([frame(50, 0x705, "00")], heartbeats(100, 4000), OTHER)).ids() == []
 

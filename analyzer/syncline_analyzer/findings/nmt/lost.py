@@ -300,8 +300,8 @@ def _alone(facts: Facts, losses: list[_Loss], together: tuple[int, ...]) -> tupl
         often, each = _often(facts, losses), " each time" if len(losses) > 1 else ""
         text = f"{who} was lost {often}for {lasted} and came back {how}{each}."
     if together:
-        names = _names(together)
-        text += f" {names[:1].upper()}{names[1:]} fell silent at the same moment."
+        others = names(together)
+        text += f" {others[:1].upper()}{others[1:]} fell silent at the same moment."
         return (
             text + first.limit,
             (
@@ -333,19 +333,19 @@ def _old_boot_ups(facts: Facts, losses: list[_Loss]) -> list[int]:
 
 def _whole_bus(facts: Facts, losses: list[_Loss]) -> tuple[str, str, str]:
     """The same where nobody at all was heard: that accuses no node."""
-    first, names = losses[0], _names(losses[0].nodes)
+    first, who = losses[0], names(losses[0].nodes)
     lasted = _lasted(losses)
     if first.booted:
         each = " each time" if len(losses) > 1 else ""
         text = f"The whole bus was silent {_often(facts, losses)}for {lasted};"
-        text += f" {names} came back with a boot-up{each}."
+        text += f" {who} came back with a boot-up{each}."
         if len(losses) == 1 and first.silent[0] - first.start_ns > AT_ONCE_NS:
             earlier = seconds(first.silent[0] - first.start_ns)
             text += f" They fell silent one after another, the first {earlier} before the last."
         cause = "The machine was switched off and on (all nodes started anew)."
     else:
         text = f"The whole bus was silent {_often(facts, losses)}for {lasted};"
-        text += f" {names} {'was' if len(first.nodes) == 1 else 'were'} not heard again."
+        text += f" {who} {'was' if len(first.nodes) == 1 else 'were'} not heard again."
         cause = "The machine was switched off, the recorder was unplugged, or the bus was broken"
         cause += " near it."
         if others_went_on(facts, first.bus, first.silent[0]):
@@ -392,7 +392,7 @@ def _started_too(facts: Facts, bus: int, end_ns: int) -> set[int]:
     }
 
 
-def _names(nodes: tuple[int, ...]) -> str:
+def names(nodes: tuple[int, ...]) -> str:
     return f"node {nodes[0]}" if len(nodes) == 1 else "nodes " + ", ".join(map(str, nodes))
 
 

@@ -7,7 +7,13 @@ from itertools import groupby
 
 from syncline_analyzer.findings.device.identity import absences
 from syncline_analyzer.findings.nmt.guarding_story import told_by_guarding
-from syncline_analyzer.findings.nmt.lost import BOOT_UP_NS, EVIDENCE, failed_resets, was_bus_off
+from syncline_analyzer.findings.nmt.lost import (
+    BOOT_UP_NS,
+    EVIDENCE,
+    failed_resets,
+    names,
+    was_bus_off,
+)
 from syncline_analyzer.findings.nmt.power import power_breaks
 from syncline_analyzer.findings.nmt.twins import twins
 from syncline_analyzer.findings.rule import Facts, Rule
@@ -26,6 +32,8 @@ LOOP_NS = 60_000_000_000
 """Restarts no further apart than this are one loop [ns]."""
 LOOP = 3
 """Restarts that make a loop."""
+TOGETHER_NS = 2_000_000_000
+"""Nodes that restart no further apart have the cause in common, most likely [ns]."""
 COMMANDED = 6
 """Commanded resets in a row that are worth a word."""
 PROGRAM_CONTROL = 0x1F51
@@ -147,12 +155,21 @@ def _program_ordered(facts: Facts, timeline: Timeline, boot: BootUp) -> bool:
 
 def _resets(facts: Facts) -> Iterator[Finding]:
     """Single restarts; those in a loop are told by the loop."""
-    for found in _unasked(facts):
+    unasked = list(_unasked(facts))
+    boots = [boot for found in unasked for boot, _ in found]
+    for found in unasked:
         single = [entry for run in _runs(found) if len(run) < LOOP for entry in run]
         if len(single) > GROUPED:
             yield _many(facts, "nmt.unexpected_reset", single, "")
         else:
-            yield from (_unexpected_reset(facts, boot, silence) for boot, silence in single)
+            for boot, silence in single:
+                yield _unexpected_reset(facts, boot, silence, _together(boots, boot))
+
+
+def _together(boots: Sequence[BootUp], boot: BootUp) -> tuple[int, ...]:
+    """Other nodes that restarted at about the same time."""
+    near = (b for b in boots if b.bus == boot.bus and abs(b.t_ns - boot.t_ns) <= TOGETHER_NS)
+    return tuple(sorted({b.node for b in near} - {boot.node}))
 
 
 def _loops(facts: Facts) -> Iterator[Finding]:
@@ -203,7 +220,9 @@ def _many(
     )
 
 
-def _unexpected_reset(facts: Facts, boot: BootUp, silence: Lost | None) -> Finding:
+def _unexpected_reset(
+    facts: Facts, boot: BootUp, silence: Lost | None, together: tuple[int, ...]
+) -> Finding:
     """The restart with the silence before it, a second boot-up frame, and the node's own word."""
     own = [b for b in facts.control.nmt.boot_ups if (b.bus, b.node) == (boot.bus, boot.node)]
     pair = [b for b in own if b.repeated and 0 < b.t_ns - boot.t_ns < BOOT_UP_NS][:1]
@@ -224,6 +243,12 @@ def _unexpected_reset(facts: Facts, boot: BootUp, silence: Lost | None) -> Findi
         text += " No other node is on the bus and nobody was heard meanwhile: the capture cannot"
         text += " tell whether the node restarted or the whole machine was switched off and on."
     cause = "Short break of its supply, watchdog, or a crash of its firmware."
+    check = "Measure the node's supply under load"
+    if together:
+        others = names(together)
+        text += f" {others[:1].upper()}{others[1:]} restarted at about the same time."
+        cause = "A short break of the supply that these nodes have in common."
+        check = "Measure the common supply of these nodes under load"
     if watchdog:
         cause = f"Its watchdog reset it (EMCY {watchdog.code:04X}h)."
     elif again:
@@ -238,8 +263,7 @@ def _unexpected_reset(facts: Facts, boot: BootUp, silence: Lost | None) -> Findi
         boot.t_ns,
         text,
         cause,
-        "Measure the node's supply under load; look at its error memory (1003h) and for a"
-        " watchdog EMCY after the boot-up.",
+        f"{check}; look at the error memory (1003h) and for a watchdog EMCY after the boot-up.",
         [
             *([silence.last_seq] if silence else []),
             boot.seq,

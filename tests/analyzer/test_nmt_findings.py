@@ -479,6 +479,24 @@ def test_single_answers_and_nodes_that_are_not_there_are_no_matter() -> None:
     assert run(*never).ids() == []
 
 
+@pytest.mark.near_miss("nmt.guard_toggle")
+@pytest.mark.parametrize("apart_us", [1, 600, 5000])
+def test_two_requests_that_are_answered_one_after_the_other_repeat_no_toggle_bit(
+    apart_us: int,
+) -> None:
+    """Two masters that guard one node ask it at nearly the same time now and then."""
+    rows: list[Row] = []
+    bit = 0
+    for k in range(40):
+        twice = k % 5 == 4
+        asked = [100.0 * k, 100.0 * k + apart_us / 1000][: 1 + twice]
+        rows += [remote(t, 0x705) for t in asked]
+        for n in range(1 + twice):
+            rows.append(frame(100.0 * k + 6 + n, 0x705, f"{0x05 | bit:02X}"))
+            bit ^= 0x80
+    assert run(*ordered(rows, heartbeats(0, 4000, node=9))).ids() == []
+
+
 @pytest.mark.triggers("nmt.guard_toggle")
 def test_a_toggle_bit_that_is_stuck() -> None:
     stuck = [row if row[3] else frame(row[0] / MS, 0x705, "05") for row in guarding(0, 2000)]

@@ -135,11 +135,14 @@ class Guarding:
     def _accept(self, talk: Talk, held: int) -> Mask:
         """The message right after a request, soon enough; a heartbeat may come there by chance.
 
+        Two requests at nearly the same time may have two answers.
         Without bit 7 it is believed only where the node did not send three messages by itself
         since its last answer.
         """
         n = len(talk.seq)
         asked = np.concatenate(([False], talk.request[:-1]))
+        if self.timed:
+            asked |= self._asked_twice(talk)
         passed = np.diff(talk.t_ns, prepend=talk.t_ns[:1])
         soon = ~talk.request & asked & ((passed <= GUARD_ANSWER_NS) | (not self.timed))
         fresh = np.arange(n) >= held
@@ -153,6 +156,15 @@ class Guarding:
         accepted[:held] = self._accepted
         accepted[rows] = sure | (doubts == settled)
         return accepted
+
+    @staticmethod
+    def _asked_twice(talk: Talk) -> Mask:
+        """The second message after two requests that came too soon after one another."""
+        second = np.zeros(len(talk.seq), np.bool_)
+        asks = talk.request
+        second[3:] = asks[:-3] & asks[1:-2] & ~asks[2:-1] & ~asks[3:]
+        second[3:] &= talk.t_ns[1:-2] - talk.t_ns[:-3] <= HURRIED_NS
+        return second
 
     def _note_both(self, talk: Talk, accepted: Mask, held: int) -> None:
         fresh = np.arange(len(talk.seq)) >= held

@@ -479,6 +479,34 @@ def test_single_answers_and_nodes_that_are_not_there_are_no_matter() -> None:
     assert run(*never).ids() == []
 
 
+def hasty(boot_ms: float, *more: Row, end_ms: float = 20_000) -> list[Row]:
+    """A master that resets node 5 and starts it at once, before it has booted."""
+    sent = [frame(1000, 0x000, "8105"), frame(1050, 0x000, "0105"), *more]
+    after = [boot(boot_ms), *heartbeats(boot_ms + 50, end_ms, state="7F")]
+    return ordered(heartbeats(0, 1000), sent, after, heartbeats(0, end_ms, node=9))
+
+
+@pytest.mark.near_miss("nmt.node_lost", "nmt.unexpected_reset", "nmt.no_boot_up")
+@pytest.mark.triggers("nmt.command_ignored")
+def test_a_start_before_the_boot_up_neither_ends_the_reset_nor_starts_the_node() -> None:
+    result = run(*hasty(2000))
+    assert result.ids() == ["nmt.command_ignored"]
+    finding = one(result, "nmt.command_ignored")
+    assert (finding.node, finding.start_ns) == (NODE, 1050 * MS)
+    assert "PRE-OPERATIONAL" in finding.text
+    assert "still starting" in finding.cause
+    starting = [("INITIALISING", 1.0, 1.05), ("INITIALISING", 1.05, 2.0)]
+    assert result.states(NODE)[-3:-1] == starting
+
+
+@pytest.mark.near_miss("nmt.command_ignored")
+def test_a_start_before_the_boot_up_that_is_sent_again_is_not_told() -> None:
+    again = [frame(2100, 0x000, "0105"), *heartbeats(2200, 20_000)]
+    sent = [frame(1000, 0x000, "8105"), frame(1050, 0x000, "0105"), boot(2000), *again]
+    rows = ordered(heartbeats(0, 1000), sent, heartbeats(0, 20_000, node=9))
+    assert run(*rows).ids() == []
+
+
 @pytest.mark.near_miss("nmt.guard_toggle")
 @pytest.mark.parametrize("apart_us", [1, 600, 5000])
 def test_two_requests_that_are_answered_one_after_the_other_repeat_no_toggle_bit(

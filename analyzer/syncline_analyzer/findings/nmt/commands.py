@@ -13,11 +13,13 @@ from syncline_analyzer.folds.nmt.events import IN_FLIGHT_NS, Command, Ignored
 from syncline_analyzer.folds.nmt.table import NodeKey
 from syncline_analyzer.folds.nmt.timeline import Timeline
 from syncline_analyzer.results import Finding
-from syncline_schemas.canopen.nmt import COMMANDS, STATE_AFTER_COMMAND, command_name
+from syncline_schemas.canopen.nmt import COMMANDS, STATE_AFTER_COMMAND, NmtState, command_name
 from syncline_schemas.wording import counted
 
 FAIR_NS = 1_000_000_000
 """A node may take so long to follow a command, to start above all [ns]."""
+WAITED_NS = 10_000_000_000
+"""A node that was started too soon is told of when nobody starts it again for so long [ns]."""
 SEARCHED = 10
 """Commands to more absent nodes than these are a search of the whole bus."""
 
@@ -31,7 +33,7 @@ def _ignored(facts: Facts) -> Iterator[Finding]:
         for ignored in timeline.ignored:
             if doubled.at(bus, key[1], ignored.t_ns):
                 continue
-            if _in_time(timeline, ignored):
+            if not _waits(timeline) if ignored.starting else _in_time(timeline, ignored):
                 continue
             if ignored.command.node or timeline.followed or _is_slave(facts, key, ignored):
                 found = by_command.setdefault(ignored.command.specifier, [])
@@ -51,6 +53,15 @@ def _one_ignored(facts: Facts, key: NodeKey, timeline: Timeline, ignored: Ignore
     if ignored.can_id is not None:
         still = f"{passed} later it still sends PDOs ({ignored.can_id:03X}h), which only an"
         still += " OPERATIONAL node does; it told no state meanwhile."
+    cause = "The node did not get the command, refuses it in its present condition, or another node"
+    cause += " answers under the same number."
+    if ignored.starting:
+        still = f"it had been reset and booted only {passed} later; since then it says"
+        still += f" {ignored.state}, and nobody started it again."
+        cause = (
+            "The node was still starting, and follows no command before its boot-up: the fault is"
+        )
+        cause += " in the master's sequence, not in the node."
     return Finding(
         "nmt.command_ignored",
         "warning" if "It followed" in after else "error",
@@ -60,12 +71,20 @@ def _one_ignored(facts: Facts, key: NodeKey, timeline: Timeline, ignored: Ignore
         ignored.t_ns,
         f'{facts.who(bus, node)} did not follow the command "{name}"{facts.at(ignored.command.t_ns)}:'
         f" {still}{after}",
-        "The node did not get the command, refuses it in its present condition, or another node"
-        " answers under the same number.",
-        ("" if after else "Does it follow when the command is repeated? ")
+        cause,
+        "Let the master wait for the boot-up before it starts the node."
+        if ignored.starting
+        else ("" if after else "Does it follow when the command is repeated? ")
         + "Look for an EMCY of the node and for 1F80h, 1029h.",
         [ignored.command.seq, *(v.seq for v in pdos[:10]), ignored.seq],
     )
+
+
+def _waits(timeline: Timeline) -> bool:
+    """Whether a node that was started too soon is still PRE-OPERATIONAL, long after its boot-up."""
+    last = timeline.intervals[-1]
+    waited = last.end_ns - last.start_ns >= WAITED_NS
+    return last.state is NmtState.PRE_OPERATIONAL and last.certainty == "observed" and waited
 
 
 def _obeyed(timeline: Timeline, ignored: Ignored) -> int | None:
@@ -211,6 +230,7 @@ RULES = (
             "A node that follows within a second, and the period that tells it, only took its time.",
             "PDOs contradict a command only where they go on for two periods and are surely its own.",
             "The NMT master does not follow its own commands to all.",
+            "A start before the boot-up that a reset asked for counts where none follows for 10 s.",
         ),
         _ignored,
     ),

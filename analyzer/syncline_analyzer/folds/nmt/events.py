@@ -266,7 +266,8 @@ class KeptWaiting(NamedTuple):
 class Ignored(NamedTuple):
     """A command that the node demonstrably did not follow.
 
-    `can_id` is the PDO that shows it, for a node whose heartbeats tell no state.
+    `can_id` is the PDO that shows it, for a node whose heartbeats tell no state; `starting`: it had
+    been reset, and had not booted yet.
     """
 
     command: Command
@@ -274,6 +275,7 @@ class Ignored(NamedTuple):
     t_ns: int
     state: str
     can_id: int | None = None
+    starting: bool = False
 
 
 class BootUpEvent(NamedTuple):

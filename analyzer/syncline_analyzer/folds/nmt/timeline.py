@@ -353,7 +353,9 @@ class Timeline:
         event = BootUpEvent(beat.seq, beat.t_ns, beat.state, seq, t_ns, repeated, blind)
         self.boot_ups.append(event)
         if not repeated:
-            if now.state not in (NmtState.INITIALISING, NmtState.LOST, NmtState.UNKNOWN):
+            if commanded and now.state is NmtState.OPERATIONAL:
+                self._started_too_soon(beat)
+            elif now.state not in (NmtState.INITIALISING, NmtState.LOST, NmtState.UNKNOWN):
                 cause = "it started anew without a command, some time after its last sign of life"
                 start = beat.previous_ns if self._context.timed else beat.t_ns
                 self._begin(NmtState.INITIALISING, start, cause, "implied", beat.seq)
@@ -363,6 +365,17 @@ class Timeline:
         self._said = NmtState.PRE_OPERATIONAL
         self.followed = self.followed or commanded
         now.boot_ns, now.reset, now.command = beat.t_ns, None, None
+
+    def _started_too_soon(self, beat: Beat) -> None:
+        """A start that came between a reset and its boot-up, when a node follows none."""
+        command, last = self._now.command, self.intervals[-1]
+        if command is None or last.certainty != "commanded":
+            return
+        cause = "it was still starting when it was commanded to start"
+        self._begin(NmtState.INITIALISING, last.start_ns, cause, "implied", beat.seq)
+        if self._context.timed and not any(c.seq > beat.seq for c in self.history.commands):
+            state = NmtState.PRE_OPERATIONAL.value
+            self.ignored.append(Ignored(command, beat.seq, beat.t_ns, state, starting=True))
 
     def _soon_after(self, reset: Command, beat: Beat) -> bool:
         """Whether a boot-up is the effect of a reset; a step of the clock in between is no time."""
@@ -398,7 +411,8 @@ class Timeline:
     def _silence(self, silence: Silence, timeout_ns: int, reason: str) -> None:
         now = self._now
         start = silence.start_ns + timeout_ns
-        if now.state is NmtState.INITIALISING:
+        starting = now.state is NmtState.INITIALISING or self._unheard_since_reset(silence)
+        if starting:
             quiet = self.reset_quiet_ns
             since = now.reset.t_ns if now.reset else silence.start_ns
             passed = silence.end_ns - since
@@ -409,7 +423,7 @@ class Timeline:
         anew = self._silences.starts_anew(silence, bootup_bytes)
         whole = self._silences.whole_bus(silence, timeout_ns, anew)
         went_on = not anew or self._silences.went_on(silence.start_ns, silence.end_ns)
-        before = now.state.value
+        before = (NmtState.INITIALISING if starting else now.state).value
         now.command = None
         booted_seq = self.boot_ups[-1].seq if self.boot_ups else -1
         if self._silences.is_restart(silence, whole, booted_seq):
@@ -431,6 +445,11 @@ class Timeline:
             cause += "; nobody else was heard either"
         self._begin(NmtState.LOST, start, cause, "observed", silence.start_seq)
         self.lost.append(loss_of(silence, start, timeout_ns, reason, before, whole))
+
+    def _unheard_since_reset(self, silence: Silence) -> bool:
+        """Whether a node has not been heard since a reset: it follows no start before it booted."""
+        reset = self._now.reset
+        return reset is not None and silence.start_ns <= reset.t_ns + IN_FLIGHT_NS
 
     def _heard_again(self, silence: Silence) -> None:
         if self._now.state is NmtState.LOST:

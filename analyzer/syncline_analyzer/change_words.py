@@ -1,5 +1,6 @@
 """What a change of a parameter means, in the words of who changes such things."""
 
+import re
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -17,6 +18,9 @@ _RPDO_MAPPING, _TPDO_MAPPING = range(0x1600, 0x1800), range(0x1A00, 0x1C00)
 _GROUPS = {1: "all", 2: "communication", 3: "application"}
 _AFTER_AN_ERROR = {0: "goes to Pre-operational", 1: "keeps its NMT state", 2: "goes to Stopped"}
 
+LONG, SHOWN = 120, 48
+"""Values of more characters than the first are told by as many as the second."""
+_BYTES = re.compile("[0-9A-F]{2}( [0-9A-F]{2})*")
 Shown = int | float | str | None
 """A value of an object as tables and words show it."""
 
@@ -38,7 +42,7 @@ def change_words(
     if new is None:
         return f"{name} not known any more"
     if not isinstance(new, int):
-        return f"{name} {new}"
+        return f"{name} {shortened(str(new))}"
     if facts is not None and facts.change:
         return facts.change.format(value=new, words=_value(facts, key, new), unit=facts.unit)
     return (
@@ -49,10 +53,23 @@ def change_words(
     )
 
 
+def shortened(text: str) -> str:
+    """A value as text, or as bytes in hexadecimal digits; a long one by its beginning alone.
+
+    >>> shortened("00 " * 511 + "00"), shortened("LIR-DA158")
+    ('00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 ... (512 bytes)', 'LIR-DA158')
+    """
+    if len(text) <= LONG:
+        return text
+    if _BYTES.fullmatch(text):
+        return f"{text[:SHOWN].rstrip()} ... ({(len(text) + 1) // 3} bytes)"
+    return f"{text[:SHOWN].rstrip()}... ({len(text)} characters)"
+
+
 def value_words(device: Device | None, profile: int | None, key: Key, value: object) -> str:
     """A value of an object in words, else in its unit; "" where there is none."""
     if not isinstance(value, int):
-        return "" if value is None else str(value)
+        return "" if value is None else shortened(str(value))
     return _value(_facts(device, profile, key), key, value)
 
 

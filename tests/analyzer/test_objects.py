@@ -5,6 +5,7 @@ from pathlib import Path
 import canopen
 import pytest
 
+from syncline_analyzer.change_words import shortened
 from syncline_analyzer.results import ObjectHistoryRow
 from syncline_analyzer.session import open_session
 from syncline_analyzer.shadow import Shadow
@@ -121,6 +122,27 @@ def test_the_summary_says_what_is_known_and_from_where() -> None:
 def test_a_mapping_that_is_known_in_part_says_so() -> None:
     script = Script(node=5).boot(10).read(100, 0x1A00, 0, 3).read(200, 0x1A00, 1, 0x20000008)
     assert lines(script.told())["TPDO1"] == "2000h:00/8, 2 not known (sdo-read, seq 4)"
+
+
+def test_what_is_no_parameter_is_not_missed_in_the_stored_ones() -> None:
+    """Neither a cleared error list nor a program (1F51h) is what 1010h stores."""
+    script = Script(node=5).boot(10).write(100, 0x1003, 0, 0, size=1)
+    script.write(200, 0x1F51, 1, 1, size=1)
+    assert "not saved" not in lines(script.told())
+    unsaved = lines(script.write(300, 0x1017, 0, 500, size=2).told())["not saved"]
+    assert unsaved.startswith("1 written value not saved")
+
+
+def test_a_long_value_is_told_by_its_beginning_and_its_length() -> None:
+    assert shortened("00 01 02") == "00 01 02"
+    program = bytes(range(256)) * 20
+    assert shortened(program.hex(" ").upper()) == (
+        f"{program[:16].hex(' ').upper()} ... (5120 bytes)"
+    )
+    assert (
+        shortened("a name " * 40)
+        == "a name a name a name a name a name a name a name... (280 characters)"
+    )
 
 
 def test_the_summary_stays_short() -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
+from syncline_analyzer.change_words import shortened
 from syncline_analyzer.results import Analysis, NodeRow, ObjectRow
 from syncline_analyzer.views.words import hex_code, printable
 from syncline_schemas.named_tuples import NamedTuple
@@ -14,6 +15,8 @@ _TEXTS = (0x1008, 0x1009, 0x100A)
 _IDENTITY = 0x1018
 _NUMBERS = {1: "vendor", 2: "product", 4: "serial number"}
 _PDOS = range(0x1400, 0x1C00)
+_NOT_STORED = {0x1003, *range(0x1F50, 0x1F60)}
+"""The error list and programs: no parameters, 1010h stores neither."""
 _CONTROL = (0x1005, 0x1006, 0x100C, 0x100D, 0x1014, 0x1015, 0x1016, 0x1017, 0x1019, 0x1029)
 
 
@@ -93,7 +96,7 @@ def _lines(analysis: Analysis, rows: Sequence[ObjectRow]) -> Iterator[tuple[str,
         plain = row.index not in _CONTROL and row.index not in _PDOS
         if plain and row.source in ("sdo-write", "bus-description") and row.index != 0x1010:
             yield _setting(row)
-    unsaved = sum(row.saved is False for row in rows)
+    unsaved = sum(row.saved is False and row.index not in _NOT_STORED for row in rows)
     if unsaved:
         yield "not saved", f"{counted(unsaved, 'written value')} not saved (1010h) in this capture"
 
@@ -122,7 +125,7 @@ def _setting(row: ObjectRow) -> tuple[str, str]:
 
 def _value(row: ObjectRow) -> str:
     if isinstance(row.value, str):
-        return printable(row.value)
+        return printable(shortened(row.value))
     if row.meaning:
         short = isinstance(row.value, int) and 0 <= row.value < 1 << 16
         return f"{row.value} ({printable(row.meaning)})" if short else printable(row.meaning)

@@ -5,6 +5,7 @@ from itertools import groupby
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.findings.bus.bus_off import bus_off_silences
+from syncline_analyzer.findings.device.exchange import Exchange, exchanged_in
 from syncline_analyzer.findings.device.identity import absences
 from syncline_analyzer.findings.emcy.messages import EMPTY
 from syncline_analyzer.findings.nmt.guarding_story import STORY_NS, told_by_guarding
@@ -33,6 +34,13 @@ AT_ONCE_NS = 500_000_000
 """Nodes that are switched off together fall silent within this time [ns]."""
 EVIDENCE = 40
 """Frames named at most."""
+_BY_EXCHANGE = (
+    "The device was taken off, and another one with the same node id took its place.",
+    (
+        "Was it exchanged on purpose? Then compare the new one's settings with those of the old one:"
+        " scale, zero point and preset are not carried over by themselves."
+    ),
+)
 
 
 class FailedReset(NamedTuple):
@@ -62,6 +70,8 @@ class _Loss:
     """When it counts as lost, and why."""
     silent: tuple[int, int]
     """While nobody at all was heard, where the whole bus was silent [ns]."""
+    exchanged: str = ""
+    """Sentences on devices that were exchanged meanwhile."""
 
     @property
     def kind(self) -> tuple[int, tuple[int, ...], bool, bool, bool]:
@@ -226,6 +236,8 @@ def _loss(facts: Facts, group: list[tuple[int, NodeKey, Lost]]) -> _Loss:
     end_ns = max(lost.end_ns for _, _, lost in group)
     frames = [seq for _, _, lost in group for seq in (lost.last_seq, lost.end_seq)]
     booted = any(_booted(facts.control, facts.context, key, lost) for _, key, lost in group)
+    exchanges = _exchanges(facts, group)
+    frames += [seq for each in exchanges for seq in each.evidence]
     nodes = {key[1] for _, key, _ in group}
     if first.whole_bus and booted:
         nodes |= _started_too(facts, bus, min(lost.end_ns for _, _, lost in group))
@@ -240,7 +252,17 @@ def _loss(facts: Facts, group: list[tuple[int, NodeKey, Lost]]) -> _Loss:
         tuple(sorted(seq for seq in frames if seq is not None)),
         f" It counts as lost after {seconds(first.timeout_ns)}: {first.reason}.",
         bus_silence(facts, bus, start_ns, end_ns) if first.whole_bus else (start_ns, end_ns),
+        "".join(each.text(facts) for each in exchanges),
     )
+
+
+def _exchanges(facts: Facts, group: list[tuple[int, NodeKey, Lost]]) -> list[Exchange]:
+    """The devices that were exchanged in these silences."""
+    found = (
+        exchanged_in(facts, facts.context.bus_name(bus), node, lost)
+        for _, (bus, node), lost in group
+    )
+    return [each for each in found if each is not None]
 
 
 def _finding(
@@ -299,6 +321,7 @@ def _alone(facts: Facts, losses: list[_Loss], together: tuple[int, ...]) -> tupl
             how += f" V3 send it) at {facts.moment(started[0])}"
         often, each = _often(facts, losses), " each time" if len(losses) > 1 else ""
         text = f"{who} was lost {often}for {lasted} and came back {how}{each}."
+    text += "".join(loss.exchanged for loss in losses)
     if together:
         others = names(together)
         text += f" {others[:1].upper()}{others[1:]} fell silent at the same moment."
@@ -310,6 +333,8 @@ def _alone(facts: Facts, losses: list[_Loss], together: tuple[int, ...]) -> tupl
             ),
             "Check the common supply and the cable behind the last node that was heard.",
         )
+    if all(loss.exchanged for loss in losses):
+        return text + first.limit, *_BY_EXCHANGE
     return (
         text + first.limit,
         "The node lost its supply or restarted: it came back with a boot-up."
@@ -352,6 +377,7 @@ def _whole_bus(facts: Facts, losses: list[_Loss]) -> tuple[str, str, str]:
             text += " Another bus was heard meanwhile, so the recorder went on."
             cause = "This bus lost its supply, or the recorder its connection to it: with everybody"
             cause += " silent at once no single node is to blame."
+    text += "".join(loss.exchanged for loss in losses)
     check_next = "Was it switched off on purpose? If not: supply of the whole machine, cable at"
     return text, cause, check_next + " the recorder."
 
@@ -410,6 +436,10 @@ RULES = (
             "Only nodes whose error control is periodic, and any frame of a node is a sign of life.",
             "A heartbeat that was switched off or slowed down by a write of 1017h is no loss.",
             "A guarded node only while the master asks it.",
+            (
+                "That the device was exchanged is said where 1018h:4 was read before and after its only"
+                " silence, and no gap, write, program download or second device explains it."
+            ),
             (
                 "A heartbeat that only waited on a full bus is no loss of its node: see"
                 " nmt.heartbeat_waited."

@@ -1,12 +1,17 @@
 """LSS: what a master asked, what slaves answered, and what is told of it (CiA 305)."""
 
+from collections.abc import Iterable
+from itertools import pairwise
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from syncline_analyzer.results import Analysis, NmtStateRow
+from syncline_schemas.batch import Gap
 from syncline_schemas.canopen.lss import decode_frame
-from tests.analyzer.control_runs import Row, frame
-from tests.analyzer.whole_run import T0, beats, found, ids, whole
+from tests.analyzer.control_runs import MS, Row, frame
+from tests.analyzer.whole_run import T0, beats, found, ids, severe, whole, write
 
 
 def ask(t_ms: float, data: str) -> Row:
@@ -133,3 +138,112 @@ def test_a_node_that_got_another_number_is_not_lost(asked: bool) -> None:
     told = whole(beats(9, 0, 9000), beats(5, 30, 3090), inquiry, renamed, again)
     assert [f.id for f in told.findings if f.severity != "info"] == []
     assert "lss.node_id_changed" in ids(told)
+
+
+# -- stored, and under which number the device went on ---------------------------------------------
+
+STORED = [ask(3010, "17"), answer(3012, "1700")]
+
+
+def renumbered(*more: Iterable[Row] | Gap, reset: str = "8105") -> Analysis:
+    """Node 5 is given number 8 at 3 s, is reset, and boots as node 8; node 9 works all the time."""
+    given = [ask(2900, "0401"), ask(3000, "1108"), answer(3002, "1100")]
+    again = [frame(3100, 0, reset), frame(3400, 0x708, "00"), *beats(8, 3500, 30_000)]
+    return whole(beats(9, 0, 30_000), beats(5, 30, 3090), given, again, *more)
+
+
+def last_state(told: Analysis, node: int) -> NmtStateRow:
+    return [row for row in told.nmt_states if row.node == node][-1]
+
+
+@pytest.mark.triggers("lss.node_id_changed")
+def test_a_number_that_was_stored_is_not_lost() -> None:
+    (finding,) = found(renumbered(STORED), "lss.node_id_changed")
+    assert "took it and stored it" in finding.text
+    assert "lost" not in finding.check_next
+    assert len(finding.evidence) == 5
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        [ask(2950, "17"), answer(2952, "1700")],
+        [ask(3010, "17")],
+        [ask(3005, "0400"), *STORED],
+        [ask(3005, "43"), *STORED],
+    ],
+    ids=["before it", "no answer", "after the session", "another slave"],
+)
+def test_a_store_that_may_be_anothers_is_not_told(more: list[Row]) -> None:
+    (finding,) = found(renumbered(more), "lss.node_id_changed")
+    assert "stored" not in finding.text
+    assert "unless it was stored" in finding.check_next
+
+
+def test_a_gap_may_hide_that_another_slave_stored() -> None:
+    told = renumbered(STORED, Gap(3_003 * MS, 3_009 * MS, "overrun"))
+    (finding,) = found(told, "lss.node_id_changed")
+    assert "unless it was stored" in finding.check_next
+    assert "it is node 8" not in finding.text
+
+
+def test_a_number_that_the_device_refused_to_store() -> None:
+    (finding,) = found(renumbered([ask(3010, "17"), answer(3012, "1702")]), "lss.node_id_changed")
+    assert "refused to store it" in finding.text
+    assert "it was not stored" in finding.check_next
+
+
+@pytest.mark.parametrize("reset", ["8105", "8205", "8100"])
+def test_a_device_that_goes_on_under_another_number(reset: str) -> None:
+    back = [frame(3500, 0x709, "00")] if reset == "8100" else []
+    told = renumbered(STORED, back, reset=reset)
+    (finding,) = found(told, "lss.node_id_changed")
+    assert finding.text.startswith("Node 5 was given node-ID 8 by LSS, took it and stored it;")
+    assert "it is node 8 since it booted at +3.400 s." in finding.text
+    assert severe(told) == []
+    state = last_state(told, 5)
+    assert (state.state, state.start_ns - T0) == ("UNKNOWN", 3_400 * MS)
+    assert "node 8" in state.cause
+    assert {row.node: row.final_state for row in told.nodes}[5] == "UNKNOWN"
+    assert "LOST" not in {row.state for row in told.nmt_states}
+    own = [row for row in told.nmt_states if row.node == 5]
+    assert all(a.end_ns == b.start_ns for a, b in pairwise(own))
+
+
+@pytest.mark.near_miss("lss.node_id_changed")
+@pytest.mark.parametrize(
+    ("more", "reset"),
+    [
+        ([], "8109"),
+        (beats(7, 10, 3095), "8100"),
+        ([ask(2800, "4C")], "8105"),
+        ([ask(2950, "5E"), answer(2952, "5EFF")], "8105"),
+        ([ask(2950, "5E"), answer(2952, "5E07")], "8105"),
+        (beats(8, 40, 2000), "8105"),
+        (write(1000, 8, 0x2000, 0, 1), "8105"),
+        (beats(5, 20_000, 25_000), "8105"),
+    ],
+    ids=[
+        "another was reset",
+        "two are gone",
+        "a search for new devices",
+        "it had no number",
+        "it had another one",
+        "the number was heard before",
+        "the number answered before",
+        "the old one is heard again",
+    ],
+)
+def test_what_does_not_prove_that_it_is_the_same_device(more: list[Row], reset: str) -> None:
+    told = renumbered(STORED, more, reset=reset)
+    (finding,) = found(told, "lss.node_id_changed")
+    assert "it is node 8" not in finding.text
+    assert not finding.text.startswith("Node 5")
+    assert "LOST" in {row.state for row in told.nmt_states if row.node == 5}
+
+
+def test_an_error_of_the_old_number_is_not_active_for_ever() -> None:
+    told = renumbered([frame(1000, 0x085, "0030040000000000")])
+    (finding,) = found(told, "emcy.active")
+    assert "still active" not in finding.text
+    assert "before the node fell silent" in finding.text

@@ -12,6 +12,7 @@ from syncline_analyzer.folds.emcy.fold import EmcyFold, EmcyTable
 from syncline_analyzer.folds.emcy.reads import no_error_reads
 from syncline_analyzer.folds.nmt.fold import NmtFold
 from syncline_analyzer.folds.nmt.table import NmtTable
+from syncline_analyzer.folds.renumbered import Renumbered, renumbered, told_renumbered
 from syncline_analyzer.folds.sdo.fold import SdoFold, SdoTable
 from syncline_analyzer.folds.timing.pdo_length import PdoLengthFold, WrongLength
 from syncline_schemas.batch import Gap
@@ -30,6 +31,7 @@ class ControlTables:
     lss: LssTable = field(default_factory=LssTable)
     time: TimeTable = field(default_factory=TimeTable)
     lengths: list[WrongLength] = field(default_factory=list)
+    renumbered: list[Renumbered] = field(default_factory=list)
 
 
 class ControlFold:
@@ -89,13 +91,16 @@ class ControlFold:
         alive |= {key for key, node in nmt.nodes.items() if node.alive or node.pdos == "bound"}
         reads = no_error_reads(sdo.rows, self._context)
         emcy = self._emcy.finish(nmt.boot_ups, nmt.canopen, alive, reads)
+        lss = self._lss.finish(buses)
+        moved = renumbered(self._context, lss, nmt, sdo.rows)
         return ControlTables(
-            nmt,
+            told_renumbered(self._context, nmt, moved),
             sdo,
             emcy,
             clock,
             self._bus_errors.finish(end_ns),
-            self._lss.finish(buses),
+            lss,
             self._time.finish(buses),
             self._lengths.finish(),
+            moved,
         )

@@ -1,11 +1,17 @@
 """Findings on LSS: a node-ID or bit rate that was changed, or not taken (CiA 305)."""
 
 from collections.abc import Iterator
+from dataclasses import replace
+from itertools import takewhile
 
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.folds.bus.lss import LssSetting
+from syncline_analyzer.folds.renumbered import Renumbered
 from syncline_analyzer.results import Finding
 from syncline_schemas.canopen.lss import UNCONFIGURED
+
+_OTHERS = ("switch state", "configure node-ID")
+"""After these another slave, or another number, is spoken of."""
 
 
 def _settings(facts: Facts, command: str, *, refused: bool) -> list[LssSetting]:
@@ -17,25 +23,73 @@ def _settings(facts: Facts, command: str, *, refused: bool) -> list[LssSetting]:
 
 
 def _node_id_changed(facts: Facts) -> Iterator[Finding]:
-    """Node-IDs that a slave took."""
+    """Node-IDs that a slave took, whether it stored them, and the device that goes on with them."""
     for each in _settings(facts, "configure node-ID", refused=False):
         node = each.request.values.get("node_id", 0)
         given = "no node-ID any more" if node == UNCONFIGURED else f"node-ID {node}"
-        yield _finding(
+        moved, store = _moved(facts, each), _store(facts, each)
+        took = f"{_whose(facts, each)} was given {given} by LSS"
+        if store is None or store.refused:
+            took += ", and took it" + (", but refused to store it" if store else "")
+        else:
+            took += ", took it and stored it"
+        if moved is not None:
+            took += f"; it is node {node} since it booted{facts.at(moved.boot_ns)}"
+        finding = _finding(
             "lss.node_id_changed",
             "info",
             each,
-            f"{_whose(facts, each)} was given {given} by LSS, and took it.",
+            f"{took}.",
             "Somebody, or the master, configured a device.",
-            "Was it meant? The new node-ID must be no other node's, and is lost at the next start"
-            " unless it was stored.",
+            f"Was it meant? The new node-ID must be no other node's{_kept(store)}.",
             None if node == UNCONFIGURED else node,
         )
+        proof = [store.request.seq, store.answer.seq] if store else []
+        proof += [moved.boot_seq] if moved else []
+        yield replace(finding, evidence=[*finding.evidence, *proof])
+
+
+def _kept(store: LssSetting | None) -> str:
+    """What becomes of a node-ID at the next start, to go on in a sentence with."""
+    if store is None:
+        return ", and is lost at the next start unless it was stored"
+    return ", and is lost at the next start: it was not stored" if store.refused else ""
+
+
+def _moved(facts: Facts, setting: LssSetting) -> Renumbered | None:
+    """The device that went on under the new number, where that is proven."""
+    proven = (m for m in facts.control.renumbered if m.setting_seq == setting.answer.seq)
+    return next(proven, None)
+
+
+def _store(facts: Facts, setting: LssSetting) -> LssSetting | None:
+    """The answered order to store a setting, given to the same slave before anything else was."""
+    lss, bus = facts.control.lss, setting.request.bus
+    later = (
+        row
+        for row in lss.rows
+        if row.bus == bus and row.sender == "master" and row.seq > setting.answer.seq
+    )
+    orders = takewhile(lambda row: not row.command.startswith(_OTHERS), later)
+    asked = {row.seq for row in orders if row.command == "store configuration"}
+    found = [each for each in lss.settings if each.request.bus == bus and each.request.seq in asked]
+    return found[-1] if found and not _blind(facts, setting, found[-1]) else None
+
+
+def _blind(facts: Facts, first: LssSetting, last: LssSetting) -> bool:
+    """Whether the recorder may have missed something between two settings."""
+    return any(
+        gap.bus in (None, first.request.bus)
+        and gap.start_ns < last.answer.t_ns
+        and first.request.t_ns < gap.end_ns
+        for gap in facts.analysis.capture.gaps
+    )
 
 
 def _whose(facts: Facts, setting: LssSetting) -> str:
     """The device, by the node-ID that it had."""
-    before = facts.control.lss.node_before(setting)
+    moved = _moved(facts, setting)
+    before = moved.old if moved else facts.control.lss.node_before(setting)
     if before is None or before == UNCONFIGURED:
         return "A device"
     return facts.who(setting.request.bus, before)
@@ -99,8 +153,19 @@ RULES = (
     Rule(
         "lss.node_id_changed",
         "A device was given another node-ID by LSS.",
-        "The request and the device's answer.",
-        _ANSWERED,
+        "The request and the device's answer; those to store it, and the boot-up under the new one.",
+        (
+            *_ANSWERED,
+            (
+                "That it was stored is said where the answered order follows in the same session: no"
+                " slave was switched between, and no gap hides it."
+            ),
+            (
+                "The old number is said only where the device told it (inquire node-ID), or where one"
+                " node alone is never heard again after a reset between, and the new number begins"
+                " with a boot-up within 10 s of it; not after a search for devices without a number."
+            ),
+        ),
         _node_id_changed,
         untimed=True,
     ),

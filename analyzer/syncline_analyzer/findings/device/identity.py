@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator
 
 from syncline_analyzer.findings.device.rules import named, number, told, writes
 from syncline_analyzer.findings.rule import Facts, Rule
+from syncline_analyzer.folds.bus.lss import LssSetting
 from syncline_analyzer.results import Finding, NodeRow, PdoRow, SdoRow
 from syncline_schemas.devices import Device
 from syncline_schemas.named_tuples import NamedTuple
@@ -121,10 +122,16 @@ def _renamed_by_lss(facts: Facts) -> Iterator[Absence]:
         heard_ns = _first_life(facts, bus, new)
         if heard_ns is None or heard_ns < start_ns:
             continue
-        old = lss.node_before(setting)
+        old = _old_of(facts, setting)
         known = {row.node for row in facts.analysis.nodes if row.bus == bus} - {new}
         for node in [old] if old is not None else sorted(known):
             yield Absence(bus, node, start_ns, heard_ns)
+
+
+def _old_of(facts: Facts, setting: LssSetting) -> int | None:
+    """The number that the device of an LSS setting had: proven, else as it told it."""
+    proven = (m.old for m in facts.control.renumbered if m.setting_seq == setting.answer.seq)
+    return next(proven, facts.control.lss.node_before(setting))
 
 
 def _node_ids(facts: Facts) -> Iterator[Finding]:

@@ -71,7 +71,9 @@ def _still_active(facts: Facts, rows: Sequence[ErrorRow], text: str) -> _Told:
 
 
 def _fell_silent(facts: Facts, row: ErrorRow) -> bool:
-    """Whether the node is lost at the end of the capture."""
+    """Whether the node is lost at the end of the capture, or its device has another number then."""
+    if any((each.bus, each.old) == (row.bus, row.node) for each in facts.control.renumbered):
+        return True
     states = facts.analysis.nmt_states
     own = [s.state for s in states if (s.bus, s.node) == (row.bus, row.node)]
     return bool(own) and own[-1] == NmtState.LOST

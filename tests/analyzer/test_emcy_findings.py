@@ -86,6 +86,33 @@ def test_an_active_error_is_named_with_the_node_and_its_state() -> None:
     assert finding.check_next.startswith("Measure the supply")
 
 
+@pytest.mark.parametrize("code", ["1032", "1023", "2171", "1075"])
+def test_a_group_is_no_cause_where_a_profile_divides_it(code: str) -> None:
+    """1000h names CiA 402, of which nothing is known here but the names of its objects."""
+    error = emcy(1010, f"{code}040000000000")
+    finding = one(node_5(read(10, 0x1000, 0, 0x00020192, 4), error), "emcy.active")
+    assert "left to the device's profile (CiA 402 by its 1000h)" in finding.cause
+    assert "supply" not in finding.cause + finding.check_next
+    assert finding.check_next.startswith("Look the code up in the device's manual")
+
+
+@pytest.mark.parametrize(
+    ("kind", "code", "cause"),
+    [
+        (0x00020192, "3081", "What the node watches"),
+        (0x00020192, "0090", "Something outside of the node"),
+        (0x00030191, "1032", "A voltage of the node"),
+        (0x0004019A, "1032", "A voltage of the node"),
+        (0x00000000, "1032", "A voltage of the node"),
+        (0x0000FFFF, "1032", "A voltage of the node"),
+    ],
+)
+def test_what_a_profile_does_not_divide_keeps_its_cause(kind: int, code: str, cause: str) -> None:
+    error = emcy(1010, f"{code}040000000000")
+    told = node_5(read(10, 0x1000, 0, kind, 4), error, timed=False)
+    assert one(told, "emcy.active").cause.startswith(cause)
+
+
 @pytest.mark.near_miss("emcy.active")
 def test_no_error_messages_and_short_frames_report_nothing() -> None:
     result = node_5(heartbeats(100, 1000), emcy(50, ALL_CLEAR), emcy(60, "0031"))

@@ -7,7 +7,7 @@ from syncline_analyzer.findings.bus.bus_off import tells_bus_off
 from syncline_analyzer.findings.emcy import history as emcy_history
 from syncline_analyzer.findings.emcy import messages as emcy_messages
 from syncline_analyzer.findings.emcy import pattern as emcy_pattern
-from syncline_analyzer.findings.emcy.hints import check_next, likely_cause
+from syncline_analyzer.findings.emcy.hints import explained
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import error_name, seconds
 from syncline_analyzer.folds.emcy.rates import Storm
@@ -32,7 +32,7 @@ def _active(facts: Facts) -> Iterator[Finding]:
                 continue
             text = _reports(facts, found, maker)
             told = _still_active(facts, found, text) if still else _over(facts, found, text)
-            yield _error_finding(found, told, contexts.get(found[0].evidence[0]))
+            yield _error_finding(facts, found, told, contexts.get(found[0].evidence[0]))
 
 
 def _told_elsewhere(facts: Facts, row: ErrorRow) -> bool:
@@ -131,9 +131,10 @@ def _reports(facts: Facts, rows: Sequence[ErrorRow], maker: str) -> str:
 
 
 def _error_finding(
-    rows: Sequence[ErrorRow], told: _Told, context: EmcyContextRow | None
+    facts: Facts, rows: Sequence[ErrorRow], told: _Told, context: EmcyContextRow | None
 ) -> Finding:
     first = rows[0]
+    cause, check_next = explained(facts, first.bus, first.node, first.code)
     return Finding(
         "emcy.active",
         told.severity,
@@ -142,8 +143,8 @@ def _error_finding(
         first.raised_ns,
         told.end_ns,
         told.text,
-        f"{likely_cause(first.code)}{_around(context)}",
-        check_next(first.code),
+        f"{cause}{_around(context)}",
+        check_next,
         [seq for row in rows for seq in row.evidence][:20],
         assumed=_assumed(context),
     )
@@ -400,6 +401,10 @@ RULES: tuple[Rule, ...] = (
             "Nothing is concluded from frames shorter than eight bytes.",
             "A later read of 1001h = 0, or of an empty 1003h that nobody emptied, ends an error too.",
             "After a capture gap an error that was not seen cleared is only said to be possible.",
+            (
+                "Codes 2xxxh to 7xxxh of a device that is not known and whose 1000h names a profile other"
+                " than CiA 401, 406 and 410 are given no cause: profiles divide these groups."
+            ),
         ),
         _active,
         untimed=True,

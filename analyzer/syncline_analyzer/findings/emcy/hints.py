@@ -1,5 +1,7 @@
 """Likely cause of an EMCY and what to check next, by its code."""
 
+from syncline_analyzer.findings.rule import Facts
+
 CAUSES: dict[int, str] = {
     0x2: "Too much current: a short circuit or an overload at the node's outputs, or inside of it.",
     0x3: "A voltage of the node is too low or too high: weak supply, long cable, or a load that is"
@@ -52,6 +54,32 @@ EXACT: dict[int, str] = {
 }
 """Hint by the whole code; goes before that of the group."""
 MANUAL = "Look the code up in the device's manual; read 1001h and 1003h of the node."
+
+
+_GROUPED = range(0x2, 0x8)
+"""First digits that CiA 301 only names; device profiles divide them."""
+_COVERED = (401, 406, 410)
+"""Profiles of I/O modules, encoders and inclinometers: the hints by group are written for them."""
+_PROFILES = range(401, 500)
+
+
+def explained(facts: Facts, bus: str, node: int, code: int) -> tuple[str, str]:
+    """The likely cause of a node's error, and what to check next.
+
+    Where the node says that it has another profile, and nothing else is known of it, a code that
+    CiA 301 leaves to the profiles is not explained by its group.
+    """
+    number = facts.number(bus)
+    shadow = facts.context.shadow
+    profile = (shadow.number(number, node, 0x1000) or 0) & 0xFFFF
+    known = shadow.device(number, node) is not None or profile in _COVERED
+    if known or profile not in _PROFILES or code >> 12 not in _GROUPED:
+        return likely_cause(code), check_next(code)
+    cause = (
+        "CiA 301 tells only the group of this code; what it means is left to the device's profile"
+        f" (CiA {profile} by its 1000h) and to its maker."
+    )
+    return cause, MANUAL
 
 
 def likely_cause(code: int) -> str:

@@ -5,7 +5,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
-from syncline_analyzer.findings.emcy.hints import check_next
+from syncline_analyzer.findings.emcy.hints import explained
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import error_name, seconds
 from syncline_analyzer.results import EmcyContextRow, ErrorRow, Finding
@@ -61,7 +61,7 @@ def _intermittent(facts: Facts) -> Iterator[Finding]:
             "A fault at the edge: loose contact, a limit value that is just reached, or a state of"
             " the machine that comes again and again.",
             f"What does the machine do each time it comes (movement, load, vibration)?"
-            f" {check_next(code)}",
+            f" {explained(facts, bus, node, code)[1]}",
             [seq for row in calm for seq in (row.evidence[0], row.evidence[-1])][:20],
         )
 
@@ -106,7 +106,7 @@ def _returns(facts: Facts) -> Iterator[Finding]:
             f" at {facts.moment(boot.t_ns)} and came back"
             f" {seconds(again.raised_ns - boot.t_ns)} after it{often}.",
             "The cause is still there; a restart only empties the error list.",
-            check_next(code),
+            explained(facts, bus, node, code)[1],
             [seq for b, x, y in back for seq in (x.evidence[0], b.seq, y.evidence[0])][:20],
         )
 

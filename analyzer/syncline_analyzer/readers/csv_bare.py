@@ -120,14 +120,18 @@ def _are_ids(column: _Column) -> bool:
 
 
 def _are_times(column: _Column) -> bool:
-    """Whether these are times of the clock, or numbers that seldom decrease."""
+    """Whether these are times of the clock, or numbers that seldom decrease.
+
+    Whole numbers must increase; frames of one moment have the same seconds.
+    """
     if _enough(sum(map(is_clock, column)), len(column)):
         return True
     if not _are(_NUMBER, column):
         return False
     values = [_value(cell) for cell in column if _NUMBER.fullmatch(cell)]
     back = sum(b < a for a, b in pairwise(values))
-    return _enough(len(values) - back, len(values)) and (len(values) == 1 or values[-1] > values[0])
+    grows = len(values) == 1 or values[-1] > values[0] or b"." in column[0]
+    return grows and _enough(len(values) - back, len(values))
 
 
 def _finest(columns: list[_Column], places: list[int]) -> int:

@@ -243,12 +243,12 @@ def _unexpected_reset(
         text += " No other node is on the bus and nobody was heard meanwhile: the capture cannot"
         text += " tell whether the node restarted or the whole machine was switched off and on."
     cause = "Short break of its supply, watchdog, or a crash of its firmware."
-    check = "Measure the node's supply under load"
+    check = "Measure the node's supply under load; look at its error memory"
     if together:
         others = names(together)
         text += f" {others[:1].upper()}{others[1:]} restarted at about the same time."
         cause = "A short break of the supply that these nodes have in common."
-        check = "Measure the common supply of these nodes under load"
+        check = "Measure the common supply of these nodes under load; look at their error memories"
     if watchdog:
         cause = f"Its watchdog reset it (EMCY {watchdog.code:04X}h)."
     elif again:
@@ -263,7 +263,7 @@ def _unexpected_reset(
         boot.t_ns,
         text,
         cause,
-        f"{check}; look at the error memory (1003h) and for a watchdog EMCY after the boot-up.",
+        f"{check} (1003h) and for a watchdog EMCY after the boot-up.",
         [
             *([silence.last_seq] if silence else []),
             boot.seq,

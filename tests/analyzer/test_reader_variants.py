@@ -276,6 +276,11 @@ def test_home_made_tables(tmp_path: Path, name: str) -> None:
     ]
 
 
+def test_frames_of_one_moment_in_a_table_without_names(tmp_path: Path) -> None:
+    frame = _since(100_000, 0x181, b"\x11\x22")
+    assert _frames(tmp_path, "0.1,0x181,1122\n0.1,0x181,1122\n") == [frame, frame]
+
+
 def test_error_frames_of_tables_have_eight_bytes_and_no_contradiction(tmp_path: Path) -> None:
     text = "Time,ID,Type,DLC,Data\n0.1,0,Error,0,\n0.2,4,Error,8,0102030405060708\n"
     assert _frames(tmp_path, text) == [

@@ -91,11 +91,19 @@ def test_an_empty_emcy_in_a_silence_tells_of_a_start() -> None:
     gone = [*heartbeats(0, 1000), *heartbeats(12_000, 16_000)]
     other = heartbeats(0, 16_000, node=9)
     started = one(run(*ordered(gone, [frame(9000, 0x085, "")], other)), "nmt.node_lost")
-    assert "came back with a boot-up of the old kind (an empty EMCY" in started.text
+    assert "at +0.900 s for 11.1 s, up to +12.000 s; meanwhile it started anew" in started.text
+    assert "a boot-up of the old kind (an empty EMCY" in started.text
     assert started.text.count("at +9.000 s") == 1
     assert started.cause.startswith("The node lost its supply or restarted")
     unheard = one(run(*ordered(gone, [frame(9000, 0x086, "")], other)), "nmt.node_lost")
     assert "empty EMCY" not in unheard.text
+    twice = [*gone, *heartbeats(30_000, 34_000)]
+    other = heartbeats(0, 34_000, node=9)
+    again = one(run(*ordered(twice, [frame(9000, 0x085, "")], other)), "nmt.node_lost")
+    assert "in 1 of these times it started anew meanwhile" in again.text
+    both = [frame(9000, 0x085, ""), frame(20_000, 0x085, "")]
+    always = one(run(*ordered(twice, both, other)), "nmt.node_lost")
+    assert "; each time it started anew meanwhile" in always.text
 
 
 def test_a_start_command_to_a_node_that_restarts_changes_nothing() -> None:

@@ -315,12 +315,7 @@ def _alone(facts: Facts, losses: list[_Loss], together: tuple[int, ...]) -> tupl
             until = f"the gap in the capture{facts.at(first.end_ns)}"
         text = f"{who} is silent from {facts.moment(first.start_ns)} on, {lasted} up to {until}."
     else:
-        how = "with a boot-up" if first.booted else "without a boot-up"
-        if not first.booted and (started := _old_boot_ups(facts, losses)):
-            how = "with a boot-up of the old kind (an empty EMCY, as devices made after CiA DS-301"
-            how += f" V3 send it) at {facts.moment(started[0])}"
-        often, each = _often(facts, losses), " each time" if len(losses) > 1 else ""
-        text = f"{who} was lost {often}for {lasted} and came back {how}{each}."
+        text = f"{who} was lost {_often(facts, losses)}for {lasted}{_came_back(facts, losses)}."
     text += "".join(loss.exchanged for loss in losses)
     if together:
         others = names(together)
@@ -343,6 +338,22 @@ def _alone(facts: Facts, losses: list[_Loss], together: tuple[int, ...]) -> tupl
         " the other nodes were heard all the time, so the bus itself worked.",
         "Check plug, cable and supply voltage of the node; look at its error memory (1003h).",
     )
+
+
+def _came_back(facts: Facts, losses: list[_Loss]) -> str:
+    """How it came back; a boot-up of the old kind is no frame that ends the silence."""
+    each = " each time" if len(losses) > 1 else ""
+    if losses[0].booted or not (started := _old_boot_ups(facts, losses)):
+        return f" and came back {'with' if losses[0].booted else 'without'} a boot-up{each}"
+    old = "a boot-up of the old kind (an empty EMCY, as devices made after CiA DS-301 V3 send it)"
+    if not each:
+        until = facts.moment(losses[0].end_ns)
+        return (
+            f", up to {until}; meanwhile it started anew, with {old} at {facts.moment(started[0])}"
+        )
+    among = sum(bool(_old_boot_ups(facts, [loss])) for loss in losses)
+    times = "each time" if among == len(losses) else f"in {among} of these times"
+    return f"; {times} it started anew meanwhile, with {old}"
 
 
 def _old_boot_ups(facts: Facts, losses: list[_Loss]) -> list[int]:

@@ -16,6 +16,10 @@ def capture_row(
     """What there is to tell of the whole capture, but for what the analyses add."""
     first_ns = census.first_ns or 0
     dated = time_base(facts) == "utc" and census.first_ns is not None
+    stretches = [] if time_base(facts) == "none" else census.extent.stretches
+    lasts_ns = census.latest_ns - first_ns if census.frames else 0
+    if stretches:
+        lasts_ns = sum(each.end_ns - each.start_ns for each in stretches)
     return CaptureRow(
         files=[str(each.path) for each in facts],
         frames=census.frames,
@@ -25,7 +29,7 @@ def capture_row(
         extended_frames=census.extended,
         unparsed_lines=sum(each.unparsed_count for each in facts),
         start_utc_ns=first_ns if dated else None,
-        duration_ns=census.latest_ns - first_ns if census.frames else 0,
+        duration_ns=lasts_ns,
         buses=list(context.buses),
         gaps=[_gap_row(gap, context) for gap in census.gaps],
         first_ns=first_ns if origin_ns is None else origin_ns,
@@ -38,6 +42,7 @@ def capture_row(
         damage=[f"{each.path}: {each.damage}" for each in facts if each.damage],
         marks=_marks(facts),
         remote_lost=any(each.remote_lost for each in facts),
+        stretches=stretches,
     )
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from syncline_analyzer.extent import Extent
 from syncline_analyzer.fold import IndexedBatch
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
 
@@ -18,6 +19,7 @@ class Census:
         latest_ns: latest stamp, or end of a gap.
         end_ns: where the capture ends by `seq`: where the clock stepped back, that is not its
             latest stamp, and no node was silent until then.
+        extent: the stretches of stamps where the clock was set back.
         gaps: in order.
     """
 
@@ -30,6 +32,7 @@ class Census:
         self.first_ns: int | None = None
         self.latest_ns = 0
         self.end_ns = 0
+        self.extent = Extent()
         self.gaps: list[Gap] = []
 
     def update(self, batch: IndexedBatch) -> None:
@@ -44,6 +47,7 @@ class Census:
             self.first_ns = self.latest_ns = int(t_ns[0])
         self.latest_ns = max(self.latest_ns, int(t_ns.max()))
         self.end_ns = int(t_ns[-1])
+        self.extent.update(batch.frames)
 
     def _count(self, frames: FrameBatch) -> None:
         """Take in a batch that does not consist of plain data frames only."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from syncline_analyzer.capture import TimeBase
 from syncline_analyzer.clock_repair import repair_clocks
+from syncline_analyzer.extent import Extent, Stretch
 from syncline_analyzer.readers import open_capture
 from syncline_analyzer.redaction import Redaction
 from syncline_schemas.batch import FrameBatch, FrameFlag, Gap
@@ -27,6 +28,7 @@ class CaptureInfo:
         first_ns, last_ns: earliest and latest stamp; None without frames or without times.
         start_utc_ns: `first_ns` where the log has a date.
         steps_back: stamps earlier than the one before.
+        stretches: of stamps between steps back of the clock, where it was set back.
         adapter_fits: by bus, how well the adapter's own clock was mapped onto UTC.
         size_bytes: of the file as it is, packed or not.
     """
@@ -44,6 +46,7 @@ class CaptureInfo:
     first_ns: int | None = None
     last_ns: int | None = None
     steps_back: int = 0
+    stretches: list[Stretch] = field(default_factory=list)
     time_base: TimeBase = "utc"
     resolution_ns: int = 1
     clock: str = "unknown"
@@ -67,7 +70,10 @@ class CaptureInfo:
 
     @property
     def duration_ns(self) -> int:
-        """From the earliest to the latest stamp; 0 without times."""
+        """What was recorded: from the earliest to the latest stamp, each stretch by itself; 0 without
+        times."""
+        if self.stretches:
+            return sum(each.end_ns - each.start_ns for each in self.stretches)
         if self.first_ns is None or self.last_ns is None:
             return 0
         return self.last_ns - self.first_ns
@@ -93,6 +99,7 @@ def inspect(path: str | Path, progress: Callable[[int], None] | None = None) -> 
     info = CaptureInfo(path, reader.facts.format, path.stat().st_size)
     counts = np.zeros(256, np.int64)
     previous_ns: int | None = None
+    extent = Extent()
     for item in reader.batches():
         if isinstance(item, Gap):
             info.gap_count += 1
@@ -101,6 +108,7 @@ def inspect(path: str | Path, progress: Callable[[int], None] | None = None) -> 
             counts += np.bincount(item.bus, minlength=256)
             _count(info, item)
             previous_ns = _take_times(info, item, previous_ns)
+            extent.update(item)
             if progress:
                 progress(info.frames)
     facts = reader.facts
@@ -114,6 +122,8 @@ def inspect(path: str | Path, progress: Callable[[int], None] | None = None) -> 
     )
     if info.time_base == "none":
         info.first_ns = info.last_ns = None
+    else:
+        info.stretches = extent.stretches
     info.bitrates, info.metadata = dict(facts.bitrates), dict(facts.metadata)
     info.unparsed_count, info.unparsed_lines = facts.unparsed_count, list(facts.unparsed_lines)
     info.has_description = facts.description_toml is not None

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from syncline_analyzer.results import NmtStateRow
 from syncline_samples.faults import (
     CommandIgnored,
     LeavesOperational,
@@ -13,17 +14,26 @@ from tests.analyzer.fuzz_rows import boot_ups, falls, twins
 
 
 def timelines(case: Case) -> Iterator[str]:
-    """The intervals of a node follow one another from the first frame to the end."""
+    """The intervals of a node follow one another from the first frame to the end.
+
+    One in which the clock steps back ends at the last stamp, and goes on at the first after it.
+    """
     row = case.analysis.capture
     for node in {each.node for each in case.analysis.nmt_states}:
         rows = [each for each in case.analysis.nmt_states if each.node == node]
         edges = [row.begin_ns, *(each.end_ns for each in rows)]
-        if [each.start_ns for each in rows] != edges[:-1]:
+        parted = [each for each, edge in zip(rows, edges, strict=False) if each.start_ns != edge]
+        if not all(_stepped_back(case, each) for each in parted):
             yield f"node {node}: intervals do not follow one another"
         if any(each.end_ns < each.start_ns for each in rows):
             yield f"node {node}: an interval ends before it starts"
         if not case.steps and rows[-1].end_ns != row.end_ns:
             yield f"node {node}: the timeline ends at {rows[-1].end_ns}, not {row.end_ns}"
+
+
+def _stepped_back(case: Case, row: NmtStateRow) -> bool:
+    """Whether an interval is the rest of one in which the clock stepped back."""
+    return "step back of the clock" in row.cause and any(step < 0 for _, step in case.steps)
 
 
 def states(case: Case) -> Iterator[str]:

@@ -2,6 +2,7 @@
 
 from dataclasses import field
 
+from syncline_analyzer.extent import Stretch
 from syncline_schemas.records import dataclass
 
 
@@ -39,6 +40,7 @@ class CaptureRow:
     unparsed_lines: int
     start_utc_ns: int | None
     duration_ns: int
+    """What was recorded: without what a step back of the clock makes the stamps tell twice."""
     buses: list[str]
     gaps: list[GapRow]
     first_ns: int = 0
@@ -54,6 +56,9 @@ class CaptureRow:
     marks: list[MarkRow] = field(default_factory=list)
     remote_lost: bool = False
     """Whether a log of it does not mark remote frames: they stand as empty data frames."""
+    stretches: list[Stretch] = field(default_factory=list)
+    """From the first to the last stamp between steps back of the clock, in order; empty where it
+    was never set back. They make up `duration_ns`."""
 
     @property
     def begin_ns(self) -> int:
@@ -65,4 +70,6 @@ class CaptureRow:
     @property
     def end_ns(self) -> int:
         """Last stamp that was taken in."""
+        if self.stretches:
+            return max(each.end_ns for each in self.stretches)
         return self.begin_ns + self.duration_ns

@@ -12,7 +12,7 @@ from syncline_analyzer.views.comparison_words import (
     side_words,
 )
 from syncline_analyzer.views.html import Html, element, table
-from syncline_analyzer.views.words import Clock
+from syncline_analyzer.views.words import Clock, extent_words
 
 _BADGES = {"error": "ERROR", "warning": "WARNING", "info": "NOTE"}
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'"
@@ -55,7 +55,7 @@ def _sides(comparison: Comparison) -> Iterator[Html]:
     ):
         clock, when = Clock.of(capture), ""
         if clock.dated and clock.timed and capture.frames:
-            when = f", {clock.full(capture.begin_ns)} to {clock.full(capture.end_ns)}"
+            when = f", {extent_words(capture, clock)}"
         told = f"{side_words(capture, heard_s)} on {', '.join(capture.buses) or 'no bus'}{when}"
         yield element("p", element("strong", name), f": {told}.")
 

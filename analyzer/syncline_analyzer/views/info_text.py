@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from syncline_analyzer.info import CaptureInfo
-from syncline_analyzer.views.words import Clock, capture_time, duration, printable
+from syncline_analyzer.views.words import Clock, capture_time, duration, printable, told_stretches
 from syncline_schemas.capture.adapter_fit import AdapterFit
 
 MAX_ROWS = 5
@@ -63,8 +63,11 @@ def _times(info: CaptureInfo) -> Iterator[tuple[str, str]]:
         yield "times", "none"
         return
     clock = Clock(info.first_ns, info.time_base == "utc", True)
-    yield "from", clock.full(info.first_ns)
-    yield "to", f"{clock.full(info.last_ns)} ({duration(info.duration_ns)})"
+    if info.stretches:
+        yield "times", f"{told_stretches(clock, info.stretches)} ({duration(info.duration_ns)})"
+    else:
+        yield "from", clock.full(info.first_ns)
+        yield "to", f"{clock.full(info.last_ns)} ({duration(info.duration_ns)})"
     whose = f", {info.clock} clock" if info.clock != "unknown" else ""
     yield "stamps", f"resolution {duration(info.resolution_ns)}{whose}"
     if info.time_base == "relative":

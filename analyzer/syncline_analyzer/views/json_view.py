@@ -67,8 +67,7 @@ _ENCODER = json.JSONEncoder(allow_nan=False)
 def to_object(analysis: Analysis, tables: Sequence[str] = TABLES) -> dict[str, Any]:
     """The analysis as one object of plain Python values, ready for any JSON writer."""
     rows = {table: list(_rows(analysis, getattr(analysis, table))) for table in tables}
-    (capture,) = _rows(analysis, [analysis.capture])
-    return {"schema": SCHEMA, "capture": capture, **rows}
+    return {"schema": SCHEMA, "capture": _capture(analysis), **rows}
 
 
 def to_json(analysis: Analysis) -> str:
@@ -78,8 +77,8 @@ def to_json(analysis: Analysis) -> str:
 
 def json_parts(analysis: Analysis) -> Iterator[str]:
     """What `to_json` tells, row by row: half a million rows are a gigabyte when held at once."""
-    (capture,) = _rows(analysis, [analysis.capture])
-    yield f'{{"schema": {_ENCODER.encode(SCHEMA)}, "capture": {_ENCODER.encode(capture)}'
+    capture = _ENCODER.encode(_capture(analysis))
+    yield f'{{"schema": {_ENCODER.encode(SCHEMA)}, "capture": {capture}'
     for table in TABLES:
         yield f', "{table}": ['
         before = ""
@@ -88,6 +87,15 @@ def json_parts(analysis: Analysis) -> Iterator[str]:
             before = ", "
         yield "]"
     yield "}"
+
+
+def _capture(analysis: Analysis) -> dict[str, Any]:
+    """The capture as a whole; its stretches only where the clock was set back."""
+    (capture,) = _rows(analysis, [analysis.capture])
+    capture["stretches"] = [each._asdict() for each in analysis.capture.stretches]
+    if not capture["stretches"]:
+        del capture["stretches"]
+    return capture
 
 
 def _rows(analysis: Analysis, rows: Iterable[Any]) -> Iterator[dict[str, Any]]:

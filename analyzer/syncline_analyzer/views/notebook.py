@@ -9,7 +9,7 @@ from syncline_analyzer.results import Analysis, Finding
 from syncline_analyzer.views.lanes import cells, lanes_of
 from syncline_analyzer.views.markdown import extent, verdict, where
 from syncline_analyzer.views.palette import SEVERITY_COLOURS, STATE_COLOURS, STATE_LETTERS, css
-from syncline_analyzer.views.words import Clock, names_of, node_label, printable
+from syncline_analyzer.views.words import Clock, names_of, node_label, printable, undrawn
 
 MAX_FINDINGS, MAX_LANES = 20, 40
 _CELLS = 200
@@ -92,6 +92,7 @@ def _lanes(analysis: Analysis) -> str:
         )
     left = len(lanes) - len(rows)
     more = f"<p>and {left} more nodes</p>" if left > 0 else ""
+    more += f"<p>{_text(told)}</p>" if (told := undrawn(capture)) else ""
     return f'<table style="width:100%"><tbody>{"".join(rows)}</tbody></table>{more}'
 
 

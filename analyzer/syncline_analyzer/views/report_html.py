@@ -22,7 +22,7 @@ from syncline_analyzer.views.report_recording import quality, recording_part
 from syncline_analyzer.views.timeline_svg import timeline
 from syncline_analyzer.views.traces import COMPARED, trace_listings
 from syncline_analyzer.views.waits import waiting_listings
-from syncline_analyzer.views.words import names_of
+from syncline_analyzer.views.words import extent_words, names_of, undrawn
 from syncline_schemas.wording import counted
 
 OPEN_COMMANDS = 12
@@ -113,8 +113,7 @@ def _header(analysis: Analysis, moments: Moments, title: str) -> Html:
     worst = next((s for s in BADGES if any(f.severity == s for f in analysis.findings)), "ok")
     times = None
     if clock.dated and clock.timed:
-        begin, end = clock.full(capture.begin_ns), clock.full(capture.end_ns)
-        times = element("p", f"{begin} to {end}", class_="dim")
+        times = element("p", extent_words(capture, clock), class_="dim")
     elif not clock.timed and capture.frames:
         times = element("p", "The log has no times.", class_="dim")
     link = element("a", "Recording", href="#recording")
@@ -187,6 +186,8 @@ def _timeline(analysis: Analysis, moments: Moments) -> Iterator[Html]:
         return
     told = "Drag to zoom, double-click for the whole capture; numbers lead to the findings."
     yield element("p", told, class_="dim hint")
+    if not_drawn := undrawn(analysis.capture):
+        yield element("p", not_drawn)
     yield timeline(analysis, moments)
     count = len(analysis.nmt_commands)
     if count:

@@ -24,7 +24,8 @@ class Moments:
     def of(cls, analysis: Analysis) -> "Moments":
         """The moments of an analysis; a capture of a single frame is a microsecond long."""
         capture = analysis.capture
-        return cls(Clock.of(capture), capture.begin_ns, max(capture.duration_ns, LEAST_NS))
+        span_ns = capture.end_ns - capture.begin_ns
+        return cls(Clock.of(capture), capture.begin_ns, max(span_ns, LEAST_NS))
 
     def second(self, t_ns: int) -> str:
         """Seconds from the left edge to a stamp, to the microsecond.

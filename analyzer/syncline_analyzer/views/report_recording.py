@@ -7,7 +7,7 @@ from syncline_analyzer.views import report_tables as tables
 from syncline_analyzer.views.html import Html, element
 from syncline_analyzer.views.report_moment import Moments
 from syncline_analyzer.views.services import listings
-from syncline_analyzer.views.words import duration, frame_kinds, number
+from syncline_analyzer.views.words import duration, extent_words, frame_kinds, number
 from syncline_schemas.wording import counted
 
 LONG_SILENCE_NS = 1_000_000_000
@@ -31,6 +31,8 @@ def quality(analysis: Analysis) -> str:
         told.append(f"nobody heard for {duration(silent_ns)} though heartbeats were due")
     if analysis.clock_steps:
         told.append(f"clock set {counted(len(analysis.clock_steps), 'time')}")
+    if capture.stretches:
+        told.append(f"clock set back {counted(len(capture.stretches) - 1, 'time')}")
     return ", ".join(told) or "whole, without gaps"
 
 
@@ -71,9 +73,8 @@ def _facts(analysis: Analysis, moments: Moments) -> Iterator[Html]:
         lines = f"{capture.unparsed_lines:,} lines of the log could not be read"
         yield from _fact("Not read", lines)
     if moments.clock.timed and capture.frames:
-        begin, end = (moments.clock.full(t) for t in (capture.begin_ns, capture.end_ns))
-        lasts = duration(capture.duration_ns)
-        yield from _fact("Time", f"{begin} to {end} ({lasts})")
+        when, lasts = extent_words(capture, moments.clock), duration(capture.duration_ns)
+        yield from _fact("Time", f"{when} ({lasts})")
         yield from _fact("Clock", _clock_words(analysis))
     for note in capture.notes:
         yield from _fact("Note", note)

@@ -28,6 +28,7 @@ from syncline_analyzer.views.words import (
     node_label,
     number,
     printable,
+    undrawn,
 )
 from syncline_schemas.canopen.nmt import NmtState
 from syncline_schemas.named_tuples import NamedTuple
@@ -184,7 +185,8 @@ def _states(analysis: Analysis, lanes: Lanes, width: int, room: int) -> list[Lin
     several = len(capture.buses) > 1
     ranks = troubled(analysis)
     order = sorted(lanes, key=lambda key: (ranks.get(key, len(ranks) + 9), key))
-    most = max(min(room - 2, MOST_LANES), 1)
+    not_drawn = [*_wrapped(Line.of(undrawn(capture)), width)] if capture.stretches else []
+    most = max(min(room - len(not_drawn) - 2, MOST_LANES), 1)
     chosen = sorted(order if len(order) <= most + 1 else order[:most])
     label_width = min(_LABEL_WIDTH, width // 3)
     heads = {}
@@ -198,6 +200,7 @@ def _states(analysis: Analysis, lanes: Lanes, width: int, room: int) -> list[Lin
     for key in chosen:
         bar = state_bar(cells(lanes[key], capture.begin_ns, capture.end_ns, width - taken))
         lines.append(Line(((fitted(heads[key], taken), ""), *bar.pieces)))
+    lines += not_drawn
     rest = [key for key in lanes if key not in heads]
     if rest:
         ends = Counter(lanes[key][-1].state for key in rest)

@@ -8,7 +8,7 @@ from typing import IO, TYPE_CHECKING
 from syncline_analyzer.results import Analysis
 from syncline_analyzer.views.line import Line
 from syncline_analyzer.views.palette import STATE_COLOURS, STATE_LETTERS, css
-from syncline_analyzer.views.words import Clock, printable
+from syncline_analyzer.views.words import Clock, extent_words, printable
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -45,8 +45,7 @@ def start_lines(analysis: Analysis, clock: Clock) -> Iterator[Line]:
     elif not clock.dated:
         yield Line.of("The log has no date: times count from its first frame.", "dim")
     else:
-        begin, end = clock.full(capture.begin_ns), clock.full(capture.end_ns)
-        yield Line.of(begin if begin == end else f"{begin} to {end}", "dim")
+        yield Line.of(extent_words(capture, clock), "dim")
     for damage in capture.damage:
         yield Line.of(f"Damaged, read in part: {printable(damage)}", "bold red")
     if capture.frames and not analysis.nodes:

@@ -39,6 +39,7 @@ from syncline_analyzer.views.words import (
     object_name,
     printable,
     sdo_result,
+    undrawn,
 )
 
 MAX_ROWS = 20
@@ -231,7 +232,8 @@ def _states(analysis: Analysis, width: int) -> Group:
             state_bar(cells(rows, capture.begin_ns, capture.end_ns, room)).coloured(),
         )
     legend = "  ".join(f"{letter} {state}" for state, letter in STATE_LETTERS.items())
-    return Group(table, Text(legend, style="dim"))
+    not_drawn = [Text(told)] if (told := undrawn(capture)) else []
+    return Group(table, *not_drawn, Text(legend, style="dim"))
 
 
 def _timing(analysis: Analysis, clock: Clock, width: int) -> Iterator[tuple[str, RenderableType]]:

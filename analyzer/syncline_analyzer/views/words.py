@@ -2,9 +2,11 @@
 
 import math
 import unicodedata
+from collections.abc import Sequence
 
 import numpy as np
 
+from syncline_analyzer.extent import Stretch
 from syncline_analyzer.results import CaptureRow, NodeRow, SdoRow
 from syncline_schemas.records import dataclass
 
@@ -159,6 +161,41 @@ class Clock:
         """A stretch in capture time; one moment where it is shorter than can be written."""
         start, end = self.short(start_ns), self.short(end_ns)
         return start if end_ns <= start_ns or start == end else f"{start} to {end}"
+
+
+MOST_STRETCHES = 4
+"""Stretches of stamps that are told one by one."""
+
+
+def extent_words(capture: CaptureRow, clock: Clock) -> str:
+    """From when to when a capture was made, around every step back of its clock."""
+    stretches = capture.stretches or [Stretch(capture.begin_ns, capture.end_ns)]
+    return told_stretches(clock, stretches)
+
+
+def told_stretches(clock: Clock, stretches: Sequence[Stretch]) -> str:
+    """Stretches of stamps, each after a step back of the clock.
+
+    >>> told_stretches(Clock(0, False, True), [Stretch(0, 2 * 10**9), Stretch(10**9, 3 * 10**9)])
+    '0:00.000 to 0:02.000; then the clock stepped back: 0:01.000 to 0:03.000'
+    """
+    pairs = [(clock.full(start), clock.full(end)) for start, end in stretches[:MOST_STRETCHES]]
+    told = [start if start == end else f"{start} to {end}" for start, end in pairs]
+    left = len(stretches) - len(told)
+    more = [f"and so {left} times more"] if left else []
+    return "; then the clock stepped back: ".join([*told, *more])
+
+
+def undrawn(capture: CaptureRow) -> str:
+    """What pictures over time do not show as it was, where the clock stepped back; else nothing."""
+    later = capture.stretches[1:]
+    before = [Stretch(s, min(e, capture.begin_ns)) for s, e in later if s < capture.begin_ns]
+    told = []
+    if before_ns := sum(each.end_ns - each.start_ns for each in before):
+        told.append(f"{duration(before_ns)} stamped before the first frame are not drawn")
+    if any(each.end_ns > capture.begin_ns for each in later):
+        told.append("what comes at the same times again is drawn over what was there")
+    return f"The clock stepped back: {'; '.join(told)}." if told else ""
 
 
 def frame_kinds(capture: CaptureRow) -> str:

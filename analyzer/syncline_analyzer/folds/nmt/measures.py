@@ -27,7 +27,8 @@ class Measures:
         self._context = context
         self._timeline = timeline
         self._history = timeline.history
-        self._starts = [interval.start_ns for interval in timeline.intervals]
+        self._intervals = sorted(timeline.intervals, key=lambda interval: interval.start_ns)
+        self._starts = [interval.start_ns for interval in self._intervals]
         self._seqs = [beat.seq for beat in timeline.history.beats]
         self._boots = {boot.seq for boot in timeline.boot_ups}
         self._gone = [*timeline.lost, *timeline.restarts]
@@ -78,7 +79,7 @@ class Measures:
         """Whether a longer heartbeat period is a silence told elsewhere, or a changed 1017h."""
         begin = max(0, bisect_right(self._starts, late.start_ns) - 1)
         stop = bisect_left(self._starts, late.end_ns)
-        if any(interval.state in _AWAY for interval in self._timeline.intervals[begin:stop]):
+        if any(interval.state in _AWAY for interval in self._intervals[begin:stop]):
             return True
         nobody = self._timeline.quiet.within(late.start_ns, late.end_ns)
         if nobody > SILENT_PART * (late.end_ns - late.start_ns):

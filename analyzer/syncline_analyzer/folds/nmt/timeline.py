@@ -4,7 +4,8 @@ from bisect import bisect_right
 from collections.abc import Iterator
 
 from syncline_analyzer.context import Context
-from syncline_analyzer.folds.bus.clock import ClockTable
+from syncline_analyzer.extent import MOST_STEPS, SET_BACK_NS
+from syncline_analyzer.folds.bus.clock import ClockStep, ClockTable
 from syncline_analyzer.folds.nmt.emptied import boots_with_00h
 from syncline_analyzer.folds.nmt.events import (
     IN_FLIGHT_NS,
@@ -50,6 +51,7 @@ TOLD_LATE_NS = 1_000_000_000
 TOLD_PERIODS = 2
 """A node that follows a command has told it after so many periods of its error control."""
 _ENDS_PDOS = (0x02, 0x80)
+_GOES_ON = "; goes on after a step back of the clock"
 
 
 @dataclass(slots=True)
@@ -76,6 +78,7 @@ class Timeline:
         self.history = history
         self.quiet = Quiet(clock.silences.get(history.bus, ()))
         self._silences = Silences(context, history, clock, self.quiet)
+        self._set_back = _set_back(clock, context.bus_name(history.bus))
         self._quirks = quirks(context.shadow.device(history.bus, history.node))
         self._seqs = [beat.seq for beat in history.beats]
         self.intervals: list[Interval] = []
@@ -106,6 +109,8 @@ class Timeline:
     def _events(self) -> Iterator[tuple[int, int, object]]:
         """(seq, order, event): commands before beats, silences before the frame that ends them."""
         history = self.history
+        for step in self._set_back:
+            yield step.seq, -1, step
         yield from self._silences.events()
         for seq, gap in history.gaps:
             yield seq, 2, gap
@@ -130,6 +135,21 @@ class Timeline:
                 self._heard_again(event)
             case Gap():
                 self._gap(event)
+            case ClockStep():
+                self._step_back(event)
+
+    def _step_back(self, step: ClockStep) -> None:
+        """The clock was set back: the state goes on, at stamps that are earlier than before."""
+        last = self.intervals[-1]
+        before_ns = step.t_ns + step.back_ns
+        if step.t_ns >= last.start_ns:
+            return
+        self._close(before_ns)
+        cause = last.cause if last.cause.endswith(_GOES_ON) else last.cause + _GOES_ON
+        self.intervals.append(
+            Interval(last.state, step.t_ns, step.t_ns, cause, last.certainty, last.evidence)
+        )
+        self._now.since_ns = step.t_ns
 
     def _begin(
         self, state: NmtState, t_ns: int, cause: str, certainty: Certainty, evidence: int | None
@@ -232,7 +252,7 @@ class Timeline:
         if last.certainty == "commanded":
             self.followed = self.followed or self._said is not state
             last.cause += f", confirmed by {beat.kind}"
-            if self._context.timed:
+            if self._context.timed and _GOES_ON not in last.cause:
                 last.cause += f" after {max(0, beat.t_ns - last.start_ns) / 1e6:.1f} ms"
         elif last.certainty == "implied":
             last.cause += f", confirmed by {beat.kind}"
@@ -471,6 +491,12 @@ class Timeline:
         """Silence after a reset that is not held against the node [ns]."""
         known = self._quirks.reset_quiet_ms * 1_000_000
         return (known or RESET_QUIET_NS) + RESET_MARGIN_NS
+
+
+def _set_back(clock: ClockTable, bus: str) -> list[ClockStep]:
+    """Steps back of the clock of a bus; stamps that run back again and again are disorder."""
+    steps = [step for step in clock.steps if step.bus == bus and step.back_ns >= SET_BACK_NS]
+    return steps if len(steps) <= MOST_STEPS else []
 
 
 def state_of(beat: Beat) -> NmtState | None:

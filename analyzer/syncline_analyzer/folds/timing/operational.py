@@ -1,6 +1,7 @@
 """When a node was OPERATIONAL, as its PDOs are judged by it."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import groupby
 
 from syncline_analyzer.folds.timing.rhythm import Operational
@@ -15,7 +16,7 @@ def operational(
     It left that state unless the recorder stopped listening: an UNKNOWN that no gap begins comes
     from a silence of the whole bus.
     """
-    of_node = [row for row in rows if row.bus == bus and row.node == node]
+    of_node = unstepped([row for row in rows if row.bus == bus and row.node == node])
     if all(row.state == "UNKNOWN" for row in of_node):
         return None
     stretches = [list(group) for _, group in groupby(of_node, key=lambda row: row.state)]
@@ -28,3 +29,18 @@ def operational(
         for stretch, is_left in zip(stretches, [*left, False], strict=False)
         if stretch[0].state == "OPERATIONAL"
     ]
+
+
+def unstepped(rows: Sequence[NmtStateRow]) -> list[NmtStateRow]:
+    """Intervals of a node without the cuts where the clock stepped back.
+
+    One that ends before it began has no length: of times that the stamps tell twice nothing is said.
+    """
+    found: list[NmtStateRow] = []
+    for row in rows:
+        last = found[-1] if found else None
+        if last is not None and row.state == last.state and row.start_ns < last.end_ns:
+            found[-1] = replace(last, end_ns=max(last.start_ns, row.end_ns))
+        else:
+            found.append(row)
+    return found

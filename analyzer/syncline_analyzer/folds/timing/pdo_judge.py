@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from syncline_analyzer.context import Context
-from syncline_analyzer.folds.timing.operational import operational
+from syncline_analyzer.folds.timing.operational import operational, unstepped
 from syncline_analyzer.folds.timing.pause import pauses
 from syncline_analyzer.folds.timing.pdo_rows import pdo_holes, pdo_row, responses
 from syncline_analyzer.folds.timing.pdo_state import PdoState
@@ -92,7 +92,8 @@ class PdoJudge:
         name = self.context.bus_name(bus)
         if state.owner is None or self.nmt_states is None:
             return []
-        rows = [row for row in self.nmt_states if (row.bus, row.node) == (name, state.owner.node)]
+        own = (name, state.owner.node)
+        rows = unstepped([row for row in self.nmt_states if (row.bus, row.node) == own])
         whole = [(row, row is rows[-1]) for row in rows if row.state == "OPERATIONAL"]
         return [
             back

@@ -1,0 +1,119 @@
+"""What a capture holds whose clock was set back while it was recorded: nothing of it vanishes."""
+
+from pathlib import Path
+
+import pytest
+
+from syncline_analyzer.extent import MOST_STEPS, Extent, Stretch
+from syncline_analyzer.info import inspect
+from syncline_analyzer.results import Analysis
+from syncline_analyzer.session import open_session
+from syncline_analyzer.views.info_text import info_text
+from syncline_analyzer.views.json_view import to_object
+from syncline_analyzer.views.report_html import report
+from syncline_analyzer.views.screen import screen
+from syncline_schemas.batch import FrameBatch
+from tests.analyzer.control_runs import MS, Row
+from tests.analyzer.whole_run import T0, beats, ids, whole
+
+SECOND = 1000 * MS
+HOUR = -3_600 * SECOND
+
+
+def set_back(rows: list[Row], by_ns: int = HOUR, at_ms: float = 30_000) -> list[Row]:
+    """Rows as a recorder stamps them whose clock is set at that moment."""
+    rows = sorted(rows, key=lambda row: row[0])
+    return [(t + by_ns * (t >= at_ms * MS), *rest) for t, *rest in rows]  # type: ignore[misc]
+
+
+def extent(*batches: list[tuple[int, int]]) -> list[Stretch]:
+    """Stretches of frames given as (s, bus), in one batch each."""
+    found = Extent()
+    for rows in batches:
+        frames = [(s * SECOND, bus, 0x123, 0, 0, b"") for s, bus in rows]
+        found.update(FrameBatch.from_rows(frames))
+    return [Stretch(start // SECOND, end // SECOND) for start, end in found.stretches]
+
+
+@pytest.fixture(scope="module")
+def summer_time() -> Analysis:
+    """Two nodes for 80 s; after 30 s the recorder's clock goes back by an hour."""
+    return whole(set_back([*beats(5, 0, 80_000), *beats(6, 50, 80_000)]), in_order=False)
+
+
+def test_steps_back_cut_a_capture_into_stretches() -> None:
+    rows = [(50, 0), (60, 0), (10, 0), (30, 0)]
+    assert extent(rows) == extent(rows[:2], rows[2:]) == [(50, 60), (10, 30)]
+    assert extent([(1, 0), (2, 0), (2, 0), (3, 0)]) == []
+
+
+def test_buses_of_one_clock_step_once() -> None:
+    rows = [(50, 0), (51, 1), (10, 1), (11, 0), (12, 1)]
+    assert extent(rows) == [(50, 51), (10, 12)]
+
+
+def test_buses_written_one_after_the_other_are_no_step() -> None:
+    assert extent([(1, 0), (2, 1), (9, 0), (3, 1), (10, 1), (20, 0), (11, 1), (20, 1)]) == []
+
+
+def test_a_bus_that_is_heard_first_after_the_step_hides_it_not() -> None:
+    assert extent([(50, 0), (60, 0), (10, 1), (11, 0)]) == [(50, 60), (10, 11)]
+
+
+def test_stamps_that_run_back_again_and_again_are_disorder() -> None:
+    assert extent([(s, 0) for _ in range(MOST_STEPS + 2) for s in (5, 1)]) == []
+
+
+def test_what_was_recorded_counts_whole(summer_time: Analysis) -> None:
+    capture = summer_time.capture
+    assert capture.duration_ns == pytest.approx(80 * SECOND, abs=SECOND)
+    assert capture.end_ns == pytest.approx(T0 + 30 * SECOND, abs=SECOND)
+    assert ids(summer_time) == {"clock.step_back"}
+    stretches = to_object(summer_time, ())["capture"]["stretches"]
+    assert [set(each) for each in stretches] == [{"start_ns", "end_ns"}] * 2
+    assert "stretches" not in to_object(whole(beats(5, 0, 9_000)), ())["capture"]
+
+
+def test_states_last_on_both_sides_of_the_step(summer_time: Analysis) -> None:
+    of_5 = [row for row in summer_time.nmt_states if row.node == 5]
+    assert [row.state for row in of_5] == ["OPERATIONAL", "OPERATIONAL"]
+    lasted = [(row.end_ns - row.start_ns) / SECOND for row in of_5]
+    assert lasted == pytest.approx([30, 50], abs=1)
+    assert "step back of the clock" in of_5[1].cause
+    assert summer_time.nodes[0].state_share == {"OPERATIONAL": 1.0}
+
+
+def test_a_change_after_the_step_leaves_the_state_before_it() -> None:
+    stopped = [(t, *r[:4], b"\x04") for t, *r in beats(5, 60_000, 80_000)]
+    rows = [*beats(5, 0, 60_000), *stopped, *beats(6, 50, 80_000)]
+    told = whole(set_back(rows), in_order=False)  # type: ignore[arg-type]
+    of_5 = [row for row in told.nmt_states if row.node == 5]
+    assert [row.state for row in of_5] == ["OPERATIONAL", "OPERATIONAL", "STOPPED"]
+    assert told.nodes[0].state_share["STOPPED"] == pytest.approx(0.25, abs=0.01)
+    assert screen(told, width=60).count("5 " + "O" * 20) == 1
+
+
+def test_pictures_say_what_they_do_not_show(summer_time: Analysis) -> None:
+    told = "The clock stepped back: 50 s stamped before the first frame are not drawn."
+    shown = screen(summer_time, width=120)
+    assert told in shown
+    assert "; then the clock stepped back: " in shown
+    assert "5 " + "O" * 100 in shown
+    assert told in report(summer_time)
+    again = screen(whole(set_back(beats(5, 0, 80_000), -10 * SECOND), in_order=False), width=120)
+    assert "what comes at the same times again is drawn over what was there" in again
+    assert "stepped back" not in screen(whole(beats(5, 0, 9_000)), width=120)
+
+
+def test_info_and_the_analysis_tell_the_same_extent(tmp_path: Path) -> None:
+    path = tmp_path / "set.log"
+    lines = (
+        f"({(T0 + t) / 1e9:.6f}) can0 {can_id:03X}#{data.hex()}\n"
+        for t, _, can_id, _, _, data in set_back([*beats(5, 0, 80_000), *beats(6, 50, 80_000)])
+    )
+    path.write_text("".join(lines))
+    info, capture = inspect(path), open_session(path).analysis.capture
+    assert info.stretches == capture.stretches
+    assert info.duration_ns == capture.duration_ns == pytest.approx(80 * SECOND, abs=SECOND)
+    assert "2026-09-21 14:13:20.000000 UTC to 2026-09-21 14:13:49.9" in info_text(info)
+    assert "; then the clock stepped back: 2026-09-21 13:13:50" in info_text(info)

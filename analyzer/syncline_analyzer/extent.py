@@ -49,8 +49,10 @@ class Extent:
                 self._stretches.append(Stretch(int(t_ns[row]), int(t_ns[row])))
         self._extend(t_ns[begin:])
         self._previous_ns = int(t_ns[-1])
-        for bus in frames.buses:
-            self._last[bus] = int(t_ns[np.flatnonzero(frames.bus == bus)[-1]])
+        buses = frames.buses
+        for bus in buses:
+            last = -1 if len(buses) == 1 else np.flatnonzero(frames.bus == bus)[-1]
+            self._last[bus] = int(t_ns[last])
 
     def _extend(self, t_ns: NDArray[np.int64]) -> None:
         if not len(t_ns):

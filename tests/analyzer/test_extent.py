@@ -91,6 +91,7 @@ def test_a_change_after_the_step_leaves_the_state_before_it() -> None:
     assert [row.state for row in of_5] == ["OPERATIONAL", "OPERATIONAL", "STOPPED"]
     assert told.nodes[0].state_share["STOPPED"] == pytest.approx(0.25, abs=0.01)
     assert screen(told, width=60).count("5 " + "O" * 20) == 1
+    assert 'class="letter"' not in report(told)
 
 
 def test_pictures_say_what_they_do_not_show(summer_time: Analysis) -> None:

@@ -213,7 +213,8 @@ def bar(kind: str, start_ns: int, long_ns: int, title: str) -> Html:
 def _letters(rows: Sequence[NmtStateRow], moments: Moments) -> Iterator[Html]:
     """The letter of every state that is not the usual one, where there is room for it."""
     least_ns = moments.span_ns * _LETTER_PERCENT / 100
-    loud = [row for row in rows if row.state not in _THIN]
+    drawn = [row for row in rows if row.end_ns > moments.begin_ns]
+    loud = [row for row in drawn if row.state not in _THIN]
     wide = [row for row in loud if row.end_ns - row.start_ns >= least_ns]
     for row in wide[:_LETTERS]:
         place = f"left:{max(moments.percent(row.start_ns), 0.0):.3f}%"

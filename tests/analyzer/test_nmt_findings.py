@@ -9,6 +9,7 @@ from syncline_analyzer.findings.story import joined
 from syncline_analyzer.results import Finding
 from syncline_schemas.batch import Gap
 from syncline_schemas.description import BusDescription
+from syncline_schemas.devices import load_device
 from tests.analyzer.control_runs import MS, Row, Run, frame, remote, run
 from tests.analyzer.test_nmt_fold import guarding, heartbeats, ordered
 
@@ -80,6 +81,30 @@ def test_restarts_far_apart_are_no_loop() -> None:
     ]
     result = run(*ordered(beats, [boot(t) for t in at], others(202_000)))
     assert result.ids() == ["nmt.unexpected_reset"] * 3
+
+
+@pytest.mark.triggers("nmt.unexpected_reset")
+@pytest.mark.parametrize(
+    ("emcy", "watchdog"),
+    [("1060010000000000", True), ("0060010000000000", False), ("0000000000000000", False)],
+)
+def test_a_watchdog_that_the_node_tells_of_is_the_cause(emcy: str, watchdog: bool) -> None:
+    """6010h is a reset by the watchdog, whatever the node's make; 6000h may be any software."""
+    told = [boot(2900), frame(2910, 0x085, emcy)]
+    rows = ordered(heartbeats(0, 2000), told, heartbeats(3000, 6000), others(6000))
+    finding = one(run(*rows), "nmt.unexpected_reset")
+    assert ("Its watchdog reset it (EMCY 6010h)" in finding.cause) == watchdog
+    assert ("for a watchdog EMCY" in finding.check_next) != watchdog
+    assert ("CiA 402" in " ".join(finding.assumed)) == watchdog
+
+
+@pytest.mark.triggers("nmt.unexpected_reset")
+def test_a_device_whose_sheet_tells_of_the_watchdog_needs_no_assumption() -> None:
+    told = [boot(2900), frame(2910, 0x085, "1060010000040000")]
+    rows = ordered(heartbeats(0, 2000), told, heartbeats(3000, 6000), others(6000))
+    finding = one(run(*rows, devices={NODE: load_device("lir-da158a")}), "nmt.unexpected_reset")
+    assert finding.cause == "Its watchdog reset it (EMCY 6010h)."
+    assert finding.assumed == []
 
 
 @pytest.mark.triggers("nmt.reset_again")

@@ -430,6 +430,7 @@ def _started_too(facts: Facts, bus: int, end_ns: int) -> set[int]:
 
 
 def names(nodes: tuple[int, ...]) -> str:
+    """One node or several, as a text names them."""
     return f"node {nodes[0]}" if len(nodes) == 1 else "nodes " + ", ".join(map(str, nodes))
 
 

@@ -23,6 +23,7 @@ from syncline_analyzer.folds.nmt.table import BootUp, NodeKey
 from syncline_analyzer.folds.nmt.timeline import Timeline
 from syncline_analyzer.median import median
 from syncline_analyzer.results import EmcyRow, Finding, NmtCommandRow
+from syncline_schemas.canopen.emcy import code_meaning
 from syncline_schemas.canopen.nmt import RESETS, NmtState, command_name
 from syncline_schemas.devices import quirks
 
@@ -36,6 +37,8 @@ TOGETHER_NS = 2_000_000_000
 """Nodes that restart no further apart have the cause in common, most likely [ns]."""
 COMMANDED = 6
 """Commanded resets in a row that are worth a word."""
+WATCHDOG = 0x6010
+"""EMCY after a software reset by the watchdog, in CiA 402 and in many other devices."""
 PROGRAM_CONTROL = 0x1F51
 PROGRAM_ORDERS = (b"\x00", b"\x01", b"\x02")
 """Values of 1F51h that stop, start and reset a program (CiA 302-3): the node boots anew."""
@@ -217,6 +220,7 @@ def _many(
         "Measure the node's supply while it starts; read its error memory (1003h); does it also"
         " restart when it stays in PRE-OPERATIONAL?",
         [boot.seq for boot in boots][:EVIDENCE],
+        assumed=_read_as(watchdog),
     )
 
 
@@ -251,7 +255,13 @@ def _unexpected_reset(
         check = "Measure the common supply of these nodes under load; look at their error memories"
     if watchdog:
         cause = f"Its watchdog reset it (EMCY {watchdog.code:04X}h)."
-    elif again:
+        check += (
+            " (1003h), the firmware's version (100Ah) and what came on the bus just before: a dip"
+        )
+        check += " of the supply can hang a program too."
+    else:
+        check += " (1003h) and for a watchdog EMCY after the boot-up."
+    if again and not watchdog:
         cause = "Its supply is not steady when it is switched on, or two devices carry this number"
         cause += " and each sent its own boot-up."
     return Finding(
@@ -263,13 +273,14 @@ def _unexpected_reset(
         boot.t_ns,
         text,
         cause,
-        f"{check} (1003h) and for a watchdog EMCY after the boot-up.",
+        check,
         [
             *([silence.last_seq] if silence else []),
             boot.seq,
             *(b.seq for b in pair),
             *([watchdog.seq] if watchdog else []),
         ],
+        assumed=_read_as(watchdog),
     )
 
 
@@ -286,11 +297,19 @@ def _disguise(boot: BootUp) -> str:
 def _watchdog_emcy(facts: Facts, boot: BootUp) -> EmcyRow | None:
     """What the node itself says of its restart, within two seconds after it."""
     for row in facts.analysis.emcy:
-        same = (row.bus, row.node) == (boot.bus, boot.node) and "watchdog" in row.meaning
+        same = (row.bus, row.node) == (boot.bus, boot.node)
         raised = row.transition in ("raised", "further")
-        if same and raised and 0 <= row.t_ns - boot.t_ns <= 2_000_000_000:
+        soon = 0 <= row.t_ns - boot.t_ns <= 2_000_000_000
+        if same and raised and soon and ("watchdog" in row.meaning or _read_as(row)):
             return row
     return None
+
+
+def _read_as(row: EmcyRow | None) -> list[str]:
+    """What is assumed where an EMCY tells of a watchdog by its code alone, not by a device's sheet."""
+    if row is None or row.code != WATCHDOG or row.meaning != code_meaning(WATCHDOG):
+        return []
+    return ["6010h is a software reset by the watchdog, as CiA 402 has it"]
 
 
 def _no_boot_up(facts: Facts) -> Iterator[Finding]:

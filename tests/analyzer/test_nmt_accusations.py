@@ -6,7 +6,7 @@ import random
 import pytest
 
 from tests.analyzer.control_runs import Row, Run, frame, remote, run
-from tests.analyzer.test_nmt_findings import boot, one, others, written
+from tests.analyzer.test_nmt_findings import NODE, boot, one, others, written
 from tests.analyzer.test_nmt_fold import heartbeats, ordered
 
 PHASES = (0.001, 0.05, 0.2, 0.3, 0.33, 0.4, 0.43, 0.45, 0.48, 0.6, 0.75, 0.99)
@@ -192,6 +192,73 @@ def test_a_start_of_all_that_one_node_refuses(serves: bool) -> None:
     other += heartbeats(2050, 40_000, node=6)
     rows = ordered(read, [frame(2000, 0, "0100")], starting(40_000, 40_000), other)
     assert ("nmt.command_ignored" in run(*rows).ids()) == serves
+
+
+def not_reset(*more: Row, every_ms: int = 500, at_ms: float = 10_000, end_ms: int = 30_000) -> Run:
+    """Node 5 is told to reset; its heartbeats go on."""
+    beats = [frame(t, 0x705, "05") for t in range(every_ms // 5, end_ms, every_ms)]
+    return run(*ordered(beats, [frame(at_ms, 0x000, "8105"), *more], busy(end_ms)))
+
+
+def bound_pdos(end_ms: int = 30_000) -> list[Row]:
+    bind = [frame(1, 0x605, "4000180100000000"), frame(2, 0x585, "4300180185010000")]
+    return [*bind, *(frame(t + 0.5, 0x185, "01") for t in range(10, end_ms, 10))]
+
+
+@pytest.mark.triggers("nmt.command_ignored")
+@pytest.mark.near_miss("nmt.pdo_outside_operational")
+@pytest.mark.parametrize(
+    "more",
+    [[], bound_pdos(), [frame(5_000, 0x000, "0105")]],
+    ids=["heartbeats", "and PDOs", "started before"],
+)
+def test_a_reset_that_a_node_does_not_follow(more: list[Row]) -> None:
+    result = not_reset(*more)
+    assert result.ids() == ["nmt.command_ignored"]
+    finding = one(result, "nmt.command_ignored")
+    assert '"reset node" at +10.000 s' in finding.text
+    assert "100 ms later it still says OPERATIONAL" in finding.text
+    assert finding.text.endswith("No boot-up came.")
+    assert ("PDOs (185h)" in finding.text) == (len(more) > 1)
+    assert [state for state, _, _ in result.states(NODE)][-1:] == ["OPERATIONAL"]
+    assert "INITIALISING" not in [state for state, _, _ in result.states(NODE)]
+
+
+@pytest.mark.triggers("nmt.command_ignored")
+@pytest.mark.near_miss("nmt.pdo_outside_operational")
+def test_pdos_show_it_where_the_heartbeat_comes_a_period_after_the_reset() -> None:
+    """Right after a heartbeat: the next one would come as late from a node that starts at once."""
+    late = 10_103
+    assert not_reset(*bound_pdos(), at_ms=late).ids() == ["nmt.command_ignored"]
+    assert "nmt.command_ignored" not in not_reset(at_ms=late).ids()
+
+
+@pytest.mark.near_miss("nmt.command_ignored")
+@pytest.mark.parametrize(
+    "more",
+    [
+        [boot(10_050)],
+        [boot(15_000)],
+        [frame(10_090, 0x000, "0105")],
+    ],
+    ids=["boots", "boots late", "started after it"],
+)
+def test_a_reset_that_something_may_have_followed_is_not_held_against_a_node(
+    more: list[Row],
+) -> None:
+    assert "nmt.command_ignored" not in not_reset(*more).ids()
+
+
+@pytest.mark.near_miss("nmt.command_ignored")
+def test_a_node_that_starts_itself_and_whose_boot_up_was_lost_beats_anew() -> None:
+    before, after = heartbeats(100, 10_000, every_ms=500), heartbeats(10_560, 30_000, every_ms=500)
+    rows = ordered(before, after, [frame(10_000, 0x000, "8105")], busy(30_000))
+    assert "nmt.command_ignored" not in run(*rows).ids()
+
+
+@pytest.mark.near_miss("nmt.command_ignored")
+def test_a_log_that_ends_soon_after_a_reset_says_nothing_about_it() -> None:
+    assert "nmt.command_ignored" not in not_reset(end_ms=15_000).ids()
 
 
 # -- 1017h without effect --------------------------------------------------------------------------

@@ -13,7 +13,13 @@ from syncline_analyzer.folds.nmt.events import IN_FLIGHT_NS, Command, Ignored
 from syncline_analyzer.folds.nmt.table import NodeKey
 from syncline_analyzer.folds.nmt.timeline import Timeline
 from syncline_analyzer.results import Finding
-from syncline_schemas.canopen.nmt import COMMANDS, STATE_AFTER_COMMAND, NmtState, command_name
+from syncline_schemas.canopen.nmt import (
+    COMMANDS,
+    RESETS,
+    STATE_AFTER_COMMAND,
+    NmtState,
+    command_name,
+)
 from syncline_schemas.wording import counted
 
 FAIR_NS = 1_000_000_000
@@ -53,6 +59,8 @@ def _one_ignored(facts: Facts, key: NodeKey, timeline: Timeline, ignored: Ignore
     if ignored.can_id is not None:
         still = f"{passed} later it still sends PDOs ({ignored.can_id:03X}h), which only an"
         still += " OPERATIONAL node does; it told no state meanwhile."
+    elif ignored.command.specifier in RESETS:
+        still += " No boot-up came."
     cause = "The node did not get the command, refuses it in its present condition, or another node"
     cause += " answers under the same number."
     if ignored.starting:
@@ -230,6 +238,11 @@ RULES = (
             "A node that follows within a second, and the period that tells it, only took its time.",
             "PDOs contradict a command only where they go on for two periods and are surely its own.",
             "The NMT master does not follow its own commands to all.",
+            (
+                "A reset of one node counts where its heartbeats still say OPERATIONAL or STOPPED and"
+                " come on time, one of them sooner than a node that starts anew sends any, or after PDOs"
+                " that went on, and no boot-up, silence, gap or other command comes within 10 s."
+            ),
             "A start before the boot-up that a reset asked for counts where none follows for 10 s.",
         ),
         _ignored,

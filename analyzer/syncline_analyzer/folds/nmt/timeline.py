@@ -24,6 +24,7 @@ from syncline_analyzer.folds.nmt.events import (
 from syncline_analyzer.folds.nmt.quiet import Quiet
 from syncline_analyzer.folds.nmt.silences import RESET_WINDOW_NS, Silences, loss_of
 from syncline_analyzer.folds.nmt.timeout import off_pace
+from syncline_analyzer.folds.nmt.unheeded import unheeded
 from syncline_schemas.batch import Gap
 from syncline_schemas.canopen.nmt import (
     RESETS,
@@ -105,6 +106,10 @@ class Timeline:
         for _, _, event in sorted(self._events(), key=lambda entry: entry[:2]):
             self._take(event)
         self._close(history.end_ns)
+        if context.timed:
+            told = {id(ignored.command) for ignored in self.ignored}
+            resets = unheeded(history, self.intervals, self.boot_ups)
+            self.ignored += [each for each in resets if id(each.command) not in told]
 
     def _events(self) -> Iterator[tuple[int, int, object]]:
         """(seq, order, event): commands before beats, silences before the frame that ends them."""

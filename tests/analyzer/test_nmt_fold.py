@@ -226,7 +226,38 @@ def test_a_guarded_node_is_lost_when_it_stops_answering_and_not_when_nobody_asks
     silent = run(*ordered(guarding(0, 1000), guarding(1000, 3000, answers=False), other))
     assert silent.states(NODE)[-1][0] == "LOST"
     unasked = run(*ordered(guarding(0, 1000), other))
-    assert unasked.states(NODE)[-1][0] == "OPERATIONAL"
+    assert unasked.states(NODE)[-2:] == [("OPERATIONAL", 0.001, 1.051), ("UNKNOWN", 1.051, 2.9)]
+
+
+@pytest.mark.parametrize("batch", [1, 7, 1 << 20])
+def test_the_state_of_a_node_that_nobody_asks_is_known_for_its_life_time(batch: int) -> None:
+    """100Ch x 100Dh = 800 ms; a frame of the node is a sign of life, a PDO tells its state."""
+    life = [
+        *(frame(t, 0x605, data) for t, data in ((1, "2B0C100064000000"), (3, "2F0D100008000000"))),
+        *(frame(t, 0x585, data) for t, data in ((2, "600C100000000000"), (4, "600D100000000000"))),
+    ]
+    rows = ordered(life, guarding(10, 1000), heartbeats(0, 4000, node=9))
+    assert run(*rows, batch=batch).states(NODE)[-1] == ("UNKNOWN", 1.711, 3.9)
+    answer = frame(1500, 0x585, "4300100092010200")
+    seen = run(*ordered(rows, [answer]), batch=batch)
+    assert seen.states(NODE)[-1] == ("UNKNOWN", 2.3, 3.9)
+    pdos = [frame(t, 0x185, "01") for t in range(5, 3900, 20)]
+    sends = run(*ordered(rows, pdos), batch=batch)
+    assert [state for state, _, _ in sends.states(NODE)] == ["UNKNOWN", "OPERATIONAL"]
+
+
+@pytest.mark.parametrize("batch", [1, 7, 1 << 20])
+def test_what_a_node_answers_after_a_pause_tells_how_it_was_in_it(batch: int) -> None:
+    other = heartbeats(0, 4000, node=9)
+    same = run(*ordered(guarding(0, 1000), guarding(2000, 4000), other), batch=batch)
+    assert same.states(NODE)[1:] == [("OPERATIONAL", 0.001, 3.901)]
+    later = guarding(2000, 4000, state=0x7F)
+    fell = run(*ordered(guarding(0, 1000), later, other), batch=batch)
+    states = [state for state, _, _ in fell.states(NODE)]
+    assert states == ["UNKNOWN", "OPERATIONAL", "UNKNOWN", "PRE-OPERATIONAL"]
+    assert fell.ids() == ["nmt.left_operational"]
+    told = ordered(guarding(0, 1000), [frame(1500, 0x000, "8005")], later, other)
+    assert run(*told, batch=batch).ids() == []
 
 
 def test_boot_up_byte_7fh_of_a_lir_with_heartbeat() -> None:

@@ -54,6 +54,13 @@ class Silence(NamedTuple):
     order: int
 
 
+class Unasked(NamedTuple):
+    """From `t_ns` on nothing tells the state of a guarded node: nobody asks, and it says nothing."""
+
+    t_ns: int
+    since_ns: int
+
+
 class Pause(NamedTuple):
     """A longer stretch between two guard requests; `end_ns` is None at the end of the capture."""
 

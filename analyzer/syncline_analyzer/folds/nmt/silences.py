@@ -5,9 +5,9 @@ from collections.abc import Container, Iterator
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.folds.bus.clock import ClockTable
-from syncline_analyzer.folds.nmt.events import Lost, NodeHistory, Silence
+from syncline_analyzer.folds.nmt.events import Lost, NodeHistory, Silence, Unasked
 from syncline_analyzer.folds.nmt.quiet import Quiet
-from syncline_analyzer.folds.nmt.timeout import silence_limit, watchers
+from syncline_analyzer.folds.nmt.timeout import silence_limit, unasked_limit, watchers
 from syncline_schemas.canopen.nmt import RESETS, STATE_AFTER_COMMAND, NmtState
 
 RESTART_NS = 10_000_000_000
@@ -56,17 +56,30 @@ class Silences:
     def _events_of(self, silence: Silence) -> Iterator[tuple[int, int, object]]:
         """Where in the order of `seq` a node gets LOST: commands may come before and after."""
         timeout = silence_limit(self._context, self._history, silence, self._watching)
-        if timeout is None or silence.end_ns <= silence.start_ns + timeout[0]:
+        if timeout is None:
+            yield from self._unasked(silence)
             return
-        lost_ns = silence.start_ns + timeout[0]
+        if silence.end_ns <= silence.start_ns + timeout[0]:
+            return
+        yield self._order(silence, silence.start_ns + timeout[0]), 0, (silence, timeout)
+        if silence.end_seq is not None and not self._is_beat(silence.end_seq):
+            yield silence.order, 1, silence
+
+    def _unasked(self, silence: Silence) -> Iterator[tuple[int, int, object]]:
+        """Where in the order of `seq` the state of a guarded node is not known any more."""
+        limit = unasked_limit(self._context, self._history, silence)
+        if limit is not None and silence.end_ns > silence.start_ns + limit:
+            t_ns = silence.start_ns + limit
+            yield self._order(silence, t_ns), 0, Unasked(t_ns, silence.start_ns)
+
+    def _order(self, silence: Silence, t_ns: int) -> int:
+        """The `seq` at which a moment of a silence is told: before the first command after it."""
         later = [
             command.seq
             for command in self._history.commands
-            if silence.start_seq < command.seq and command.t_ns >= lost_ns
+            if silence.start_seq < command.seq and command.t_ns >= t_ns
         ]
-        yield min([silence.order, *later[:1]]), 0, (silence, timeout)
-        if silence.end_seq is not None and not self._is_beat(silence.end_seq):
-            yield silence.order, 1, silence
+        return min([silence.order, *later[:1]])
 
     def _is_beat(self, seq: int) -> bool:
         at = bisect_left(self._seqs, seq)

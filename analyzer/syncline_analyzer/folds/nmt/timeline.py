@@ -1,7 +1,7 @@
 """The NMT state timeline of one node, told from its reduced history (analysis.md section 4)."""
 
 from bisect import bisect_right
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.extent import MOST_STEPS, SET_BACK_NS
@@ -19,6 +19,7 @@ from syncline_analyzer.folds.nmt.events import (
     NodeHistory,
     PdoSpan,
     Silence,
+    Unasked,
     Violation,
 )
 from syncline_analyzer.folds.nmt.quiet import Quiet
@@ -34,6 +35,7 @@ from syncline_schemas.canopen.nmt import (
     command_name,
 )
 from syncline_schemas.devices import quirks
+from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.records import dataclass
 
 RESET_MARGIN_NS = 1_000_000_000
@@ -71,6 +73,18 @@ class _Cursor:
     """Nothing was heard of the node since a gap or a silence of the whole bus."""
 
 
+class _Told(NamedTuple):
+    """What was told before a pause: the number of intervals, and the last of them."""
+
+    number: int
+    state: NmtState
+    certainty: Certainty
+
+    @classmethod
+    def of(cls, intervals: Sequence[Interval]) -> "_Told":
+        return cls(len(intervals), intervals[-1].state, intervals[-1].certainty)
+
+
 class Timeline:
     """Tells a node's states; `intervals` are half-open and leave no time out."""
 
@@ -101,6 +115,8 @@ class Timeline:
         """What the node told last."""
         self._fresh_seq: int | None = -1
         """The last boot-up, as long as the node has not told a state since: it may start itself."""
+        self._before: _Told | None = None
+        """What was told ahead of a pause of the node's guarding, until anything tells more."""
         self._now = _Cursor(NmtState.UNKNOWN, history.first_ns)
         self._begin(NmtState.UNKNOWN, history.first_ns, "nothing heard of it yet", "assumed", None)
         for _, _, event in sorted(self._events(), key=lambda entry: entry[:2]):
@@ -138,6 +154,8 @@ class Timeline:
                 self._silence(silence, timeout_ns, reason)
             case Silence():
                 self._heard_again(event)
+            case Unasked():
+                self._unasked(event)
             case Gap():
                 self._gap(event)
             case ClockStep():
@@ -167,6 +185,7 @@ class Timeline:
             self.intervals.pop()
         self.intervals.append(Interval(state, t_ns, t_ns, cause, certainty, evidence))
         self._now.state, self._now.since_ns = state, t_ns
+        self._before = None
 
     def _may_vanish(self) -> bool:
         """Whether an interval without length says nothing: all have none in a log without times."""
@@ -218,6 +237,7 @@ class Timeline:
 
     def _take_state(self, beat: Beat, state: NmtState) -> None:
         """The node tells its state."""
+        self._end_pause(beat, state)
         now, last = self._now, self.intervals[-1]
         command = now.command
         if command is not None and STATE_AFTER_COMMAND[command.specifier] is not state:
@@ -241,6 +261,37 @@ class Timeline:
         elif now.state not in (NmtState.UNKNOWN, NmtState.LOST) and last.certainty != "implied":
             self.changes.append((beat.seq, beat.t_ns, now.state.value, state.value))
         self._begin(state, beat.t_ns, self._cause_of(beat, now.state), "observed", beat.seq)
+
+    def _unasked(self, event: Unasked) -> None:
+        """Nobody asks a guarded node any more: nothing tells whether its state stays."""
+        if self._now.state not in (
+            NmtState.OPERATIONAL,
+            NmtState.PRE_OPERATIONAL,
+            NmtState.STOPPED,
+        ):
+            return
+        before = self._before or _Told.of(self.intervals)
+        passed = (event.t_ns - event.since_ns) / 1e9
+        cause = f"nobody asked it for {passed:.3f} s, and nothing else was heard of it"
+        self._begin(NmtState.UNKNOWN, event.t_ns, cause, "assumed", None)
+        self._before = before
+
+    def _end_pause(self, beat: Beat, state: NmtState) -> None:
+        """What a node answers after a pause of its guarding tells how it was in it."""
+        before, self._before = self._before, None
+        if before is None:
+            return
+        if before.state is state:
+            self._resume(before)
+        elif before.certainty == "observed":
+            self.changes.append((beat.seq, beat.t_ns, before.state.value, state.value))
+
+    def _resume(self, before: "_Told") -> None:
+        """Let the state go on that was told ahead of a pause."""
+        del self.intervals[before.number :]
+        last = self.intervals[-1]
+        self._now.state, self._now.since_ns = last.state, last.start_ns
+        self._before = None
 
     def _take_back(self, state: NmtState, beat: Beat) -> None:
         """A node that goes on after a reset of all, the NMT master above all, was not reset."""
@@ -412,6 +463,8 @@ class Timeline:
     def _pdos(self, span: PdoSpan) -> None:
         self._now.blind = False
         self._note_against(span)
+        if self._before is not None and self._before.state is NmtState.OPERATIONAL:
+            self._resume(self._before)
         now, last = self._now, self.intervals[-1]
         fresh = now.state is NmtState.PRE_OPERATIONAL and last.evidence == self._fresh_seq
         if now.state in (NmtState.UNKNOWN, NmtState.LOST) or fresh:

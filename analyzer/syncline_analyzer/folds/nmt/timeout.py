@@ -64,6 +64,21 @@ def _guarded(context: Context, history: NodeHistory, silence: Silence) -> tuple[
     return limit, f"{silence.requests} guard requests not answered"
 
 
+def unasked_limit(context: Context, history: NodeHistory, silence: Silence) -> int | None:
+    """Silence after which nothing tells the state of a guarded node that nobody asks [ns].
+
+    That is its life time, or the usual period of the requests where that is longer or not known.
+    """
+    usual = silence.period_ns
+    if not context.timed or silence.kind != "guard answer" or usual is None:
+        return None
+    if silence.requests >= MISSED_GUARDS:
+        return None
+    limit = round(LOST_FACTOR * max(usual, history.guard_period_ns or 0))
+    life = life_time_ns(context, history.bus, history.node, silence.start_seq)
+    return max(limit, life[0]) if life is not None else limit
+
+
 def life_time_ns(context: Context, bus: int, node: int, seq: int) -> tuple[int, str] | None:
     """Node life time [ns] and where it comes from (CiA 301 7.2.8.2.1); None while it is off."""
     time, factor = (

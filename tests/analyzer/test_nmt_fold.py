@@ -260,6 +260,65 @@ def test_what_a_node_answers_after_a_pause_tells_how_it_was_in_it(batch: int) ->
     assert run(*told, batch=batch).ids() == []
 
 
+def missing(*more: Row, pdos_ms: int = 1250, batch: int = 1 << 20) -> Run:
+    """Node 5 is asked up to 900 ms, says 8130h at 1210 ms, and sends PDOs up to a time."""
+    pdos = [frame(t, 0x185, "01") for t in range(5, pdos_ms, 20)]
+    emcy = frame(1210, 0x085, "3081110000000000")
+    rows = ordered(guarding(0, 1000), [emcy, *more], pdos, heartbeats(0, 4000, node=9))
+    return run(*rows, batch=batch)
+
+
+def known(value: int) -> list[Row]:
+    """1029h:1 of node 5 is read."""
+    return [frame(11, 0x605, "4029100100000000"), frame(12, 0x585, f"4F291001{value:02X}000000")]
+
+
+@pytest.mark.parametrize("batch", [1, 7, 1 << 20])
+def test_a_guarded_node_that_misses_its_master_is_pre_operational(batch: int) -> None:
+    result = missing(pdos_ms=1210, batch=batch)
+    assert result.states(NODE)[1:] == [
+        ("OPERATIONAL", 0.001, 1.21),
+        ("PRE-OPERATIONAL", 1.21, 1.36),
+        ("UNKNOWN", 1.36, 3.9),
+    ]
+    row = result.tables.nmt.timelines[0, NODE].intervals[-2]
+    assert row.certainty == "implied"
+    assert row.cause.endswith("(1029h:1 = 0, by default, it is not known here), and its PDOs ended")
+    assert result.ids() == ["nmt.guarding_lost"]
+    assert missing(pdos_ms=905).tables.nmt.timelines[0, NODE].intervals[-2].certainty == "assumed"
+
+
+@pytest.mark.parametrize(("value", "state"), [(0, "PRE-OPERATIONAL"), (2, "STOPPED"), (1, None)])
+def test_where_it_goes_is_what_1029h_says(value: int, state: str | None) -> None:
+    states = [name for name, _, _ in missing(*known(value), pdos_ms=905).states(NODE)]
+    assert states[1:] == ["OPERATIONAL", *([state] if state else []), "UNKNOWN"]
+
+
+def test_pdos_that_go_on_show_that_it_does_not_react() -> None:
+    assert [state for state, _, _ in missing(pdos_ms=3900).states(NODE)][-1] == "OPERATIONAL"
+    later = [frame(t, 0x185, "01") for t in range(3000, 3900, 20)]
+    states = [state for state, _, _ in missing(*later, pdos_ms=1210).states(NODE)]
+    assert "PRE-OPERATIONAL" not in states
+
+
+@pytest.mark.parametrize(("state", "told"), [(5, []), (0x7F, ["PRE-OPERATIONAL"])])
+def test_what_it_answers_later_says_whether_it_did(state: int, told: list[str]) -> None:
+    result = missing(*guarding(2000, 4000, state=state), pdos_ms=1210)
+    states = [name for name, _, _ in result.states(NODE)]
+    unknown = ["UNKNOWN", "PRE-OPERATIONAL"] if told else []
+    assert states == ["UNKNOWN", "OPERATIONAL", *told, *unknown]
+    assert result.ids() == ["nmt.guarding_lost"]
+    text = result.findings()[0].text
+    assert ("node 5 goes PRE-OPERATIONAL" in text) == bool(told)
+
+
+def test_a_node_that_is_asked_on_tells_its_state_itself() -> None:
+    """8130h of a heartbeat that it watches: the answers go on as before."""
+    emcy = frame(1210, 0x085, "3081110000000000")
+    result = run(*ordered(guarding(0, 4000), [emcy], heartbeats(0, 4000, node=9)))
+    assert [state for state, _, _ in result.states(NODE)] == ["UNKNOWN", "OPERATIONAL"]
+
+
 def test_boot_up_byte_7fh_of_a_lir_with_heartbeat() -> None:
     """LB01: with 1017h stored the boot-up carries 7Fh."""
     rows = [*heartbeats(0, 1000), frame(1010, 0x000, "8105"), frame(3050, 0x705, "7F")]

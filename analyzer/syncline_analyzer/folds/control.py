@@ -80,7 +80,8 @@ class ControlFold:
         clock = self._clock.finish(end_ns)
         sdo = self._sdo.finish(end_ns)
         answering = {bus for (bus, _), count in sdo.counts.items() if count.confirmed}
-        nmt = self._nmt.finish(end_ns, clock, answering, self._emcy.communication_errors())
+        errors, missed = self._emcy.communication_errors(), self._emcy.missed_masters()
+        nmt = self._nmt.finish(end_ns, clock, answering, errors, missed)
         buses = {self._context.bus_name(bus) for bus in nmt.canopen}
         sdo = replace(
             sdo,

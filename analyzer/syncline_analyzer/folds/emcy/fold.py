@@ -22,6 +22,7 @@ from syncline_analyzer.folds.emcy.rates import (
 from syncline_analyzer.folds.emcy.reads import NoError
 from syncline_analyzer.folds.emcy.rpdo import Suspect, Suspects
 from syncline_analyzer.folds.emcy.story import Before, Message, Story
+from syncline_analyzer.folds.nmt.events import MissedMaster
 from syncline_analyzer.folds.nmt.table import BootUp
 from syncline_analyzer.results import EmcyRow, ErrorRow
 from syncline_schemas.records import dataclass
@@ -31,6 +32,7 @@ MAX_MESSAGES = 1_000_000
 MAX_EMPTY = 1000
 """Frames of a node without room for an error code that become rows; the rest is only counted."""
 _COMMUNICATION = (b"\x75", b"\x81")
+_LIFE = b"\x30\x81"
 _INHIBIT_TIME = 0x1015
 
 NodeKey = tuple[int, int]
@@ -104,6 +106,13 @@ class EmcyFold:
         """Times of the EMCYs that tell of a communication error (75xxh, 81xxh) by node [ns]."""
         return {
             key: [m.t_ns for m in messages if m.whole and m.data[1:2] in _COMMUNICATION]
+            for key, messages in self._messages.items()
+        }
+
+    def missed_masters(self) -> dict[NodeKey, list[MissedMaster]]:
+        """When each node told that it misses its master (8130h)."""
+        return {
+            key: [MissedMaster(m.seq, m.t_ns) for m in messages if m.whole and m.data[:2] == _LIFE]
             for key, messages in self._messages.items()
         }
 

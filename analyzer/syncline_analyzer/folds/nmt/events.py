@@ -61,6 +61,13 @@ class Unasked(NamedTuple):
     since_ns: int
 
 
+class MissedMaster(NamedTuple):
+    """An EMCY 8130h: neither requests nor a heartbeat of its master came to a node in time."""
+
+    seq: int
+    t_ns: int
+
+
 class Pause(NamedTuple):
     """A longer stretch between two guard requests; `end_ns` is None at the end of the capture."""
 
@@ -196,6 +203,9 @@ class NodeHistory:
     """The heartbeats of its bus."""
     communication_errors: Sequence[int] = ()
     """Times of its EMCYs that tell of a communication error (75xxh, 81xxh)."""
+    missed_masters: Sequence[MissedMaster] = ()
+    told_ns: int | None = None
+    """When it told a state last."""
 
 
 @dataclass(slots=True)

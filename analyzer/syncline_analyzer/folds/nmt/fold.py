@@ -20,6 +20,7 @@ from syncline_analyzer.folds.nmt.emptied import never_booted, powered_on, restar
 from syncline_analyzer.folds.nmt.error_control import ErrorControl, reset_mark
 from syncline_analyzer.folds.nmt.events import (
     Command,
+    MissedMaster,
     NodeHistory,
     PdoSpan,
     Repeated,
@@ -85,6 +86,7 @@ class NmtFold:
         self._heard: dict[NodeKey, Columns] = {}
         """Error control of the last batch of the other nodes."""
         self._errors: Mapping[NodeKey, Sequence[int]] = {}
+        self._missed: Mapping[NodeKey, Sequence[MissedMaster]] = {}
         self._measures: dict[NodeKey, Measures] = {}
         self._starts: dict[NodeKey, list[int]] = {}
         """When each node may have started, once everything is seen."""
@@ -142,14 +144,16 @@ class NmtFold:
         clock: ClockTable,
         canopen: AbstractSet[int] = frozenset(),
         errors: Mapping[NodeKey, Sequence[int]] | None = None,
+        missed: Mapping[NodeKey, Sequence[MissedMaster]] | None = None,
     ) -> NmtTable:
         """Timelines of all nodes, up to the end of the capture.
 
         A PDO identifier alone tells of a node only on a bus that shows CANopen otherwise: by
         error control, NMT commands, SYNC, or because it is one of `canopen` (bus numbers).
-        `errors` are the times of each node's EMCYs that tell of communication errors.
+        `errors` are the times of each node's EMCYs that tell of communication errors, `missed`
+        those of them by which it misses its master.
         """
-        self._errors = errors or {}
+        self._errors, self._missed = errors or {}, missed or {}
         self._wake_all()
         for control in self._control.values():
             control.finish(end_ns, self._next_seq)
@@ -355,6 +359,8 @@ class NmtFold:
             others_beat=others_beat(self._control, key),
             witnesses=witnesses,
             communication_errors=self._errors.get(key, ()),
+            missed_masters=self._missed.get(key, ()),
+            told_ns=control.last_beat_ns,
         )
         timeline = Timeline(self._context, history, clock)
         table.timelines[key] = timeline

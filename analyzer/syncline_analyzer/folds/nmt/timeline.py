@@ -16,6 +16,7 @@ from syncline_analyzer.folds.nmt.events import (
     Ignored,
     Interval,
     Lost,
+    MissedMaster,
     NodeHistory,
     PdoSpan,
     Silence,
@@ -23,6 +24,7 @@ from syncline_analyzer.folds.nmt.events import (
     Violation,
 )
 from syncline_analyzer.folds.nmt.quiet import Quiet
+from syncline_analyzer.folds.nmt.reactions import REACTION, Reactions
 from syncline_analyzer.folds.nmt.silences import RESET_WINDOW_NS, Silences, loss_of
 from syncline_analyzer.folds.nmt.timeout import off_pace
 from syncline_analyzer.folds.nmt.unheeded import unheeded
@@ -45,8 +47,6 @@ RESET_QUIET_NS = 4_000_000_000
 PAIR_NS = 150_000_000
 """A second boot-up this soon after the first belongs to the same start [ns]: devices that send a
 pair have 45 ms and 85 ms between the two."""
-REACTION = 0x1029
-"""What a node does after a communication error: subindex 1, 0 for PRE-OPERATIONAL."""
 REACTION_NS = 10_000_000_000
 """An error explains a fall to PRE-OPERATIONAL this long after it [ns]."""
 TOLD_LATE_NS = 1_000_000_000
@@ -95,6 +95,7 @@ class Timeline:
         self._silences = Silences(context, history, clock, self.quiet)
         self._set_back = _set_back(clock, context.bus_name(history.bus))
         self._quirks = quirks(context.shadow.device(history.bus, history.node))
+        self._reactions = Reactions(context, history)
         self._seqs = [beat.seq for beat in history.beats]
         self.intervals: list[Interval] = []
         self.boot_ups: list[BootUpEvent] = []
@@ -141,6 +142,8 @@ class Timeline:
             yield beat.seq, 4, beat
         for span in history.spans:
             yield span.first_seq, 5, span
+        for missed in history.missed_masters:
+            yield missed.seq, 6, missed
 
     def _take(self, event: object) -> None:
         match event:
@@ -156,6 +159,8 @@ class Timeline:
                 self._heard_again(event)
             case Unasked():
                 self._unasked(event)
+            case MissedMaster():
+                self._missed_master(event)
             case Gap():
                 self._gap(event)
             case ClockStep():
@@ -206,7 +211,7 @@ class Timeline:
         again = now.command is not None and now.command.specifier == command.specifier
         first = now.first if again else command
         if now.state is state and state is not NmtState.INITIALISING:
-            now.command, now.first = command, first
+            now.command, now.first, self._before = command, first, None
             return
         restarts = self.restarts and command.t_ns < self.restarts[-1].end_ns
         if restarts or now.state is NmtState.LOST or (command.node == 0 and not self._heard):
@@ -275,6 +280,15 @@ class Timeline:
         cause = f"nobody asked it for {passed:.3f} s, and nothing else was heard of it"
         self._begin(NmtState.UNKNOWN, event.t_ns, cause, "assumed", None)
         self._before = before
+
+    def _missed_master(self, event: MissedMaster) -> None:
+        """A guarded node that nobody asks goes where 1029h:1 lets it, and says so by 8130h."""
+        before = self._before or _Told.of(self.intervals)
+        known = before.state is NmtState.OPERATIONAL and before.certainty != "commanded"
+        went = self._reactions.to(event) if known and self._context.timed else None
+        if went is not None:
+            self._begin(*went)
+            self._before = before
 
     def _end_pause(self, beat: Beat, state: NmtState) -> None:
         """What a node answers after a pause of its guarding tells how it was in it."""

@@ -296,13 +296,16 @@ class Timeline:
         if before is None:
             return
         if before.state is state:
-            self._resume(before)
-        elif before.certainty == "observed":
+            self._resume(before.number)
+            return
+        if before.certainty == "observed":
             self.changes.append((beat.seq, beat.t_ns, before.state.value, state.value))
+        if len(self.intervals) - before.number > 1 and self.intervals[-2].state is state:
+            self._resume(len(self.intervals) - 1)
 
-    def _resume(self, before: "_Told") -> None:
-        """Let the state go on that was told ahead of a pause."""
-        del self.intervals[before.number :]
+    def _resume(self, number: int) -> None:
+        """Let the last of so many states go on that were told ahead of a pause, or in it."""
+        del self.intervals[number:]
         last = self.intervals[-1]
         self._now.state, self._now.since_ns = last.state, last.start_ns
         self._before = None
@@ -478,7 +481,7 @@ class Timeline:
         self._now.blind = False
         self._note_against(span)
         if self._before is not None and self._before.state is NmtState.OPERATIONAL:
-            self._resume(self._before)
+            self._resume(self._before.number)
         now, last = self._now, self.intervals[-1]
         fresh = now.state is NmtState.PRE_OPERATIONAL and last.evidence == self._fresh_seq
         if now.state in (NmtState.UNKNOWN, NmtState.LOST) or fresh:

@@ -726,6 +726,71 @@ def test_a_master_that_pauses_is_told_only_where_a_node_misses_it() -> None:
     assert run(*ordered(guarding(0, 1000), guarding(1400, 3000), OTHER)).ids() == []
 
 
+def unguarded(*more: list[Row], end_ms: float = 12_000) -> Run:
+    """Node 5 is asked every 100 ms for 4 s, and never again."""
+    return run(*ordered(guarding(0, 4000), others(end_ms), *more))
+
+
+@pytest.mark.triggers("nmt.guarding_ended")
+def test_guarding_that_ends_while_the_bus_lives_on() -> None:
+    result = unguarded()
+    assert result.ids() == ["nmt.guarding_ended"]
+    finding = one(result, "nmt.guarding_ended")
+    assert (finding.severity, finding.node) == ("info", NODE)
+    assert "to node 5, every 100 ms until then, ended at +3.900 s" in finding.text
+    assert finding.text.endswith("Nothing was heard of it after +3.901 s.")
+    sends = one(
+        unguarded([frame(t, 0x185, "01") for t in range(5, 12_000, 20)]), "nmt.guarding_ended"
+    )
+    assert "Nothing was heard" not in sends.text
+
+
+@pytest.mark.triggers("nmt.guarding_ended")
+def test_guarding_that_ends_is_a_warning_where_the_life_time_is_on() -> None:
+    life = [*written(1, 0x100C, 100), *written(3, 0x100D, 3, 1)]
+    finding = one(run(*ordered(life, guarding(10, 4000), others(20_000))), "nmt.guarding_ended")
+    assert finding.severity == "warning"
+    assert "The life time of 300 ms (100Ch x 100Dh, sdo-write) of node 5 ran out" in finding.text
+
+
+@pytest.mark.triggers("nmt.guarding_ended")
+def test_guarding_that_ends_for_two_nodes_at_once_is_one_finding() -> None:
+    second = [(row[0] + 7 * MS, row[1], 0x706, *row[3:]) for row in guarding(0, 4000)]
+    finding = one(unguarded(second), "nmt.guarding_ended")
+    assert finding.node is None
+    assert "to nodes 5, 6," in finding.text
+    assert "Nothing was heard of them" in finding.text
+
+
+@pytest.mark.near_miss("nmt.guarding_ended")
+@pytest.mark.parametrize(
+    "more",
+    [
+        [frame(3950, 0x000, "0205")],
+        [frame(4200, 0x000, "8200")],
+        [*written(3990, 0x100C, 0), *written(3994, 0x100D, 0, 1)],
+        [*written(3950, 0x1017, 100), *heartbeats(4050, 12_000)],
+        [frame(4400, 0x085, "3081110000000000")],
+        guarding(11_000, 12_000),
+        guarding(4000, 5000, answers=False),
+    ],
+    ids=["stopped", "reset", "set to 0", "heartbeat", "8130h", "goes on", "no answers"],
+)
+def test_guarding_that_somebody_ended_or_the_node_tells_of(more: list[Row]) -> None:
+    assert "nmt.guarding_ended" not in unguarded(more).ids()
+
+
+@pytest.mark.near_miss("nmt.guarding_ended")
+def test_guarding_that_ends_with_the_capture_or_was_none() -> None:
+    assert "nmt.guarding_ended" not in unguarded(end_ms=8000).ids()
+    few = ordered(guarding(0, 1000), others(12_000))
+    assert "nmt.guarding_ended" not in run(*few).ids()
+    gap = Gap(6000 * MS, 6500 * MS, "overrun")
+    rows = ordered(guarding(0, 4000), others(6000))
+    after = [row for row in others(20_000) if row[0] > 6500 * MS]
+    assert "nmt.guarding_ended" not in run(*rows, gap, *after).ids()
+
+
 def test_nodes_that_miss_one_master_are_one_finding_at_the_master() -> None:
     slaves = [
         row

@@ -3,6 +3,7 @@
 from syncline_analyzer.findings.nmt import (
     commands,
     guarding,
+    guarding_end,
     heartbeat,
     lost,
     outside,
@@ -15,6 +16,7 @@ from syncline_analyzer.findings.nmt import (
 
 RULES = (
     *guarding.RULES,
+    *guarding_end.RULES,
     *lost.RULES,
     *waited.RULES,
     *twins.RULES,

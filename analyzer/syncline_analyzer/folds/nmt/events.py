@@ -17,6 +17,9 @@ from syncline_schemas.records import dataclass
 IN_FLIGHT_NS = 10_000_000
 """What a node sends this soon after a command or change may have been on its way [ns]."""
 
+UNASKED = "nobody asked it for"
+"""How the cause of a state begins that is not known as a guarded node is not asked any more."""
+
 BeatKind = Literal["heartbeat", "guard answer", "boot-up", "empty"]
 Certainty = Literal["observed", "commanded", "implied", "assumed"]
 

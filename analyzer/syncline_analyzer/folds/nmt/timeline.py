@@ -9,6 +9,7 @@ from syncline_analyzer.folds.bus.clock import ClockStep, ClockTable
 from syncline_analyzer.folds.nmt.emptied import boots_with_00h
 from syncline_analyzer.folds.nmt.events import (
     IN_FLIGHT_NS,
+    UNASKED,
     Beat,
     BootUpEvent,
     Certainty,
@@ -277,7 +278,7 @@ class Timeline:
             return
         before = self._before or _Told.of(self.intervals)
         passed = (event.t_ns - event.since_ns) / 1e9
-        cause = f"nobody asked it for {passed:.3f} s, and nothing else was heard of it"
+        cause = f"{UNASKED} {passed:.3f} s, and nothing else was heard of it"
         self._begin(NmtState.UNKNOWN, event.t_ns, cause, "assumed", None)
         self._before = before
 

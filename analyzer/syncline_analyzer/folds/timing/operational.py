@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import groupby
 
+from syncline_analyzer.folds.nmt.events import UNASKED
 from syncline_analyzer.folds.timing.rhythm import Operational
 from syncline_analyzer.results import NmtStateRow
 
@@ -14,20 +14,20 @@ def operational(
     """When a node was OPERATIONAL; None when nothing at all is known of its state.
 
     It left that state unless the recorder stopped listening: an UNKNOWN that no gap begins comes
-    from a silence of the whole bus.
+    from a silence of the whole bus. A guarded node that nobody asks any more has left no state:
+    its PDOs are due as before.
     """
     of_node = unstepped([row for row in rows if row.bus == bus and row.node == node])
     if all(row.state == "UNKNOWN" for row in of_node):
         return None
-    stretches = [list(group) for _, group in groupby(of_node, key=lambda row: row.state)]
+    stretches = _stretches(of_node)
     left = [
-        after[0].state != "UNKNOWN" or after[0].start_ns not in gap_starts
-        for after in stretches[1:]
+        state != "UNKNOWN" or after[0].start_ns not in gap_starts for state, after in stretches[1:]
     ]
     return [
         Operational(stretch[0].start_ns, stretch[-1].end_ns, is_left)
-        for stretch, is_left in zip(stretches, [*left, False], strict=False)
-        if stretch[0].state == "OPERATIONAL"
+        for (state, stretch), is_left in zip(stretches, [*left, False], strict=False)
+        if state == "OPERATIONAL"
     ]
 
 
@@ -43,4 +43,15 @@ def unstepped(rows: Sequence[NmtStateRow]) -> list[NmtStateRow]:
             found[-1] = replace(last, end_ns=max(last.start_ns, row.end_ns))
         else:
             found.append(row)
+    return found
+
+
+def _stretches(rows: Sequence[NmtStateRow]) -> list[tuple[str, list[NmtStateRow]]]:
+    """Rows in a row of one state, and those that tell no other one."""
+    found: list[tuple[str, list[NmtStateRow]]] = []
+    for row in rows:
+        if found and (row.state == found[-1][0] or row.cause.startswith(UNASKED)):
+            found[-1][1].append(row)
+        else:
+            found.append((row.state, [row]))
     return found

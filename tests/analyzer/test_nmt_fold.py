@@ -285,6 +285,8 @@ def test_a_guarded_node_that_misses_its_master_is_pre_operational(batch: int) ->
     assert row.certainty == "implied"
     assert row.cause.endswith("(1029h:1 = 0, by default, it is not known here), and its PDOs ended")
     assert result.ids() == ["nmt.guarding_lost"]
+    (emcy,) = result.analysis.emcy_context
+    assert emcy.state == "OPERATIONAL", "it was, as it sent the EMCY"
     assert missing(pdos_ms=905).tables.nmt.timelines[0, NODE].intervals[-2].certainty == "assumed"
 
 

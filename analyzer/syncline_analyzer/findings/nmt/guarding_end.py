@@ -163,8 +163,8 @@ def _finding(facts: Facts, bus: str, group: Sequence[_End]) -> Finding:
         text,
         "The master's program stopped or was restarted, it gave the node up, or a tool that asked"
         " was closed.",
-        "Does the master still run, and is the node in its list? Nobody would notice now that the"
-        " node is gone; read its 1001h, 100Ch and 100Dh.",
+        "Does the master still run, and is the node in its list? Nobody watches it now: read its"
+        " 1001h, 100Ch and 100Dh.",
         [end.seq for end in group],
     )
 

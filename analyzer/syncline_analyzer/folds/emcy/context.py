@@ -52,7 +52,7 @@ def emcy_context(
     return [
         _context(
             row,
-            state_at(states.get((row.bus, row.node), ()), row.seq, row.t_ns, timed=timed),
+            _sent_in(states.get((row.bus, row.node), ()), row, timed=timed),
             _bus_state(bus_states, row) if timed else None,
             _before(writes.get((row.bus, row.node)), row),
             traces.get((row.bus, row.node), ()),
@@ -77,6 +77,14 @@ def state_at(
         return inside[-1]
     last = rows[-1] if rows else None
     return last if last is not None and last.start_ns <= t_ns <= last.end_ns else None
+
+
+def _sent_in(rows: Sequence[NmtStateRow], emcy: EmcyRow, *, timed: bool) -> NmtStateRow | None:
+    """The interval in which an EMCY was sent: the one before, where it tells that it ends that."""
+    found = state_at(rows, emcy.seq, emcy.t_ns, timed=timed)
+    if found is None or found.evidence != emcy.seq or found.state == "UNKNOWN":
+        return found
+    return rows[max(0, rows.index(found) - 1)]
 
 
 def _by_node(rows: Iterable[Row], keys: set[Key]) -> Mapping[Key, list[Row]]:

@@ -260,12 +260,15 @@ def test_what_a_node_answers_after_a_pause_tells_how_it_was_in_it(batch: int) ->
     assert run(*told, batch=batch).ids() == []
 
 
-def missing(*more: Row, pdos_ms: int = 1250, batch: int = 1 << 20) -> Run:
+def missing(
+    *more: Row, pdos_ms: int = 1250, batch: int = 1 << 20, device: str | None = None
+) -> Run:
     """Node 5 is asked up to 900 ms, says 8130h at 1210 ms, and sends PDOs up to a time."""
     pdos = [frame(t, 0x185, "01") for t in range(5, pdos_ms, 20)]
     emcy = frame(1210, 0x085, "3081110000000000")
     rows = ordered(guarding(0, 1000), [emcy, *more], pdos, heartbeats(0, 4000, node=9))
-    return run(*rows, batch=batch)
+    devices = {NODE: load_device(device)} if device else None
+    return run(*rows, batch=batch, devices=devices)
 
 
 def known(value: int) -> list[Row]:
@@ -294,6 +297,13 @@ def test_a_guarded_node_that_misses_its_master_is_pre_operational(batch: int) ->
 def test_where_it_goes_is_what_1029h_says(value: int, state: str | None) -> None:
     states = [name for name, _, _ in missing(*known(value), pdos_ms=905).states(NODE)]
     assert states[1:] == ["OPERATIONAL", *([state] if state else []), "UNKNOWN"]
+
+
+@pytest.mark.parametrize("value", [0, 1, 2])
+def test_a_jn2100_goes_pre_operational_whatever_1029h_says(value: int) -> None:
+    result = missing(*known(value), pdos_ms=905, device="jn2100")
+    states = [name for name, _, _ in result.states(NODE)]
+    assert states[1:] == ["OPERATIONAL", "PRE-OPERATIONAL", "UNKNOWN"]
 
 
 def test_pdos_that_go_on_show_that_it_does_not_react() -> None:

@@ -11,6 +11,7 @@ from syncline_analyzer.folds.nmt.events import (
     PdoSpan,
 )
 from syncline_schemas.canopen.nmt import NmtState
+from syncline_schemas.devices import quirks
 from syncline_schemas.named_tuples import NamedTuple
 
 REACTION = 0x1029
@@ -45,17 +46,26 @@ class Reactions:
         """
         if not self._unasked(missed) or self._sends_on(missed):
             return None
-        history = self._history
-        known = self._context.shadow.get(history.bus, history.node, REACTION, 1, missed.seq)
-        value = known.value if known is not None else 0
-        if not isinstance(value, int) or value not in STATES:
+        state, source, known = self._told(missed)
+        if state is None:
             return None
-        source = known.source if known is not None else "by default, it is not known here"
-        ended = any(_ends(span, missed) for span in history.spans)
-        cause = f"EMCY 8130h: it missed its master (1029h:1 = {value}, {source})"
+        ended = any(_ends(span, missed) for span in self._history.spans)
+        cause = f"EMCY 8130h: it missed its master ({source})"
         cause += ", and its PDOs ended" if ended else ""
-        certainty: Certainty = "implied" if ended or known is not None else "assumed"
-        return Reaction(STATES[value], missed.t_ns, cause, certainty, missed.seq)
+        certainty: Certainty = "implied" if ended or known else "assumed"
+        return Reaction(state, missed.t_ns, cause, certainty, missed.seq)
+
+    def _told(self, missed: MissedMaster) -> tuple[NmtState | None, str, bool]:
+        """The state that a node's settings tell, their source, and whether they are known."""
+        shadow, place = self._context.shadow, (self._history.bus, self._history.node)
+        device = shadow.device(*place)
+        if quirks(device).life_guard_reaction == "pre-operational":
+            return NmtState.PRE_OPERATIONAL, "this device does so whatever 1029h says", True
+        known = shadow.get(*place, REACTION, 1, missed.seq)
+        value = known.value if known is not None else 0
+        source = known.source if known is not None else "by default, it is not known here"
+        state = STATES.get(value) if isinstance(value, int) else None
+        return state, f"1029h:1 = {value}, {source}", known is not None
 
     def _unasked(self, missed: MissedMaster) -> bool:
         """Whether the node is guarded, and no answer of it tells its state soon."""

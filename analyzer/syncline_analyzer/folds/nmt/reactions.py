@@ -65,7 +65,7 @@ class Reactions:
         value = known.value if known is not None else 0
         source = known.source if known is not None else "by default, it is not known here"
         state = STATES.get(value) if isinstance(value, int) else None
-        return state, f"1029h:1 = {value}, {source}", known is not None
+        return state, f"1029h:1 = {value!r}, {source}", known is not None
 
     def _unasked(self, missed: MissedMaster) -> bool:
         """Whether the node is guarded, and no answer of it tells its state soon."""

@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from syncline_analyzer.context import Context
@@ -481,6 +481,7 @@ _FRAMES = st.lists(
 
 
 @given(_FRAMES, st.integers(1, 7))
+@example([(0x185, "", 0, False), (0x705, "00", 1, False)], 1)
 @settings(max_examples=100, deadline=None)
 def test_batches_do_not_matter(frames: list[tuple[int, str, int, bool]], batch: int) -> None:
     t_ms, rows = 0, []

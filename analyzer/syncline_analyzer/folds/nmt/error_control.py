@@ -162,6 +162,10 @@ class ErrorControl:
         if self._held is not None and max(len(self._held_life[0]), len(self._held.seq)) > MAX_HELD:
             self._take_held()
 
+    def live_otherwise(self, t_ns: int) -> None:
+        """Take in when a node that is `unheard` sent other frames than error control last."""
+        self.heard_last_ns = self._heard = t_ns
+
     def go_on(self, waited: Waited) -> None:
         """Take in heartbeats of a node that was `steady`, which only went on: none came late."""
         assert self._last is not None

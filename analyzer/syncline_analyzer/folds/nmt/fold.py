@@ -275,7 +275,7 @@ class NmtFold:
             control = self._control[key] = ErrorControl(timed=self._context.timed)
         heard = self._heard.pop(key, None)
         if heard is None and control.unheard:
-            control.heard_last_ns = int(batch.frames.t_ns[sent.last])
+            control.live_otherwise(int(batch.frames.t_ns[sent.last]))
             return
         frames, rows = batch.frames, sent.rows
         beat = _ERROR_CONTROL[frames.can_id[rows]]

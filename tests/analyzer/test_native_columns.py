@@ -1,6 +1,7 @@
 """Compiled columns of the timing analyses are those of numpy, bit for bit."""
 
 import pickle
+from collections import Counter
 from itertools import groupby
 
 import numpy as np
@@ -230,6 +231,31 @@ def test_times_between_frames_are_those_of_numpy(t_ns: list[int], limit_ns: int)
     assert native.sooner(column, limit_ns) == np.count_nonzero((apart >= 0) & (apart < limit_ns))
 
 
+@given(
+    spaced=st.lists(st.tuples(st.integers(-2, 60) | STAMPS, st.integers(0, 30)), min_size=1),
+    frames=st.integers(1, 5),
+    within_ns=st.integers(0, 50),
+)
+def test_close_spacings_are_those_of_a_plain_loop(
+    spaced: list[tuple[int, int]], frames: int, within_ns: int
+) -> None:
+    frames = min(frames, len(spaced))
+    sums = []
+    for first in range(len(spaced) - frames + 1):
+        each = spaced[first : first + frames]
+        if min(apart_ns for apart_ns, _ in each) >= 0:
+            sums.append(tuple(map(sum, zip(*each, strict=True))))
+    # As 64 bits hold them.
+    sums = [((time_ns + 2**63) % 2**64 - 2**63, bits) for time_ns, bits in sums]
+    apart_ns, bits = np.array(spaced, np.int64).T
+    close_ns, close_bits, lengths = native.close_runs(apart_ns, bits, frames, 1.5, within_ns)
+    close = [(time_ns, bits) for time_ns, bits in sums if time_ns - bits * 1.5 <= within_ns]
+    assert list(zip(close_ns.tolist(), close_bits.tolist(), strict=True)) == close
+    assert Counter(np.repeat(np.arange(len(lengths)), lengths).tolist()) == Counter(
+        bits for _, bits in sums
+    )
+
+
 def test_rows_outside_are_refused() -> None:
     column = np.arange(4)
     data, place = np.zeros((4, 8), np.uint8), np.array([[0, 1]])
@@ -247,6 +273,9 @@ def test_rows_outside_are_refused() -> None:
                 *(place, column, column, column, np.zeros(marks_ns, np.int64)),
                 *(np.zeros(last, np.int64), kind, 7),
             )
+    for bits, frames in ((column, 0), (column, 5), (column - 1, 2), (column[:3], 2)):
+        with pytest.raises(ValueError, match="columns of other"):
+            native.close_runs(column, bits, frames, 1.0, 1.0)
     with pytest.raises(ValueError, match="columns of other"):
         native.before(np.array([2, 1]), 4)
     with pytest.raises(ValueError, match="columns of other"):

@@ -10,6 +10,7 @@ from syncline_schemas.native.library import SWITCH, available
 from syncline_schemas.native.places import after, before, differences, running, runs
 from syncline_schemas.native.sdo_pairs import sdo_pairs
 from syncline_schemas.native.series import extremes, histogram, tally, thinned
+from syncline_schemas.native.spacings import close_runs
 from syncline_schemas.native.stamps import later, sooner
 from syncline_schemas.native.text import MOST_LENGTH, KnownLines, lines
 from syncline_schemas.native.waiting import BusRows, bounds, close, marked
@@ -33,6 +34,7 @@ __all__ = [
     "before",
     "bounds",
     "close",
+    "close_runs",
     "delays",
     "differences",
     "extremes",

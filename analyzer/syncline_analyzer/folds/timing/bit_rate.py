@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from syncline_analyzer.distribution import quantile_of
+from syncline_schemas import native
 from syncline_schemas.records import dataclass
 
 CANDIDATES = (10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
@@ -91,6 +92,15 @@ class _Runs:
         return _Runs(self.frames, self.apart_ns[rows], self.bits[rows])
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Close:
+    """Those that are not too far apart to matter; number and median length [bit] of all."""
+
+    runs: _Runs
+    count: int
+    usual: float
+
+
 @dataclass(frozen=True, slots=True)
 class _Pile:
     """What lies at the limit of one candidate.
@@ -165,11 +175,12 @@ def estimate(apart_ns: Ints, bits: Ints, resolution_ns: int) -> Estimate | None:
     single = _Runs(1, apart_ns, bits).part(apart_ns >= 0)
     resolution_ns = max(resolution_ns, _step_ns(single.apart_ns))
     off_ns = _off_ns(single)
-    impossible = _impossible(single, resolution_ns + _JITTER_NS[-1], CANDIDATES)
-    for runs in _runs(apart_ns, bits, _RUNS):
+    within_ns = resolution_ns + _JITTER_NS[-1]
+    impossible = _impossible(single, within_ns, CANDIDATES)
+    for close in _close(apart_ns, bits, within_ns, impossible):
         piles = [
             pile
-            for pile in _piles(runs, resolution_ns, off_ns, impossible)
+            for pile in _piles(close, resolution_ns, off_ns, impossible)
             if impossible[pile.bitrate] <= _IMPOSSIBLE * pile.count
         ]
         limits = {
@@ -180,7 +191,7 @@ def estimate(apart_ns: Ints, bits: Ints, resolution_ns: int) -> Estimate | None:
         if len(limits) == 1:
             pile = next(iter(limits.values()))
             before = np.concatenate((bits[:1], bits[:-1]))
-            (shifted,) = _runs(apart_ns, before, (runs.frames,))
+            shifted = _runs(apart_ns, before, pile.frames)
             confident = _most_alike(shifted, pile.within_ns) < pile.count
             return Estimate(pile.bitrate, confident, pile.count, pile.within_ns)
         guess = max(
@@ -267,44 +278,61 @@ def _holds_singly(pile: _Pile, single: _Runs) -> bool:
 
 def _impossible(single: _Runs, off_ns: int, bitrates: Iterable[int]) -> dict[int, int]:
     """How many frames come sooner than each bit rate allows, stamps that are off so far granted."""
-    soon_ns = (single.apart_ns + off_ns).astype(np.float64)
-    length = single.bits.astype(np.float64)
-    return {
-        bitrate: int(np.count_nonzero(soon_ns < length * (1e9 / bitrate))) for bitrate in bitrates
-    }
+    bit_ns = (single.apart_ns + off_ns) / single.bits
+    return {bitrate: int(np.count_nonzero(bit_ns < 1e9 / bitrate)) for bitrate in bitrates}
 
 
-def _runs(apart_ns: Ints, bits: Ints, counts: Iterable[int]) -> Iterator[_Runs]:
-    """Spacings of so many frames in a row."""
-    if len(apart_ns) and apart_ns[0] < 0:
-        apart_ns, bits = apart_ns[1:], bits[1:]
-    time = np.concatenate(([0], np.cumsum(np.maximum(apart_ns, 0))))
-    length = np.concatenate(([0], np.cumsum(bits)))
-    breaks = np.concatenate(([0], np.cumsum(apart_ns < 0)))
-    for count in counts:
-        if len(apart_ns) < count:
+def _close(
+    apart_ns: Ints, bits: Ints, within_ns: int, impossible: Mapping[int, int]
+) -> Iterator[_Close]:
+    """Spacings of several frames in a row that lie at the limit of any candidate, or beside it.
+
+    The slowest one that is not ruled out tells: what is too far apart for it is so for every
+    faster one.
+    """
+    left = [rate for rate in CANDIDATES if impossible[rate] <= _IMPOSSIBLE * len(bits)]
+    for frames in _RUNS if left else ():
+        if frames > len(bits):
             return
-        runs = _Runs(count, time[count:] - time[:-count], length[count:] - length[:-count])
-        yield runs.part(breaks[count:] == breaks[:-count]) if breaks[-1] else runs
+        runs, lengths = _close_runs(apart_ns, bits, frames, 1e9 / left[0], 3 * within_ns)
+        if len(runs.bits) >= _FEW:
+            yield _Close(runs, int(lengths.sum()), _median(lengths))
+
+
+def _close_runs(
+    apart_ns: Ints, bits: Ints, frames: int, bit_ns: float, within_ns: int
+) -> tuple[_Runs, Ints]:
+    """Those at most so much longer than their bits; how many of all have 0, 1, 2... bits."""
+    if native.available():
+        close_ns, close_bits, lengths = native.close_runs(apart_ns, bits, frames, bit_ns, within_ns)
+        return _Runs(frames, close_ns, close_bits), lengths
+    runs = _runs(apart_ns, bits, frames)
+    return runs.part(runs.apart_ns - runs.bits * bit_ns <= within_ns), np.bincount(runs.bits)
+
+
+def _runs(apart_ns: Ints, bits: Ints, frames: int) -> _Runs:
+    """Spacings of so many frames in a row."""
+    ends = (
+        np.concatenate(([0], np.cumsum(each)))
+        for each in (np.maximum(apart_ns, 0), bits, apart_ns < 0)
+    )
+    apart_ns, bits, breaks = (each[frames:] - each[:-frames] for each in ends)
+    return _Runs(frames, apart_ns, bits).part(breaks == 0)
 
 
 def _piles(
-    runs: _Runs, resolution_ns: int, off_ns: float, impossible: Mapping[int, int]
+    found: _Close, resolution_ns: int, off_ns: float, impossible: Mapping[int, int]
 ) -> Iterator[_Pile]:
     """What lies at the limit of each candidate, by how far the stamps may be off.
 
     Candidates that more spacings contradict than could lie at their limit are left out.
     """
-    count = len(runs.bits)
-    if not count:
-        return
-    usual = _median(runs.bits)
-    close = runs
+    close = found.runs
     for bitrate in CANDIDATES:
         bit_ns = 1e9 / bitrate
         withins = [resolution_ns + jitter_ns for jitter_ns in _JITTER_NS]
-        withins = [each for each in withins if off_ns <= each <= _SHARP * usual * bit_ns]
-        if not withins or impossible[bitrate] > _IMPOSSIBLE * count:
+        withins = [each for each in withins if off_ns <= each <= _SHARP * found.usual * bit_ns]
+        if not withins or impossible[bitrate] > _IMPOSSIBLE * found.count:
             continue
         beyond = close.apart_ns - close.bits * bit_ns
         near = beyond <= 3 * withins[-1]
@@ -317,10 +345,10 @@ def _piles(
                 yield _pile(close, bitrate, within_ns, beyond, at)
 
 
-def _median(lengths: Ints) -> float:
-    """The median of at least one number; lengths are small, so that counting beats ordering."""
-    below = np.cumsum(np.bincount(lengths))
-    middle = (len(lengths) - 1) // 2, len(lengths) // 2
+def _median(counts: Ints) -> float:
+    """The median of at least one number, by how many are 0, 1, 2..."""
+    below = np.cumsum(counts)
+    middle = (below[-1] - 1) // 2, below[-1] // 2
     return float(np.searchsorted(below, middle, "right").sum()) / 2
 
 

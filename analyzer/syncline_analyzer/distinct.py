@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def distinct(numbers: NDArray[np.integer[Any]]) -> list[int]:
-    """Each number of (n,) once, ascending.
+def distinct(numbers: NDArray[np.integer[Any]], most: int | None = None) -> list[int]:
+    """Each number of (n,) once, ascending; the lowest ones only, where there are more than `most`.
 
     `np.unique` would ask whether the array is a masked one, and import a megabyte for that.
 
@@ -16,4 +16,4 @@ def distinct(numbers: NDArray[np.integer[Any]]) -> list[int]:
     """
     ordered = np.sort(numbers)
     later = ordered[1:][ordered[1:] != ordered[:-1]]
-    return [*ordered[:1].tolist(), *later.tolist()]
+    return [*ordered[:1].tolist(), *later[:most].tolist()][:most]

@@ -301,6 +301,11 @@ def _are_differences(head: bytes) -> bool:
     return 10 * back >= len(times) - 1 or constant
 
 
+def is_candump_log(lines: list[bytes]) -> bool:
+    """Whether these lines begin with one of candump's log file: no other format does."""
+    return bool(lines) and LOG_LINE.match(lines[0]) is not None
+
+
 def is_candump(lines: list[bytes]) -> bool:
     """Whether any of these lines is one of candump's."""
     plain = (_ESCAPES.sub(b"", line) for line in lines)

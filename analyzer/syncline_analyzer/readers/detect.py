@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,6 +27,9 @@ from syncline_analyzer.readers.source import (
 )
 from syncline_schemas.batch import FrameBatch, Gap
 from syncline_schemas.errors import CaptureError
+
+if TYPE_CHECKING:
+    from syncline_analyzer.readers.lines import LineFormat
 
 _LINES_LOOKED_AT = 2000
 
@@ -168,6 +172,19 @@ def _reader(path: Path, head: bytes, block_bytes: int) -> CaptureReader:
 
 
 def _text_reader(path: Path, head: bytes, block_bytes: int) -> CaptureReader:
+    from syncline_analyzer.readers.candump import CandumpFormat, is_candump_log
+    from syncline_analyzer.readers.lines import MAX_PARSED_LINE, TextReader
+
+    lines = [
+        line[:MAX_PARSED_LINE].rstrip(b"\r")
+        for line in head.split(b"\n", _LINES_LOOKED_AT)[:_LINES_LOOKED_AT]
+    ]
+    # The others take 20 ms to import.
+    form = CandumpFormat(path) if is_candump_log(lines) else _line_format(path, lines)
+    return TextReader(path, form, block_bytes=block_bytes)
+
+
+def _line_format(path: Path, lines: list[bytes]) -> "LineFormat":
     from syncline_analyzer.readers.asc import AscFormat, is_asc
     from syncline_analyzer.readers.busmaster import BusmasterFormat, is_busmaster
     from syncline_analyzer.readers.candump import CandumpFormat, is_candump
@@ -179,37 +196,29 @@ def _text_reader(path: Path, head: bytes, block_bytes: int) -> CaptureReader:
     from syncline_analyzer.readers.ixxat import IxxatFormat, is_ixxat, is_plain
     from syncline_analyzer.readers.ixxat_table import IxxatTableFormat
     from syncline_analyzer.readers.kvaser import KvaserFormat, is_kvaser
-    from syncline_analyzer.readers.lines import MAX_PARSED_LINE, LineFormat, TextReader
     from syncline_analyzer.readers.memorator import MemoratorFormat, is_memorator
     from syncline_analyzer.readers.trc import TrcFormat, is_trc
 
-    lines = [
-        line[:MAX_PARSED_LINE].rstrip(b"\r")
-        for line in head.split(b"\n", _LINES_LOOKED_AT)[:_LINES_LOOKED_AT]
-    ]
-    form: LineFormat
     if is_ixxat(lines):
         table = None if is_plain(lines) else csv_columns(lines)
-        form = IxxatFormat(path) if table is None else IxxatTableFormat(path, table)
-    elif is_busmaster(lines):
-        form = BusmasterFormat(path)
-    elif is_canhacker(lines):
-        form = CanhackerFormat(path)
-    elif is_memorator(lines):
-        form = MemoratorFormat(path)
-    elif is_kvaser(lines):
-        form = KvaserFormat(path)
-    elif is_trc(lines):
-        form = TrcFormat(path)
-    elif is_asc(lines):
-        form = AscFormat(path)
-    elif is_candump(lines):
-        form = CandumpFormat(path)
-    elif (columns := csv_columns(lines) or bare_columns(lines)) is not None:
-        form = ClxFormat(path, columns) if is_clx(lines) else CsvFormat(path, columns)
-    else:
-        shown = next((line for line in lines if line.strip()), b"")[:60]
-        raise CaptureError(
-            f"{path}: no known format (it starts with {shown!r}); known are {KNOWN_FORMATS}"
-        )
-    return TextReader(path, form, block_bytes=block_bytes)
+        return IxxatFormat(path) if table is None else IxxatTableFormat(path, table)
+    if is_busmaster(lines):
+        return BusmasterFormat(path)
+    if is_canhacker(lines):
+        return CanhackerFormat(path)
+    if is_memorator(lines):
+        return MemoratorFormat(path)
+    if is_kvaser(lines):
+        return KvaserFormat(path)
+    if is_trc(lines):
+        return TrcFormat(path)
+    if is_asc(lines):
+        return AscFormat(path)
+    if is_candump(lines):
+        return CandumpFormat(path)
+    if (columns := csv_columns(lines) or bare_columns(lines)) is not None:
+        return ClxFormat(path, columns) if is_clx(lines) else CsvFormat(path, columns)
+    shown = next((line for line in lines if line.strip()), b"")[:60]
+    raise CaptureError(
+        f"{path}: no known format (it starts with {shown!r}); known are {KNOWN_FORMATS}"
+    )

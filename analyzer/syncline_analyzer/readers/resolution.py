@@ -7,6 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from syncline_analyzer.distinct import distinct
 from syncline_analyzer.readers.layout import Span
 
 _SAMPLE = 512
@@ -50,7 +51,7 @@ class _Clock:
             soon = np.flatnonzero(distances.view(np.uint64) < _SOONER_NS)
             self._shared += int(np.count_nonzero(can_id[soon + 1] != can_id[soon]))
         if len(self._distances) < _DISTANCES:
-            self._distances.update(np.unique(distances)[:_DISTANCES].tolist())
+            self._distances.update(distinct(distances, _DISTANCES))
 
     @property
     def step_ns(self) -> int:

@@ -3,11 +3,15 @@
 from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
 from itertools import groupby
+from typing import TYPE_CHECKING
 
 from syncline_analyzer.capture import CaptureReader
-from syncline_analyzer.readers.mcap import McapReader
+from syncline_analyzer.readers.own import own_captures
 from syncline_schemas.capture.clock_history import PLAUSIBLE_NS, ClockHistory, ClockRepair
 from syncline_schemas.wording import counted
+
+if TYPE_CHECKING:
+    from syncline_analyzer.readers.mcap import McapReader
 
 MAX_TOLD = 5
 """Settings of a clock that are told one by one."""
@@ -24,13 +28,13 @@ def repair_clocks(readers: Iterable[CaptureReader]) -> None:
     To be called before the first batch is read. What was done, and what cannot be done, is added
     to the notes of each capture.
     """
-    ours = [each for each in readers if isinstance(each, McapReader) and each.recording_id]
+    ours = [each for each in own_captures(readers) if each.recording_id]
     ours.sort(key=lambda each: (each.recording_id, each.segment))
     for _, files in groupby(ours, key=lambda each: each.recording_id):
         _repair(list(files))
 
 
-def _repair(files: Sequence[McapReader]) -> None:
+def _repair(files: "Sequence[McapReader]") -> None:
     history = ClockHistory()
     for each in files:
         each.add_clock_samples(history)

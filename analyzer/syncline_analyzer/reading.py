@@ -13,7 +13,7 @@ from syncline_analyzer.moments import Moment
 from syncline_analyzer.offsets import shifted
 from syncline_analyzer.preparing import Preparation, Prepared
 from syncline_analyzer.readers import open_capture
-from syncline_analyzer.readers.mcap import McapReader
+from syncline_analyzer.readers.own import own_captures
 from syncline_analyzer.reading_request import Request
 from syncline_analyzer.redaction import Redaction, Veil
 from syncline_analyzer.segments import in_segment_order
@@ -74,9 +74,8 @@ class Captures:
             return self._numbered(_Skipped())
         # Of our own captures only the chunks are read that the stretch needs.
         skipped = _Skipped()
-        for reader in self._readers:
-            if isinstance(reader, McapReader):
-                reader.limit(stretch.low_ns, stretch.high_ns, skipped.add)
+        for reader in own_captures(self._readers):
+            reader.limit(stretch.low_ns, stretch.high_ns, skipped.add)
         return _cut(self._numbered(skipped), stretch)
 
     def _numbered(self, skipped: "_Skipped") -> Iterator[Numbered]:

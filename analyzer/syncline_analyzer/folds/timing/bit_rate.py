@@ -88,8 +88,8 @@ class _Runs:
     bits: Ints
 
     def part(self, rows: NDArray[np.bool_]) -> "_Runs":
-        """Some of them."""
-        return _Runs(self.frames, self.apart_ns[rows], self.bits[rows])
+        """Some of them, or itself where that is all."""
+        return self if rows.all() else _Runs(self.frames, self.apart_ns[rows], self.bits[rows])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -172,7 +172,7 @@ def estimate(apart_ns: Ints, bits: Ints, resolution_ns: int) -> Estimate | None:
         resolution_ns: step of the stamps.
     """
     guess: _Pile | None = None
-    single = _Runs(1, apart_ns, bits).part(apart_ns >= 0)
+    single = _single(apart_ns, bits)
     resolution_ns = max(resolution_ns, _step_ns(single.apart_ns))
     off_ns = _off_ns(single)
     within_ns = resolution_ns + _JITTER_NS[-1]
@@ -202,6 +202,13 @@ def estimate(apart_ns: Ints, bits: Ints, resolution_ns: int) -> Estimate | None:
     if guess is None:
         return None
     return Estimate(guess.bitrate, False, guess.count, guess.within_ns)
+
+
+def _single(apart_ns: Ints, bits: Ints) -> _Runs:
+    """The spacings that count; no copy where only the first one does not."""
+    begin = int(len(apart_ns) > 0 and apart_ns[0] < 0)
+    apart_ns, bits = apart_ns[begin:], bits[begin:]
+    return _Runs(1, apart_ns, bits).part(apart_ns >= 0)
 
 
 def _step_ns(apart_ns: Ints) -> int:
@@ -294,13 +301,15 @@ def _close(
     for frames in _RUNS if left else ():
         if frames > len(bits):
             return
-        runs, lengths = _close_runs(apart_ns, bits, frames, 1e9 / left[0], 3 * within_ns)
+        bit_ns = 1e9 / left[0]
+        sharp_ns = min(within_ns, _SHARP * frames * int(bits.max()) * bit_ns)
+        runs, lengths = _close_runs(apart_ns, bits, frames, bit_ns, 3 * sharp_ns)
         if len(runs.bits) >= _FEW:
             yield _Close(runs, int(lengths.sum()), _median(lengths))
 
 
 def _close_runs(
-    apart_ns: Ints, bits: Ints, frames: int, bit_ns: float, within_ns: int
+    apart_ns: Ints, bits: Ints, frames: int, bit_ns: float, within_ns: float
 ) -> tuple[_Runs, Ints]:
     """Those at most so much longer than their bits; how many of all have 0, 1, 2... bits."""
     if native.available():

@@ -6,6 +6,7 @@ from syncline_analyzer.folds.angle.link import Link, _spacing
 from syncline_analyzer.folds.angle.samples import Samples
 from syncline_analyzer.folds.angle.silence import Pauses
 from syncline_schemas.decoder.pdo import MappedObject
+from tests.analyzer.traps.script import Script
 
 T0 = 1_760_000_000_000_000_001
 SILENCE_NS = 1_234_567_891
@@ -31,3 +32,14 @@ def test_stamps_too_far_apart_for_their_distance_tell_a_spacing() -> None:
     ns = np.array([-(2**62), 2**62, 2**62 + 2**61])
     piece = Samples(MappedObject(0x6004, 0, 32, 0, "position"), ns, ns, ns, ns != 0, ns)
     assert _spacing(Link(), piece, 0x181, np.arange(3)) == (2**63 + 2**61) / 2
+
+
+def test_the_time_of_frames_that_are_too_short_is_no_step_of_one_period() -> None:
+    """The shaft went on turning while 1000 frames held two bytes only."""
+    script = Script("haomiao-38", 3).read(-90, 0x6000, 0, 0, size=2).read(-80, 0x6001, 0, 8192)
+    script.heartbeat(0, 60_000).pdo(0, 20_000, 20, lambda k: 100 + 273 * k)
+    script.every(20_000, 40_000, 20, "183#0102")
+    script.pdo(40_000, 60_000, 20, lambda k: 100 + 273 * (k + 2000))
+    told = script.told()
+    assert told.events("jump") == []
+    assert "angle.jump" not in told.ids

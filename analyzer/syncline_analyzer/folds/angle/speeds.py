@@ -193,9 +193,9 @@ def _of_source(
 ) -> Iterator[tuple[int, Rows, Floats, Integers]]:
     """(source, rows, values, stamps) by source, with the sample before the piece in front.
 
-    A value that stands for none, or means nothing, is left out; one that is too short is held.
+    A value that stands for none, means nothing or is too short is left out: it takes time, no step.
     """
-    use = piece.told | ~piece.valid
+    use = piece.told
     # Sources are COB-IDs or -1, so counting them beats sorting them.
     for source in (np.flatnonzero(np.bincount(piece.source + 1)) - 1).tolist():
         rows = np.flatnonzero((piece.source == source) & use)

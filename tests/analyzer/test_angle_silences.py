@@ -1,6 +1,7 @@
 """Times between the samples of a trace: silences among them, and stamps of damaged captures."""
 
 import numpy as np
+import pytest
 
 from syncline_analyzer.folds.angle.link import Link, _spacing
 from syncline_analyzer.folds.angle.samples import Samples
@@ -42,4 +43,16 @@ def test_the_time_of_frames_that_are_too_short_is_no_step_of_one_period() -> Non
     script.pdo(40_000, 60_000, 20, lambda k: 100 + 273 * (k + 2000))
     told = script.told()
     assert told.events("jump") == []
+    assert "angle.jump" not in told.ids
+
+
+@pytest.mark.parametrize("batch", [1 << 20, 700])
+def test_turning_too_fast_where_a_trace_begins_and_ends_is_no_jump(batch: int) -> None:
+    """The recorder came when the shaft was fast already; its PDO stayed away for a while."""
+    script = Script("haomiao-38", 3).read(-90, 0x6000, 0, 0, size=2).read(-80, 0x6001, 0, 8192)
+    script.heartbeat(0, 60_000).pdo(0, 20_000, 20, lambda k: 100 + 24_576 * k)
+    script.pdo(40_000, 60_000, 20, lambda k: 100 + 273 * k)
+    told = script.told(batch)
+    assert told.events("jump") == []
+    assert [f.id for f in told.analysis.findings if f.severity != "info"].count("angle.overspeed")
     assert "angle.jump" not in told.ids

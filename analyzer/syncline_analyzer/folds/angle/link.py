@@ -48,8 +48,8 @@ class Link:
     """(t_ns, value) of the last sample by source."""
     spacing_ns: dict[int, float] = field(default_factory=dict)
     jump_ns: int | None = None
-    steps: dict[int, int] = field(default_factory=dict)
-    """The last step [counts] by source."""
+    steps: dict[int, tuple[int, int]] = field(default_factory=dict)
+    """The last two steps [counts] by source, 0 where there is none."""
     measured_ns: dict[int, float] = field(default_factory=dict)
     """By source: after what time the value is usually another one, where it stands in between."""
 

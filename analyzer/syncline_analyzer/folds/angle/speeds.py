@@ -104,8 +104,9 @@ def encoder_speeds(
         measured_ns = link.measured_ns.get(source, 0.0)
         if measured_ns > SELDOM * usual_ns:
             beyond &= fastest * allowed_ns > scale.max_rpm * (measured_ns + SLACK_NS)
-        turning = beyond & _goes_on(step, link.steps.get(source, 0))
-        link.steps[source] = int(step[-1])
+        line = np.concatenate((link.steps.get(source, (0, 0)), step))
+        turning = beyond & _goes_on(line)
+        link.steps[source] = (int(line[-2]), int(line[-1]))
         limit = MARGIN * scale.max_rpm * per_turn / MINUTE_NS
         mean = _on_and_on(step, span, usual_ns, unsure, limit) * (MINUTE_NS / per_turn)
         rate = np.where(mean > 0.0, mean, np.abs(found.rpm[target]))
@@ -220,16 +221,20 @@ def _learn_measuring(
         link.measured_ns[source] = float(np.median(apart))
 
 
-def _goes_on(step: NDArray[np.int64], before: int) -> NDArray[np.bool_]:
-    """Whether a step is one of several alike: turning; a jump stands alone."""
-    size = np.abs(step)
-    last = np.concatenate(([before], step[:-1]))
-    following = np.concatenate((step[1:], step[-1:]))
-    alike = np.ones(len(step), np.bool_)
-    for other in (last, following):
-        alike &= np.sign(other) == np.sign(step)
-        alike &= (2 * np.abs(other) >= size) & (np.abs(other) <= 2 * size)
-    return alike
+def _goes_on(line: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Whether each step but the first two is one of several alike: turning; a jump stands alone.
+
+    It may be the first or the last one of three: a trace may begin or end while the shaft turns.
+    """
+    size = np.abs(line)
+    alike = (np.sign(line[1:]) == np.sign(line[:-1])) & (line[1:] != 0)
+    alike &= (2 * size[:-1] >= size[1:]) & (size[:-1] <= 2 * size[1:])
+    last, earlier = alike[1:], alike[:-1]
+    following = np.concatenate((alike[2:], [True]))
+    later = np.concatenate((alike[2:], [False]))
+    latest = np.concatenate((later[1:], [False]))
+    found: NDArray[np.bool_] = (last & following) | (last & earlier) | (later & latest)
+    return found
 
 
 def _last_before(values: Floats, known: NDArray[np.intp], wanted: NDArray[np.intp]) -> Floats:

@@ -137,6 +137,11 @@ class ObjectHistory:
         """What is known at the end."""
         return self.changes[-1].known if self.changes else None
 
+    @property
+    def told(self) -> Known | None:
+        """The last value that was known of it, also where a reset threw it away."""
+        return next((each.known for each in reversed(self.changes) if each.known), None)
+
     def spans(self) -> Iterator[Span]:
         """Every change with its end; what another one at the same frame replaces is left out."""
         for change, after in zip(self.changes, [*self.changes[1:], None], strict=True):

@@ -456,13 +456,16 @@ class Shadow:
         return key[0] in _SAVED_BY_SUB.get(sub, _ALL)
 
     def identity(self, bus: int, node: int) -> dict[Key, Value]:
-        """What a node told of itself: value, or `ABSENT`, of the objects that tell devices apart."""
+        """What a node told of itself: value, or `ABSENT`, of the objects that tell devices apart.
+
+        A node whose defaults were restored is the same device, whatever its objects hold now.
+        """
         known = self._known.get((bus, node), {})
         identity: dict[Key, Value] = {
             key: ABSENT for key in self._refused.get((bus, node), ()) if key[0] in self._telling
         }
         for key, history in known.items():
-            value = history.last
+            value = history.told
             if key[0] in self._telling and value is not None:
                 identity[key] = value.value
         return identity

@@ -314,3 +314,14 @@ def test_shafts_that_are_compared_are_left_in_peace() -> None:
 def test_a_bus_on_which_neither_encoder_is_says_nothing() -> None:
     script = on_one_shaft(9)
     assert "device.shafts_not_compared" not in script.told().ids
+
+
+def test_a_device_whose_defaults_were_restored_is_the_same_device() -> None:
+    """3000h, by which a Haomiao is known, holds another number then; its trace goes on."""
+    script = Script(None, 3).read(-90, 0x1000, 0, 0x20196).read(-80, 0x1008, 0, 0x4147414D)
+    script.read(-70, 0x3000, 0, 3, size=1).read(-60, 0x6000, 0, 0, size=2)
+    script.read(-50, 0x6001, 0, TURN).heartbeat(0, 5000).pdo(5, 5000, 20, lambda k: 1000 + 7 * k)
+    script.load(4000).nmt(5000, 0x81).boot(5400).pdo(6000, 9000, 20, lambda k: 3000 + 7 * k)
+    told = script.told()
+    assert told.row().device == "haomiao-38"
+    assert told.traced() == [0x6004]

@@ -325,3 +325,73 @@ def test_a_device_whose_defaults_were_restored_is_the_same_device() -> None:
     told = script.told()
     assert told.row().device == "haomiao-38"
     assert told.traced() == [0x6004]
+
+
+def gone(script: Script, stop: float = 20_000) -> Script:
+    """Another node goes on, so that the bus works."""
+    node, script.node = script.node, 30
+    script.heartbeat(0, stop)
+    script.node = node
+    return script
+
+
+def test_a_node_that_its_defaults_gave_another_number_is_not_called_hanging() -> None:
+    script = Script("haomiao-38", 3).heartbeat(0, 5000).load(4000).nmt(5000, 0x81)
+    told = gone(script).told()
+    finding = told.finding("device.defaults_pending")
+    assert "by these it is node 1 at 125 kbit/s; as node 3 it was not heard again" in finding.text
+    assert "nmt.no_boot_up" in [link.id for link in finding.chain]
+    assert "nmt.no_boot_up" not in told.ids
+
+
+@pytest.mark.near_miss("device.defaults_pending")
+def test_a_node_that_may_still_be_starting_is_not_sought_elsewhere() -> None:
+    script = Script("haomiao-38", 3).heartbeat(0, 5000).load(4000).nmt(5000, 0x81)
+    assert "node 1" not in gone(script, 8000).told().finding("device.defaults_pending").text
+
+
+@pytest.mark.near_miss("device.defaults_pending")
+def test_defaults_that_spare_the_number_do_not_move_a_node() -> None:
+    """1011h of a JN2100 restores 1000h to 1FFFh."""
+    script = Script("jn2100", 20).heartbeat(0, 5000).load(4000).nmt(5000, 0x81)
+    told = gone(script).told()
+    assert "node 10" not in told.finding("device.defaults_pending").text
+    assert "nmt.no_boot_up" in told.ids
+
+
+def test_a_node_that_a_factory_reset_took_away_is_not_called_hanging() -> None:
+    script = Script("jn2100", 20, bitrate=500_000).heartbeat(0, 9000)
+    script.write(3000, 0x207F, 0, 1, size=1).nmt(9000, 0x81)
+    told = gone(script).told()
+    finding = told.finding("device.factory_reset")
+    assert "nmt.no_boot_up" in [link.id for link in finding.chain]
+    assert "nmt.no_boot_up" not in told.ids
+
+
+def test_a_bit_rate_that_was_not_saved_before_the_reset_is_not_taken() -> None:
+    script = encoder().heartbeat(0, 3000).write(500, 0x2100, 0, 4).nmt(3000, 0x81)
+    finding = script.boot(7000).heartbeat(7100, 9000).told().finding("device.bit_rate_change")
+    assert " s without a save (1010h)" in finding.text
+    assert "keeps the bit rate" in finding.text
+
+
+@pytest.mark.near_miss("device.bit_rate_change")
+@pytest.mark.parametrize("hidden", [False, True])
+def test_a_bit_rate_that_may_have_been_saved_is_not_called_kept(hidden: bool) -> None:
+    script = encoder().heartbeat(0, 3000).write(500, 0x2100, 0, 4).nmt(3000, 0x81)
+    script.boot(7000).heartbeat(7100, 9000)
+    if hidden:
+        script.gaps.append((1000, 2000))
+        script.rows = [row for row in script.rows if not 1000 <= row[0] < 2000]
+    else:
+        script.save(1000)
+    finding = script.told().finding("device.bit_rate_change")
+    assert "that acts after a save and a reset" in finding.text
+
+
+def test_a_number_that_was_saved_is_not_to_be_saved_again() -> None:
+    script = encoder().heartbeat(0, 3000).write(500, 0x2101, 0, 9).save(600).nmt(3000, 0x81)
+    script.node = 9
+    finding = script.boot(7000).heartbeat(7100, 9000).told().finding("device.node_id_change")
+    assert "it is now node 9" in finding.text
+    assert finding.check_next.startswith("Nothing")

@@ -170,6 +170,8 @@ BONDS: tuple[Bond, ...] = (
         lifelong=True,
     ),
     *_bonds("device.factory_reset", "nmt.node_lost", "nmt.no_boot_up", "device.lost_at_reset"),
+    *_bonds("device.factory_reset", "nmt.no_boot_up", opens=True),
+    *_bonds("device.defaults_pending", "nmt.no_boot_up", opens=True),
     *_bonds("device.bit_rate_change", "nmt.node_lost", "nmt.no_boot_up", lifelong=True),
     *_bonds(
         "nmt.boot_loop",

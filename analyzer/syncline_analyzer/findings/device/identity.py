@@ -1,15 +1,19 @@
 """Findings on node ids and bit rates that a write changed: who is who before and after a reset."""
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 
+from syncline_analyzer.findings.config.settings import restart_after
 from syncline_analyzer.findings.device.rules import named, number, told, writes
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.folds.bus.lss import LssSetting
 from syncline_analyzer.results import Finding, NodeRow, PdoRow, SdoRow
-from syncline_schemas.devices import Device
+from syncline_schemas.devices import Device, quirks
 from syncline_schemas.named_tuples import NamedTuple
 
 SAVE = 0x1010
+GONE_NS = 5_000_000_000
+"""A node that is not heard for so long after a reset, and its own time of silence, is gone [ns]."""
 _NO_LIFE = ("UNKNOWN", "LOST", "INITIALISING")
 
 
@@ -146,6 +150,8 @@ def _node_ids(facts: Facts) -> Iterator[Finding]:
         check_next = "Save the settings (1010h) if the new number is to stay."
         if each.new is not None and each.new_ns is not None:
             text += f"; it is now node {each.new}, heard since {facts.moment(each.new_ns)}"
+            if each.saved and each.back_ns is None:
+                check_next = "Nothing, if it was meant: the settings were saved (1010h)."
             if each.new != each.wanted:
                 text += " (this firmware counts one more than it stores)"
             if each.back_ns is not None:
@@ -196,14 +202,42 @@ def _bit_rates(facts: Facts) -> Iterator[Finding]:
                 severe=True,
             )
         elif rate != facts.context.bitrates.get(row.bus):
-            yield told(
-                "device.bit_rate_change",
-                row,
-                f"{who} was told to use {rate / 1000:g} kbit/s ({named(device, key)} = {value});"
-                " that acts after a reset.",
-                "A client changed the bit rate.",
-                "Change all devices of the bus; one with another bit rate disturbs it.",
-            )
+            text = f"{who} was told to use {rate / 1000:g} kbit/s ({named(device, key)} = {value});"
+            yield _new_bit_rate(facts, row, device, text)
+
+
+def _new_bit_rate(facts: Facts, row: SdoRow, device: Device, text: str) -> Finding:
+    """A bit rate that the device has, and whether it can have become active."""
+    save_first = (device.quirks.node_id_order or "").startswith("write, save")
+    restart = restart_after(facts, (facts.number(row.bus), row.node), row.seq)
+    if save_first and restart is not None and not _saved_before(facts, row, restart[0]):
+        return told(
+            "device.bit_rate_change",
+            row,
+            f"{text} it was reset at {facts.moment(restart[1])} without a save (1010h) in"
+            " between, so that it keeps the bit rate that it had.",
+            "A client changed the bit rate and did not save it.",
+            "Where the new bit rate is meant: write it, save it, then reset the device.",
+        )
+    return told(
+        "device.bit_rate_change",
+        row,
+        f"{text} that acts after a {'save and a ' if save_first else ''}reset.",
+        "A client changed the bit rate.",
+        "Change all devices of the bus; one with another bit rate disturbs it.",
+    )
+
+
+def _saved_before(facts: Facts, row: SdoRow, restart_seq: int) -> bool:
+    """Whether a node saved its settings between a write and its next restart, or may have."""
+    end_ns = row.end_ns or row.start_ns
+    hidden = any(
+        gap.bus in (None, row.bus) and gap.end_ns > end_ns for gap in facts.analysis.capture.gaps
+    )
+    return hidden or any(
+        (save.bus, save.node) == (row.bus, row.node) and row.seq < save.seq < restart_seq
+        for save in facts.analysis.sdo.accepted.of_objects(lambda of: of.index == SAVE)
+    )
 
 
 def _factory_resets(facts: Facts) -> Iterator[Finding]:
@@ -213,8 +247,8 @@ def _factory_resets(facts: Facts) -> Iterator[Finding]:
             continue
         rate = device.default_bitrate
         bus_rate = facts.context.bitrates.get(row.bus)
-        home = f"node {device.default_node} at {(rate or 0) / 1000:g} kbit/s"
-        gone_ns = _gone_since(facts, row)
+        home = factory_place(device)
+        gone_ns = gone_since(facts, row)
         moves = device.default_node != row.node or (bus_rate is not None and bus_rate != rate)
         text = f"{facts.who(row.bus, row.node)} was set back to its factory values"
         text += f" ({named(device, key)} at {facts.moment(row.start_ns)}): after its next reset it"
@@ -225,7 +259,7 @@ def _factory_resets(facts: Facts) -> Iterator[Finding]:
             if errors:
                 text += f". The {errors} error frames since then have this cause: it sends at"
                 text += " another bit rate" if bus_rate != rate else " a time when others send"
-        yield told(
+        finding = told(
             "device.factory_reset",
             row,
             text + ".",
@@ -234,9 +268,23 @@ def _factory_resets(facts: Facts) -> Iterator[Finding]:
             severe=gone_ns is not None and moves,
             assumed=facts.context.assumed_bitrate(row.bus) if bus_rate != rate else (),
         )
+        yield with_restart(facts, row, finding) if finding.severity != "info" else finding
 
 
-def _gone_since(facts: Facts, row: SdoRow) -> int | None:
+def factory_place(device: Device) -> str:
+    """Number and bit rate that a device has by its factory settings."""
+    return f"node {device.default_node} at {(device.default_bitrate or 0) / 1000:g} kbit/s"
+
+
+def with_restart(facts: Facts, row: SdoRow, finding: Finding) -> Finding:
+    """The same with the restart that moved the device: what is missed of it since follows."""
+    restart = restart_after(facts, (facts.number(row.bus), row.node), row.seq)
+    if restart is None:
+        return finding
+    return replace(finding, evidence=[*finding.evidence, restart[0]])
+
+
+def gone_since(facts: Facts, row: SdoRow) -> int | None:
     """When the node was reset after the order, if nothing was heard of it later."""
     resets = [
         command.t_ns
@@ -247,6 +295,10 @@ def _gone_since(facts: Facts, row: SdoRow) -> int | None:
         and command.seq > row.seq
     ]
     reset_ns = min(resets, default=row.end_ns)
+    device = facts.context.shadow.device(facts.number(row.bus), row.node)
+    quiet_ns = quirks(device).reset_quiet_ms * 1_000_000
+    if facts.analysis.capture.end_ns - reset_ns < GONE_NS + quiet_ns:
+        return None
     heard = [
         state
         for state in facts.analysis.nmt_states
@@ -340,7 +392,10 @@ RULES: tuple[Rule, ...] = (
         "device.bit_rate_change",
         "A bit rate was written, which acts after a reset, or one that the device does not have.",
         "The write.",
-        ("Writing the bit rate that the bus has is not told.",),
+        (
+            "Writing the bit rate that the bus has is not told.",
+            "It is not said to be kept where a gap may hide that it was saved.",
+        ),
         _bit_rates,
         untimed=True,
     ),
@@ -348,7 +403,10 @@ RULES: tuple[Rule, ...] = (
         "device.factory_reset",
         "A device was set back to its factory values: number and bit rate are others after a reset.",
         "The write.",
-        ("It is a warning only where the node was not heard again.",),
+        (
+            "It is a warning only where the node was not heard again.",
+            "A node that may still be starting is not gone: 5 s, and its own silence after a reset.",
+        ),
         _factory_resets,
         untimed=True,
     ),

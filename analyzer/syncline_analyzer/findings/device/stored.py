@@ -4,10 +4,11 @@ from collections.abc import Iterable, Iterator
 from itertools import pairwise
 
 from syncline_analyzer.findings.config.settings import assumed_words, restart_after
+from syncline_analyzer.findings.device.identity import factory_place, gone_since, with_restart
 from syncline_analyzer.findings.device.rules import Key, named, told, writes
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.object_history import Change, Known
-from syncline_analyzer.results import Finding
+from syncline_analyzer.results import Finding, SdoRow
 from syncline_schemas.devices import Device, quirks
 from syncline_schemas.records import dataclass
 
@@ -26,15 +27,41 @@ def _defaults_pending(facts: Facts) -> Iterator[Finding]:
         since = (
             f"the defaults hold since the reset at {facts.moment(restart[1])}" if restart else None
         )
-        yield told(
+        moved = _moved_by_defaults(facts, row, device)
+        finding = told(
             "device.defaults_pending",
             row,
             f"The maker's defaults were put into the memory of {facts.inside(row.bus, row.node)}"
             f" ({key[0]:04X}h:{key[1]:02X} written{facts.at(row.start_ns)}): the settings saved"
-            " before are gone, " + (since or "the running ones stay until the next reset") + ".",
+            f" before are gone, {since or 'the running ones stay until the next reset'}{moved}.",
             "A client restored the defaults.",
-            "Was it meant? After the reset the master must write its settings again.",
+            f"Look for {factory_place(device)}, and configure it anew."
+            if moved
+            else "Was it meant? After the reset the master must write its settings again.",
+            severe=bool(moved),
         )
+        yield with_restart(facts, row, finding) if moved else finding
+
+
+def _moved_by_defaults(facts: Facts, row: SdoRow, device: Device) -> str:
+    """Words for a node that was not heard again since its defaults gave it another number."""
+    order, bus = device.quirks.node_id_object, facts.number(row.bus)
+    gone_ns = gone_since(facts, row)
+    if gone_ns is None or order is None or device.default_node is None:
+        return ""
+    # Gone by the bit rate alone it is where it had its factory number already.
+    moves = facts.context.shadow.kept_by(bus, row.node, order, row.sub or 0)
+    rate = facts.context.bitrates.get(row.bus)
+    other = device.default_node != row.node or rate not in (None, device.default_bitrate)
+    if not moves or not other:
+        return ""
+    switches = (
+        ", unless its rotary switches say otherwise" if device.quirks.node_id_switches else ""
+    )
+    return (
+        f"; by these it is {factory_place(device)}{switches}; as node {row.node} it was not heard"
+        f" again since {facts.moment(gone_ns)}"
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,7 +207,11 @@ RULES: tuple[Rule, ...] = (
         "device.defaults_pending",
         "Defaults were restored; they act only from the next reset on.",
         "The write to 1011h.",
-        ("A refused write restores nothing.",),
+        (
+            "A refused write restores nothing.",
+            "A node is sought elsewhere only where the defaults hold its number, and it was silent.",
+            "It is silent from 5 s after the reset on, and its own time of silence.",
+        ),
         _defaults_pending,
         untimed=True,
     ),

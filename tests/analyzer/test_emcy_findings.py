@@ -517,7 +517,7 @@ def test_a_pdo_length_error_with_only_predefined_identifiers_says_what_it_assume
     assert "RPDO1 (205h) with 4 bytes 1 ms earlier" in finding.text
     assert finding.assumed == ["RPDO1 of node 5 is 205h (predefined)"]
     alone = one(node_5(emcy(100, "1082110000000000")), "emcy.pdo_length")
-    assert alone.text.endswith("; no PDO came just before.")
+    assert alone.text.endswith("; no PDO of another node came just before.")
     foreign = one(
         node_5(
             [frame(t, 0x50C, "0102030405060708") for t in (99, 199)],

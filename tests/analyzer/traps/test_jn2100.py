@@ -748,3 +748,20 @@ def test_some_impossible_angles_put_the_named_device_in_doubt() -> None:
 def test_views_say_how_the_values_are_read() -> None:
     told = running(settings(tilt(), **READ), 0, 1000).told()
     assert says(told.summary, "traces read as", "0 .. 360 deg", "absolute")
+
+
+def test_the_pdo_that_a_node_sends_is_not_the_one_that_it_complains_of() -> None:
+    """8210h: the last PDO before it was its own TPDO2, which it does not receive."""
+    script = settings(tilt(), res=100).heartbeat(0, 5000).sync(0, 5000)
+    script.pdo(1, 5000, 20, lambda _: (50, 60), bits=16)
+    script.pdo(2, 5000, 20, lambda _: (50, 60), base=0x280).emcy(3010, 0x8210, 0x11)
+    found = script.told().finding("emcy.pdo_length")
+    assert "28Ah" not in found.text + found.cause
+    assert "no PDO of another node came just before" in found.text
+
+
+def test_a_pdo_of_another_node_is_the_one_that_it_complains_of() -> None:
+    script = settings(tilt(), res=100).heartbeat(0, 5000).sync(0, 5000)
+    script.pdo(1, 5000, 20, lambda _: (50, 60), bits=16).emcy(3010, 0x8210, 0x11)
+    script.every(0, 5000, 50, "19B#0102")
+    assert "19Bh with 2 bytes" in script.told().finding("emcy.pdo_length").text

@@ -248,7 +248,7 @@ def _pdo_length_finding(
             " which RPDO it is."
         )
     else:
-        text = f"{complains}; no PDO came just before."
+        text = f"{complains}; no PDO of another node came just before."
         cause = "An RPDO of the node receives an identifier that carries another length."
     return Finding(
         "emcy.pdo_length",
@@ -334,7 +334,10 @@ RULES: tuple[Rule, ...] = (
         "emcy.pdo_length",
         "A node reports a PDO of the wrong length; the RPDO that came just before is named.",
         "The RPDO frame and the EMCY 8210h or 8220h.",
-        ("An identifier that only the predefined connection set gives is said to be assumed.",),
+        (
+            "An identifier that only the predefined connection set gives is said to be assumed.",
+            "What the node sends itself is none of its RPDOs.",
+        ),
         _pdo_length,
         untimed=True,
     ),

@@ -69,7 +69,7 @@ class Suspects:
             return
         near = (each for each in self._near(batch, row, bus, node) if not each.fits)
         best = max(near, key=lambda each: (each.wrong, each.seq), default=None)
-        best = best or self._last_pdo(batch, row, bus)
+        best = best or self._last_pdo(batch, row, bus, node)
         if best is not None:
             self.found[batch.seq(row)] = best
 
@@ -98,9 +98,10 @@ class Suspects:
                 passed_ns = t_ns - seen.t_ns
                 yield Suspect(number, can_id, seen.seq, passed_ns, seen.dlc, mapped, guess)
 
-    def _last_pdo(self, batch: IndexedBatch, row: int, bus: int) -> Suspect | None:
-        """The last PDO of the bus before a row, for a node of which no RPDO is known."""
+    def _last_pdo(self, batch: IndexedBatch, row: int, bus: int, node: int) -> Suspect | None:
+        """The last PDO of others before a row, for a node of which no RPDO is known."""
         ids = {can_id for on, can_id in (*batch.ids(), *self._last) if on == bus}
+        ids -= set(self._sent(bus, node, batch.seq(row)))
         seen = {i: self._before(batch, row, bus, i) for i in ids if i in _PDO_IDS}
         near = {can_id: last for can_id, last in seen.items() if last is not None}
         if not near:
@@ -124,6 +125,21 @@ class Suspects:
                 yield number, 0x100 + 0x100 * number + node, True
             elif value is not None and not value & _OFF_OR_29_BIT:
                 yield number, value & 0x7FF, False
+
+    def _sent(self, bus: int, node: int, seq: int) -> Iterator[int]:
+        """Identifiers of the TPDOs of a node: it does not receive them."""
+        indexes = {0x1800 + k for k in range(_PREDEFINED)}
+        indexes |= {
+            index
+            for index, sub in self._shadow.learned(bus, node)
+            if 0x1800 <= index < 0x1800 + _RPDO_COUNT and sub == 1
+        }
+        for index in indexes:
+            value = self._shadow.number(bus, node, index, 1, seq)
+            if value is not None:
+                yield value & 0x7FF
+            elif index < 0x1800 + _PREDEFINED:
+                yield 0x180 + 0x100 * (index - 0x1800) + node
 
     def _mapped(self, bus: int, node: int, number: int, seq: int) -> int | None:
         """Bytes that the mapping of an RPDO takes."""

@@ -194,6 +194,14 @@ class PdoBindings:
         )
         return all(value is not None for value in values)
 
+    def mapping_fixed(self, pdo: Pdo) -> bool:
+        """Whether the node is by its own word a device that has this mapping and no other."""
+        device = self._shadow.device(pdo.bus, pdo.node)
+        if device is None or self._shadow.told_by(pdo.bus, pdo.node) is not None:
+            return False
+        count = device.default(pdo.mapping, 0, pdo.node)
+        return device.quirks.fixed_mapping and isinstance(count, int) and count > 0
+
     def transmission(self, pdo: Pdo, seq: int | None = None) -> Transmission:
         """Transmission type, inhibit time and event timer of a PDO at `seq`, with their sources."""
         get = self._shadow.get

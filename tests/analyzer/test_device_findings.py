@@ -395,3 +395,40 @@ def test_a_number_that_was_saved_is_not_to_be_saved_again() -> None:
     finding = script.boot(7000).heartbeat(7100, 9000).told().finding("device.node_id_change")
     assert "it is now node 9" in finding.text
     assert finding.check_next.startswith("Nothing")
+
+
+def short_frames(script: Script) -> Script:
+    """Ten seconds in which TPDO1 has 2 bytes."""
+    script.pdo(5, 5000, 20, lambda k: 1000 + 7 * k).heartbeat(0, 20_000)
+    script.every(5000, 15_000, 20, f"{0x180 + script.node:03X}#0102")
+    return script.pdo(15_000, 20_000, 20, lambda k: 7000 + 7 * k)
+
+
+@pytest.mark.triggers("config.pdo_length")
+def test_frames_that_do_not_fit_the_only_mapping_of_a_device_are_told() -> None:
+    script = Script(None, 5).read(-90, 0x1000, 0, 0x10196).read(-80, 0x1008, 0, 0x3831394C)
+    finding = short_frames(script).told().finding("config.pdo_length")
+    assert "500 frames of TPDO1 of node 5 (185h) have 2 bytes, its mapping has 4, the only one" in (
+        finding.text
+    )
+    assert finding.assumed == ["1A00h: 4 bytes (eds-default)"]
+
+
+@pytest.mark.near_miss("config.pdo_length")
+def test_a_mapping_that_may_have_been_changed_accuses_nobody() -> None:
+    script = Script(None, 3).read(-90, 0x1000, 0, 0x20196).read(-80, 0x1008, 0, 0x4147414D)
+    script.read(-70, 0x3000, 0, 3, size=1)
+    assert "config.pdo_length" not in short_frames(script).told().ids
+
+
+@pytest.mark.near_miss("config.pdo_length")
+def test_a_pdo_that_a_device_does_not_use_in_its_mode_has_any_length() -> None:
+    script = Script(None, 10).read(-90, 0x1000, 0, 0x4019A).heartbeat(0, 10_000)
+    script.frame(-80, "60A#4008100000000000").frame(-79, "58A#4108100006000000")
+    script.frame(-78, "60A#6000000000000000").frame(-77, "58A#034A4E3231303000")
+    script.read(-70, 0x2047, 0, 1, size=1).sync(0, 10_000).every(2, 10_000, 20, "18A#0102")
+    told = script.told()
+    assert told.row().device == "jn2100"
+    assert "config.pdo_length" not in told.ids
+    script.rows = [row for row in script.rows if not -71 < row[0] < -68]
+    assert "config.pdo_length" in script.told().ids

@@ -20,6 +20,7 @@ from syncline_analyzer.pdo_binding import (
     MAX_MAPPED,
     PDO_COUNT,
     Kind,
+    Pdo,
     PdoBindings,
 )
 from syncline_analyzer.results import Finding, SdoRow
@@ -219,7 +220,7 @@ def _wrong_length(facts: Facts) -> Iterator[Finding]:
     """PDOs whose frames do not fit the mapping that the node confirmed."""
     for found in facts.control.lengths:
         wrong = _without_remote(found) if facts.analysis.capture.remote_lost else found
-        if wrong.frames < MIN_WRONG:
+        if wrong.frames < MIN_WRONG or (wrong.mapping_seq is None and _unused(facts, wrong.pdo)):
             continue
         pdo = wrong.pdo
         bus = facts.context.bus_name(pdo.bus)
@@ -235,14 +236,43 @@ def _wrong_length(facts: Facts) -> Iterator[Finding]:
             wrong.last_ns,
             f"{counted(wrong.frames, 'frame')} of {_label((pdo.kind, pdo.number))} of "
             f"{_lower(facts.who(bus, pdo.node))} ({wrong.can_id:03X}h) have {lengths} bytes, its "
-            f"mapping has {wrong.mapped}.",
+            f"mapping has {wrong.mapped}{_only_one(facts, wrong)}.",
             ("Another device sends on this identifier, or the mapping took no effect."
+             if sends and wrong.mapping_seq is not None else
+             "Another device sends on this identifier, or the firmware is not that of the manual."
              if sends else
              "The sender's mapping does not fit: the node does not take the PDO (EMCY 8210h)."
              if short else "The sender's mapping does not fit."),
             "The mapping of sender and receivers, and who else uses this identifier.",
-            [wrong.mapping_seq, wrong.first_seq],
+            [seq for seq in (wrong.mapping_seq, wrong.first_seq) if seq is not None],
+            assumed=[] if wrong.mapping_seq is not None else [_by_the_eds(wrong)],
         )  # fmt: skip
+
+
+def _unused(facts: Facts, pdo: Pdo) -> bool:
+    """Whether the device was in a mode that leaves open what is in the PDO."""
+    shadow = facts.context.shadow
+    rules = quirks(shadow.device(pdo.bus, pdo.node))
+    if rules.output_mode is None:
+        return False
+    modes = {
+        shadow.number(pdo.bus, pdo.node, *rules.output_mode, seq)
+        for seq in (None, *shadow.changes(pdo.bus, pdo.node, *rules.output_mode))
+    }
+    used = (rules.mode_pdos.get(mode) for mode in modes if mode is not None)
+    return any(numbers is not None and pdo.number not in numbers for numbers in used)
+
+
+def _only_one(facts: Facts, wrong: WrongLength) -> str:
+    """That the mapping cannot be changed, where the node did not tell it."""
+    if wrong.mapping_seq is not None:
+        return ""
+    device = facts.context.shadow.device(wrong.pdo.bus, wrong.pdo.node)
+    return f", the only one that a {device.title} has" if device else ""
+
+
+def _by_the_eds(wrong: WrongLength) -> str:
+    return f"{wrong.pdo.mapping:04X}h: {wrong.mapped} bytes (eds-default)"
 
 
 def _inhibited(facts: Facts) -> Iterator[Finding]:
@@ -305,7 +335,8 @@ RULES: tuple[Rule, ...] = (
         "Frames of a PDO are shorter or longer than what is mapped into it.",
         "The frame that confirmed the mapping, and the first frame that does not fit.",
         (
-            "Only where the node itself told or acknowledged the whole mapping.",
+            "Only where the node itself told or acknowledged the whole mapping, or cannot change it.",
+            "It cannot where it is by its own word a device of fixed mapping, in a mode that uses it.",
             "Three frames or more; those within 100 ms of a change of the mapping do not count.",
             "An RPDO may be longer than its mapping.",
             "In a log that does not mark remote frames, empty frames do not count.",

@@ -1,4 +1,4 @@
-"""PDOs whose frames are not as long as the mapping that their node confirmed."""
+"""PDOs whose frames are not as long as the mapping that their node confirmed, or cannot change."""
 
 from dataclasses import field, replace
 from itertools import pairwise
@@ -25,13 +25,13 @@ class WrongLength:
     """Frames of one PDO that do not fit its mapping.
 
     `lengths` counts them by their length [bytes]; `mapped` is the length that the mapping asks for,
-    `mapping_seq` the frame that confirmed it.
+    `mapping_seq` the frame that confirmed it; None where it is the only one that the device has.
     """
 
     pdo: Pdo
     can_id: int
     mapped: int
-    mapping_seq: int
+    mapping_seq: int | None
     first_seq: int
     first_ns: int
     last_ns: int = 0
@@ -52,14 +52,14 @@ class _Expected:
     version: int
     pdo: Pdo | None = None
     length: int = 0
-    mapping_seq: int = 0
+    mapping_seq: int | None = 0
     since_ns: int | None = None
     seen: int = 0
     wrong: WrongLength | None = None
 
 
 class PdoLengthFold:
-    """Holds every PDO against its mapping, where the node itself told or acknowledged it.
+    """Holds every PDO against its mapping, where the node told or acknowledged it, or it is fixed.
 
     A TPDO has exactly the mapped length; an RPDO may be longer (CiA 301 7.2.2). Comes after the
     fold that fills the shadow.
@@ -121,11 +121,14 @@ class PdoLengthFold:
 
     def _expect(self, bus: int, can_id: int, seq: int, version: int) -> _Expected:
         pdo = self._bindings.owner(bus, can_id, seq)
-        if pdo is None or pdo.guess or not self._bindings.mapping_confirmed(pdo, seq):
+        if pdo is None or pdo.guess:
             return _Expected(version)
+        confirmed = self._bindings.mapping_confirmed(pdo, seq)
         mapping = self._bindings.mapping(pdo, seq)
-        if mapping is None:
+        if mapping is None or not (confirmed or self._bindings.mapping_fixed(pdo)):
             return _Expected(version)
+        if not confirmed:
+            return _Expected(version, pdo, mapping.length, None)
         count = self._context.shadow.get(bus, pdo.node, pdo.mapping, 0, seq)
         return _Expected(version, pdo, mapping.length, (count.seq if count else None) or 0)
 

@@ -432,3 +432,29 @@ def test_a_pdo_that_a_device_does_not_use_in_its_mode_has_any_length() -> None:
     assert "config.pdo_length" not in told.ids
     script.rows = [row for row in script.rows if not -71 < row[0] < -68]
     assert "config.pdo_length" in script.told().ids
+
+
+def test_a_preset_to_zero_that_was_not_saved_is_lost() -> None:
+    """0 is what 6003h holds after a reset too: what is gone is the offset that it made."""
+    script = turning(encoder()).write(1000, 0x6003, 0, 0).nmt(5000, 0x81).boot(9000)
+    found = script.heartbeat(9200, 11_000).told().finding("device.lost_at_reset")
+    assert "6003h (Preset value) = 0: the offset 6509h that it made is lost" in found.text
+
+
+@pytest.mark.near_miss("device.lost_at_reset")
+def test_a_preset_whose_offset_was_saved_is_not_lost() -> None:
+    script = turning(encoder()).write(1000, 0x6003, 0, 0).save(1500).nmt(5000, 0x81).boot(9000)
+    assert "device.lost_at_reset" not in script.heartbeat(9200, 11_000).told().ids
+
+
+@pytest.mark.near_miss("device.lost_at_reset")
+def test_an_offset_that_a_write_to_6000h_ended_is_not_lost_at_the_reset() -> None:
+    script = turning(encoder()).write(1000, 0x6003, 0, 1000).write(2000, 0x6000, 0, 0, size=2)
+    script.nmt(5000, 0x81).boot(9000).heartbeat(9200, 11_000)
+    assert "6003h" not in script.told().text
+
+
+def test_an_identifier_that_a_reset_took_back_is_written_alike_before_and_after() -> None:
+    script = turning(encoder()).write(1000, 0x1800, 1, 0x80000181).nmt(5000, 0x81).boot(9000)
+    found = script.heartbeat(9200, 11_000).told().finding("device.lost_at_reset")
+    assert "back from 80000181h to 181h" in found.text

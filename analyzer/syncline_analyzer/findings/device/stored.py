@@ -16,6 +16,8 @@ SAVE, LOAD = 0x1010, 0x1011
 REWRITTEN_NS = 30_000_000_000
 """A master that writes its settings again this soon after a reset has lost nothing [ns]."""
 LISTED = 8
+_WIDE = 1 << 16
+"""From here on numbers are written in hexadecimal digits: they are identifiers and mappings."""
 
 
 def _defaults_pending(facts: Facts) -> Iterator[Finding]:
@@ -132,7 +134,11 @@ def _fallen_back(
             now = after.known or shadow.assumed(bus, node, *key)
             if following is not None and read:
                 now = following.known
-            if now is not None and now.value == written.value:
+            made_offset = _makes_offset(device, key)
+            if made_offset and _offset_moved(facts, bus, node, device, before.seq, after.seq):
+                continue
+            kept = now is not None and now.value == written.value
+            if kept and (read or not made_offset):
                 continue
             saved = any(before.t_ns < save_ns <= after.t_ns for save_ns in saves)
             restored = any(before.t_ns < load_ns <= after.t_ns for load_ns in loads)
@@ -168,10 +174,27 @@ def _is_command(device: Device | None, key: Key) -> bool:
     return key in orders or key in identity
 
 
+def _makes_offset(device: Device | None, key: Key) -> bool:
+    """Whether a write makes the offset that moves the position: a preset."""
+    measured = device.measurement if device else {}
+    return key == measured.get("preset") and "offset" in measured
+
+
+def _offset_moved(
+    facts: Facts, bus: int, node: int, device: Device | None, first: int, last: int
+) -> bool:
+    """Whether another write gave the offset a new value between two frames."""
+    offset = device.measurement["offset"] if device else (0, 0)
+    spans = facts.context.shadow.spans(bus, node, *offset)
+    return any(
+        first < span.change.seq < last and span.change.cause == "side effect" for span in spans
+    )
+
+
 def _effect_kept(device: Device | None, key: Key) -> bool:
     """Whether what a write did is saved although the object itself is not (a preset's offset)."""
     measured = device.measurement if device else {}
-    if key != measured.get("preset") or "offset" not in measured:
+    if not _makes_offset(device, key):
         return False
     return any(measured["offset"] in kept for kept in quirks(device).storage.values())
 
@@ -179,19 +202,24 @@ def _effect_kept(device: Device | None, key: Key) -> bool:
 def _in_words(device: Device | None, fall: _Fall) -> str:
     measured = device.measurement if device else {}
     then, name = _shown(fall.written.value), named(device, fall.key)
-    if fall.key == measured.get("preset") and "offset" in measured:
+    if _makes_offset(device, fall.key):
         offset = f"{measured['offset'][0]:04X}h"
         return f"{name} = {then}: the offset {offset} that it made is lost"
     why = fall.why
     if fall.now is None:
         return f"{name} no longer {then}, its value is not known ({why})"
-    return f"{name} back from {then} to {_shown(fall.now.value)} ({why})"
+    wide = any(
+        isinstance(value, int) and abs(value) >= _WIDE
+        for value in (fall.written.value, fall.now.value)
+    )
+    then, back = (_shown(value, wide=wide) for value in (fall.written.value, fall.now.value))
+    return f"{name} back from {then} to {back} ({why})"
 
 
-def _shown(value: int | bytes) -> str:
+def _shown(value: int | bytes, *, wide: bool = False) -> str:
     if isinstance(value, bytes):
         return value.hex(" ").upper()
-    return str(value) if abs(value) < 1 << 16 else f"{value:X}h"
+    return f"{value:X}h" if wide or abs(value) >= _WIDE else str(value)
 
 
 def _orders(facts: Facts, index: int) -> dict[tuple[str, int], list[int]]:
@@ -222,7 +250,7 @@ RULES: tuple[Rule, ...] = (
         (
             "Settings that the master writes again after the reset are not told.",
             "Where the maker does not say what survives, only a read after the reset proves it.",
-            "A preset whose offset was saved is not lost.",
+            "A preset whose offset was saved is not lost, nor one whose offset another write ended.",
         ),
         _lost_at_reset,
     ),

@@ -458,3 +458,16 @@ def test_an_identifier_that_a_reset_took_back_is_written_alike_before_and_after(
     script = turning(encoder()).write(1000, 0x1800, 1, 0x80000181).nmt(5000, 0x81).boot(9000)
     found = script.heartbeat(9200, 11_000).told().finding("device.lost_at_reset")
     assert "back from 80000181h to 181h" in found.text
+
+
+def test_a_save_with_another_word_is_refused_for_the_word() -> None:
+    script = turning(encoder()).write(1000, 0x1010, 1, 0x31766173, abort=0x08000020)
+    found = script.told().finding("sdo.abort")
+    assert "the write of 31766173h to 1010h:01" in found.text
+    assert '1010h takes only "save" (65766173h)' in found.cause
+
+
+def test_a_save_with_the_right_word_is_refused_for_another_reason() -> None:
+    script = turning(encoder()).write(1000, 0x1010, 1, 0x65766173, abort=0x08000022)
+    (found,) = script.told().findings("sdo.abort") + script.told().findings("config.save_refused")
+    assert "takes only" not in found.text + found.cause

@@ -17,7 +17,7 @@ from syncline_analyzer.findings.sdo.groups import (
 from syncline_analyzer.findings.sdo.protocol import TOLD_BY_PROTOCOL
 from syncline_analyzer.findings.sdo.writes import failed_configurations
 from syncline_analyzer.results import Finding, SdoRow, SdoTransfers
-from syncline_schemas.canopen.sdo import abort_meaning
+from syncline_schemas.canopen.sdo import LOAD_SIGNATURE, SAVE_SIGNATURE, abort_meaning
 from syncline_schemas.devices import quirks
 from syncline_schemas.wording import counted
 
@@ -25,6 +25,7 @@ PROBING = (0x06010001, 0x06020000, 0x06090011, 0x08000024)
 """Abort codes with which a node says that it does not have what a master looks for."""
 ERROR_LIST, NO_SUBINDEX, READ_ONLY = 0x1003, 0x06090011, 0x06010002
 TIME_OUT = 0x05040000
+_SIGNATURES = {0x1010: SAVE_SIGNATURE, 0x1011: LOAD_SIGNATURE}
 _MANUAL = "Compare object, length and value with the device's manual; was it needed?"
 _CAUSES: tuple[tuple[range, str, str], ...] = (
     (
@@ -194,7 +195,27 @@ def _access(rows: Sequence[SdoRow], writes: Sequence[SdoRow]) -> str:
         return f"{counted(len(writes), 'write')} and {counted(reads, 'read')} of {what}"
     first = writes[0].value
     value = first if all(row.value == first for row in writes) else None
-    return f"the write of {value} to {what}" if isinstance(value, int) else f"the write of {what}"
+    if not isinstance(value, int):
+        return f"the write of {what}"
+    return f"the write of {_shown(writes[0].index or 0, value)} to {what}"
+
+
+def _shown(index: int, value: int) -> str:
+    """A value as people write it: "save", identifiers and mappings in hexadecimal digits."""
+    if value == _SIGNATURES.get(index):
+        return f'"{value.to_bytes(4, "little").decode()}"'
+    return str(value) if abs(value) < 1 << 16 else f"{value:X}h"
+
+
+def _misspelt(row: SdoRow) -> str:
+    """Why a node does not save or restore: "" where the right word was written."""
+    word = _SIGNATURES.get(row.index or 0)
+    if row.direction != "download" or word is None or row.value in (None, word):
+        return ""
+    return (
+        f'{row.index:04X}h takes only "{word.to_bytes(4, "little").decode()}" ({word:08X}h), and'
+        " another value was written: it is a guard against writes by mistake."
+    )
 
 
 def _when(facts: Facts, rows: Sequence[SdoRow]) -> str:
@@ -219,6 +240,8 @@ def _why(facts: Facts, row: SdoRow) -> tuple[str, str]:
             "The client looks for an object that this device does not have or does not let read.",
             "Nothing, if the object is optional; else compare the device with the planned one.",
         )
+    if row.abort_by != "client" and _misspelt(row):
+        return _misspelt(row), "What the client writes there, and its byte order."
     if row.abort_by == "client":
         return (
             "The client did not accept what the node answered, or was told to stop.",

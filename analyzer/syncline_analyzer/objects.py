@@ -20,6 +20,8 @@ _ASSUMED = (0x1005, 0x1006, 0x1007, 0x100C, 0x100D, 0x1014, 0x1015, 0x1016, 0x10
 """Variables that the analyses ask the shadow for, besides those of PDOs and measurements."""
 _COMMUNICATION, _MAPPING = range(0x1800, 0x1A00), range(0x1A00, 0x1C00)
 _PROFILE = range(0x6000, 0x6010)
+_MAKERS = 0x2000
+"""From here on objects are the maker's or a profile's (CiA 301 7.4.1)."""
 
 Key = tuple[int, int]
 
@@ -89,13 +91,25 @@ def _rows_of(context: Context, bus: int, node: int, *, assumed: bool) -> Iterato
     for key, history in shadow.history(bus, node):
         if history.last is not None:
             change = history.changes[-1]
-            saved = not history.unsaved if history.last.source == "sdo-write" else None
+            written = history.last.source == "sdo-write"
+            saved = _saved(shadow.device(bus, node), key, history) if written else None
             found[key] = _row(context, bus, node, key, history.last, change, saved)
     for key in _parameters(context, bus, node) if assumed else ():
         known = shadow.assumed(bus, node, *key)
         if key not in found and known is not None:
             found[key] = _row(context, bus, node, key, known)
     yield from (found[key] for key in sorted(found))
+
+
+def _saved(device: Device | None, key: Key, history: ObjectHistory) -> bool | None:
+    """Whether a written value is saved; None where the maker does not say that 1010h keeps it."""
+    if not history.unsaved:
+        return True
+    facts = device.object(*key) if device else None
+    if device is None or facts is None or key[0] < _MAKERS:
+        return False
+    stated = bool(device.quirks.storage) or device.quirks.saves_all
+    return None if stated and facts.persisted not in ("yes", "no") else False
 
 
 def _parameters(context: Context, bus: int, node: int) -> set[Key]:

@@ -471,3 +471,14 @@ def test_a_save_with_the_right_word_is_refused_for_another_reason() -> None:
     script = turning(encoder()).write(1000, 0x1010, 1, 0x65766173, abort=0x08000022)
     (found,) = script.told().findings("sdo.abort") + script.told().findings("config.save_refused")
     assert "takes only" not in found.text + found.cause
+
+
+def test_what_1010h_may_not_keep_is_not_counted_as_unsaved() -> None:
+    """`save` of a JN2100 keeps 1000h to 1FFFh; a self-test is an order."""
+    script = Script("jn2100", 10).heartbeat(0, 5000).write(100, 0x2047, 0, 1, size=1)
+    script.write(200, 0x4004, 1, 1, size=1).write(300, 0x6000, 0, 100, size=2)
+    told = script.told()
+    assert told.object(0x6000).saved is None
+    assert "not saved (1010h)" not in told.summary
+    told = script.write(400, 0x1017, 0, 500, size=2).told()
+    assert told.object(0x1017).saved is False

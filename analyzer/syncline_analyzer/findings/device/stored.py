@@ -219,7 +219,7 @@ def _in_words(device: Device | None, fall: _Fall) -> str:
 def _shown(value: int | bytes, *, wide: bool = False) -> str:
     if isinstance(value, bytes):
         return value.hex(" ").upper()
-    return f"{value:X}h" if wide or abs(value) >= _WIDE else str(value)
+    return f"{value:X}h" if value and (wide or abs(value) >= _WIDE) else str(value)
 
 
 def _orders(facts: Facts, index: int) -> dict[tuple[str, int], list[int]]:

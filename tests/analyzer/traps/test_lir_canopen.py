@@ -463,3 +463,22 @@ def test_trap_31_stopped_is_mute() -> None:
 
 def test_every_trap_of_the_sheet_is_here() -> None:
     assert numbered_traps(globals()) == set(range(1, TRAPS + 1))
+
+
+@pytest.mark.parametrize("batch", [1 << 20, 50])
+def test_trap_02_a_heartbeat_that_a_remote_frame_emptied_cuts_no_trace(batch: int) -> None:
+    script = Script("lir-ma158k").read(-90, 0x6000, 0, 0, size=2).read(-80, 0x6001, 0, 8192)
+    script.read(-70, 0x6002, 0, 8192 * 4096).read(-60, 0x1017, 0, 100, size=2)
+    script.heartbeat(0, 3000).frame(3050, "701#R").heartbeat(3100, 9000, 0)
+    told = script.pdo(5, 9000, 20, lambda k: 1000 + 7 * k).told(batch)
+    assert [event.text for event in told.events("cut")] == []
+    assert told.trace().segment.max() == 0
+
+
+def test_trap_02_a_reset_after_it_cuts_the_trace() -> None:
+    script = Script("lir-ma158k").read(-90, 0x6000, 0, 0, size=2).read(-80, 0x6001, 0, 8192)
+    script.read(-70, 0x6002, 0, 8192 * 4096).read(-60, 0x1017, 0, 100, size=2)
+    script.heartbeat(0, 3000).frame(3050, "701#R").heartbeat(3100, 5000, 0).nmt(5000, 0x81)
+    script.boot(9000, 0x7F).nmt(9050, 0x01).heartbeat(9100, 12_000)
+    script.pdo(5, 5000, 20, lambda k: 1000 + 7 * k).pdo(9105, 12_000, 20, lambda k: 90 + 7 * k)
+    assert [event.text for event in script.told().events("cut")] == ["reset command"]

@@ -59,6 +59,9 @@ HANDLED: dict[str, str] = {
     "sdo_read_specifiers": "bytes that ask for an object",
     "unspecified_size_writes": "writes come as 22h with four bytes: the type of the object counts",
     "termination": "switches the terminating resistor on: counted on a bus with error frames",
+    "self_test": "the object that starts a self-test, and the one that tells its result",
+    "self_test_good": "another result after a self-test is a warning",
+    "self_test_ms": "a result that is read sooner is that of no test",
 }
 """What Syncline makes of each quirk."""
 

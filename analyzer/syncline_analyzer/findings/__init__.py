@@ -9,7 +9,7 @@ from syncline_analyzer.findings.bounded import bounded
 from syncline_analyzer.findings.bus import bus_off as bus
 from syncline_analyzer.findings.bus import capture, clock, errors, lss
 from syncline_analyzer.findings.config import rules as config
-from syncline_analyzer.findings.device import assignment, described, identity, stored
+from syncline_analyzer.findings.device import assignment, described, identity, self_test, stored
 from syncline_analyzer.findings.device import rules as device
 from syncline_analyzer.findings.emcy import errors as emcy
 from syncline_analyzer.findings.nmt import rules as nmt
@@ -52,6 +52,7 @@ RULES: tuple[Rule, ...] = (
     *motion.RULES,
     *device.RULES,
     *stored.RULES,
+    *self_test.RULES,
     *identity.RULES,
     *assignment.RULES,
     *described.RULES,

@@ -189,6 +189,12 @@ class Quirks:
     """Writes are printed as 22h: four bytes, the size not given."""
     termination: Key | None = None
     """Object that switches the terminating resistor; 1 = on."""
+    self_test: Mapping[Key, Key] = field(default_factory=dict)
+    """Object that starts a self-test when 1 is written, and the one that tells its result."""
+    self_test_good: int | None = None
+    """The result where all is well."""
+    self_test_ms: int = 0
+    """A self-test lasts so long."""
 
 
 GENERIC_QUIRKS = Quirks()

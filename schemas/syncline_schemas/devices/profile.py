@@ -131,6 +131,9 @@ QUIRKS: dict[str, Convert] = {
     "sdo_read_specifiers": to_list(integer),
     "unspecified_size_writes": to_truth,
     "termination": object_key,
+    "self_test": to_table(object_key, object_key),
+    "self_test_good": integer,
+    "self_test_ms": integer,
 }
 _BIT = to_record({"object": object_key, "bit": to_bit})
 _MEASUREMENT: dict[str, Convert] = {

@@ -765,3 +765,33 @@ def test_a_pdo_of_another_node_is_the_one_that_it_complains_of() -> None:
     script.pdo(1, 5000, 20, lambda _: (50, 60), bits=16).emcy(3010, 0x8210, 0x11)
     script.every(0, 5000, 50, "19B#0102")
     assert "19Bh with 2 bytes" in script.told().finding("emcy.pdo_length").text
+
+
+def after_self_test(result: int, at: float = 5000) -> Script:
+    script = settings(tilt(), res=100).heartbeat(0, 20_000)
+    return script.write(1000, 0x4004, 1, 1, size=1).read(at, 0x4004, 2, result, size=1)
+
+
+@pytest.mark.triggers("device.self_test_failed")
+def test_trap_10_an_axis_that_failed_the_self_test_is_told() -> None:
+    """4004h:2 = 5: bit 1 is y."""
+    found = after_self_test(5).told().finding("device.self_test_failed")
+    assert found.severity == "warning"
+    assert "4004h:02 (MEMS self-test result) = 5 (x ok, y failed, z ok)" in found.text
+    assert "later" not in found.text
+    again = after_self_test(5).write(9000, 0x4004, 1, 1, size=1).read(12_000, 0x4004, 2, 7, size=1)
+    assert "A later self-test was passed." in again.told().finding("device.self_test_failed").text
+
+
+@pytest.mark.near_miss("device.self_test_failed")
+@pytest.mark.parametrize(
+    "script", [after_self_test(7), after_self_test(0, 2000), after_self_test(0, 500)], ids="abc"
+)
+def test_a_good_result_and_one_of_no_test_are_no_failure(script: Script) -> None:
+    assert "device.self_test_failed" not in script.told().ids
+
+
+@pytest.mark.near_miss("device.self_test_failed")
+def test_a_result_after_a_restart_is_of_no_test() -> None:
+    script = after_self_test(0, 6000).nmt(3000, 0x81).boot(3500)
+    assert "device.self_test_failed" not in script.told().ids

@@ -219,7 +219,11 @@ def _write(session: "Session", folder: Path) -> None:
     with progress_line() as line:
         if line:
             line.say("writing the report, the session and the tables")
-        write_all(session.analysis, folder, session.frames, session.decoding)
+        try:
+            write_all(session.analysis, folder, session.frames, session.decoding)
+        except OSError as error:
+            reason = error.strerror or error
+            raise UsageError(f"--out {folder}: cannot be written: {reason}") from error
     click.echo(f"Wrote {folder / 'report.html'}, session.rrd, findings.json and tables.", err=True)
 
 

@@ -196,3 +196,15 @@ def test_help_ends_with_two_examples(name: str) -> None:
     lines = text.splitlines()
     assert lines[-3].strip() == "Examples:"
     assert all(line.strip().startswith(f"syncline {name} ") for line in lines[-2:])
+
+
+def test_a_disk_that_is_full_is_told_with_the_folder(
+    session: FakeSession, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("syncline_analyzer.views.files.write_all", full)
+    result = run(cli.analyze, "a.mcap", "--out", str(tmp_path))
+    assert isinstance(result.exception, UsageError)
+    assert str(result.exception) == f"--out {tmp_path}: cannot be written: No space left on device"

@@ -795,3 +795,15 @@ def test_a_good_result_and_one_of_no_test_are_no_failure(script: Script) -> None
 def test_a_result_after_a_restart_is_of_no_test() -> None:
     script = after_self_test(0, 6000).nmt(3000, 0x81).boot(3500)
     assert "device.self_test_failed" not in script.told().ids
+
+
+def test_trap_28_a_scale_that_was_read_before_a_reset_is_not_called_unseen() -> None:
+    script = settings(tilt(), res=10).heartbeat(0, 3000).nmt(3000, 0x81).boot(3500)
+    script.nmt(3600, 0x01).heartbeat(3700, 9000).sync(0, 9000)
+    script.pdo(3702, 9000, 20, lambda k: (200 + k % 50, 100), bits=16)
+    found = script.told().finding("angle.scale_assumed")
+    assert "resolution (6000h) was not read again after a restart" in found.text
+    assert "started anew" in found.cause
+    plain = tilt().heartbeat(0, 9000).sync(0, 9000)
+    plain.pdo(2, 9000, 20, lambda k: (200 + k % 50, 100), bits=16)
+    assert "was not seen in this capture" in plain.told().finding("angle.scale_assumed").text

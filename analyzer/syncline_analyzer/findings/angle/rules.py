@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 
 from syncline_analyzer.findings.angle.words import (
     DEGREES,
+    SETTING,
     events_of,
     evidence_of,
     number,
@@ -233,6 +234,12 @@ def _scale_assumed(facts: Facts) -> Iterator[Finding]:
         told.add((trace.bus, trace.node))
         objects = " and ".join(DEGREES[name] for name in guessed)
         capture = facts.analysis.capture
+        forgotten = all(_told_once(facts, trace, name) for name in guessed)
+        unseen = (
+            "not read again after a restart, which may have changed what was told before"
+            if forgotten
+            else "not seen in this capture"
+        )
         yield Finding(
             "angle.scale_assumed",
             "info",
@@ -247,13 +254,21 @@ def _scale_assumed(facts: Facts) -> Iterator[Finding]:
                 else f"The degrees of {facts.inside(trace.bus, trace.node)} rest on an assumed scale"
                 f" ({trace.shows}):"
             )
-            + f" {objects} {'were' if len(guessed) > 1 else 'was'} not seen in this capture.",
-            "The recorder started after the settings were read, or nobody reads them.",
+            + f" {objects} {'were' if len(guessed) > 1 else 'was'} {unseen}.",
+            "The node started anew, and nobody read its settings after that."
+            if forgotten
+            else "The recorder started after the settings were read, or nobody reads them.",
             f"Read {objects} from the device, or state {'them' if len(guessed) > 1 else 'it'} in the bus"
             " description.",
             [],
             assumed=scale_of(trace),
         )
+
+
+def _told_once(facts: Facts, trace: TraceRow, name: str) -> bool:
+    """Whether the node told or acknowledged a setting before a restart made it unsure."""
+    changes = facts.context.shadow.changes(facts.number(trace.bus), trace.node, *SETTING[name])
+    return bool(changes)
 
 
 def _alarms(facts: Facts) -> Iterator[Finding]:

@@ -11,6 +11,8 @@ MAX_FINDINGS = 10
 MAX_EVIDENCE = 100
 DEGREES = {"cpr": "counts per turn (6001h)", "res": "resolution (6000h)"}
 """Settings without which there are no degrees, by their short names."""
+SETTING = {"cpr": (0x6001, 0), "res": (0x6000, 0)}
+"""Their objects."""
 _SETTINGS = {
     "range": "measuring range (6002h or 6502h)",
     "scaling": "scaling (6000h bit 2)",

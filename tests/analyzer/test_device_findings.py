@@ -482,3 +482,17 @@ def test_what_1010h_may_not_keep_is_not_counted_as_unsaved() -> None:
     assert "not saved (1010h)" not in told.summary
     told = script.write(400, 0x1017, 0, 500, size=2).told()
     assert told.object(0x1017).saved is False
+
+
+def test_a_position_error_says_which_alarm_it_is() -> None:
+    """Alarm bit 1 of a LIR is its hardware, bit 0 the code that it reads."""
+    script = turning(encoder()).emcy(1000, 0x7320, 1, "0200000000").emcy(2000, 0, 0)
+    found = script.told().finding("emcy.active")
+    assert 'reports position error (7320h) with the alarms "hardware error" at' in found.text
+
+
+def test_a_code_without_an_alarm_bit_names_none() -> None:
+    script = turning(encoder()).emcy(1000, 0x7320, 1).emcy(2000, 0, 0)
+    assert "position error (7320h) at" in script.told().finding("emcy.active").text
+    script = turning(encoder()).emcy(1000, 0x5530, 0x81, "0200000000").emcy(2000, 0, 0)
+    assert "EEPROM error (5530h) at" in script.told().finding("emcy.active").text

@@ -1,7 +1,10 @@
 """Findings on the errors of nodes: active, partly cleared, from before the capture, in storms."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import reduce
+from operator import or_
+from typing import Any
 
 from syncline_analyzer.findings.bus.bus_off import tells_bus_off
 from syncline_analyzer.findings.emcy import history as emcy_history
@@ -25,12 +28,13 @@ SETTLED_NS = 2_000_000_000
 def _active(facts: Facts) -> Iterator[Finding]:
     """Errors by what they are; those still active at the end are apart from those that are over."""
     contexts = {row.seq: row for row in facts.analysis.emcy_context}
+    details = {row.seq: row.details for row in facts.analysis.emcy if row.details}
     for (_, _, _, maker), rows in sorted(emcy_pattern.kinds(facts).items()):
         for still in (False, True):
             found = [row for row in rows if (row.status == "still active") == still]
             if not found or _told_elsewhere(facts, found[0]):
                 continue
-            text = _reports(facts, found, maker)
+            text = _reports(facts, found, maker, _bits(facts, found, details))
             told = _still_active(facts, found, text) if still else _over(facts, found, text)
             yield _error_finding(facts, found, told, contexts.get(found[0].evidence[0]))
 
@@ -120,10 +124,24 @@ def _end_ns(facts: Facts, row: ErrorRow) -> int:
     return next((reset.t_ns for reset in resets), row.raised_ns)
 
 
-def _reports(facts: Facts, rows: Sequence[ErrorRow], maker: str) -> str:
+def _bits(facts: Facts, rows: Sequence[ErrorRow], details: Mapping[int, Mapping[str, Any]]) -> str:
+    """Names of the bits with which a device tells an error more closely: its own word for it."""
+    device = facts.context.shadow.device(facts.number(rows[0].bus), rows[0].node)
+    for field in device.emcy_fields if device else ():
+        if rows[0].code not in field.codes.values() or len(field.bits) < 2:
+            continue
+        values = (details.get(row.evidence[0], {}).get(field.name, 0) for row in rows)
+        seen = reduce(or_, (value for value in values if isinstance(value, int)), 0)
+        names = [f'"{name}"' for bit, name in sorted(field.bits.items()) if seen >> bit & 1]
+        if names:
+            return f" with the {field.name} {' and '.join(names)}"
+    return ""
+
+
+def _reports(facts: Facts, rows: Sequence[ErrorRow], maker: str, bits: str) -> str:
     first, count = rows[0], sum(row.count for row in rows)
     name = error_name(first.code, first.meaning)
-    text = f"{facts.who(first.bus, first.node)} reports {name}"
+    text = f"{facts.who(first.bus, first.node)} reports {name}{bits}"
     text += f" with the maker's bytes {maker}" if maker.strip("0") else ""
     text += f" in {count} messages" if count > len(rows) else ""
     when = facts.at(first.raised_ns)

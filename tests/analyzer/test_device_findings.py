@@ -496,3 +496,23 @@ def test_a_code_without_an_alarm_bit_names_none() -> None:
     assert "position error (7320h) at" in script.told().finding("emcy.active").text
     script = turning(encoder()).emcy(1000, 0x5530, 0x81, "0200000000").emcy(2000, 0, 0)
     assert "EEPROM error (5530h) at" in script.told().finding("emcy.active").text
+
+
+@pytest.mark.parametrize(
+    ("kind", "cause"),
+    [(1, "Its settings are others than those"), (0, "Its settings; the node itself is alive.")],
+    ids=["every SYNC", "after a change"],
+)
+def test_a_node_that_is_silent_beside_sync_does_not_wait_for_it(kind: int, cause: str) -> None:
+    script = encoder().write(-40, 0x1800, 2, kind, size=1).write(-30, 0x1801, 2, kind, size=1)
+    finding = script.heartbeat(0, 20_000).sync(0, 20_000).told().finding("pdo.silent")
+    assert "nobody sends" not in finding.cause + finding.text
+    assert finding.cause.startswith(cause)
+
+
+def test_a_node_that_sends_under_another_number_is_told_once() -> None:
+    script = Script("jn2100", 12).heartbeat(0, 20_000).sync(0, 20_000)
+    script.every(1, 20_000, 20, "18A#C8006400").every(2, 20_000, 20, "28A#C800000064000000")
+    told = script.told()
+    assert "pdo.silent" in [link.id for link in told.finding("device.foreign_identifiers").chain]
+    assert "pdo.silent" not in told.ids

@@ -233,6 +233,7 @@ BONDS: tuple[Bond, ...] = (
         before_ns=_FOREVER,
     ),
     *_bonds("device.defaults_pending", "device.lost_at_reset", lifelong=True),
+    *_bonds("device.foreign_identifiers", "pdo.silent", lifelong=True, before_ns=_FOREVER),
     *_bonds(
         "nmt.duplicate_node_id",
         "angle.step",

@@ -1,6 +1,6 @@
 """Findings on PDOs that are not sent at all, or more often than the bus can carry."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import field
 
 from syncline_analyzer.findings.rule import Facts, Rule
@@ -18,6 +18,9 @@ FULL = 0.8
 """Share of the bit rate from which on settings alone fill a bus."""
 _OFF = 1 << 31
 _LAST_SYNC_TYPE = 240
+_NO_SYNC = "waits for SYNC"
+_DUE = (", and did not", ", and did not come")
+"""Ends of what is told of a PDO that should have come."""
 
 
 @dataclass(slots=True)
@@ -44,7 +47,7 @@ def _silent(facts: Facts) -> Iterator[Finding]:
             f"TPDO{pdo.number} ({_cob_id(facts, row, pdo)}) {reason.text}"
             for pdo, reason in zip(pdos, reasons, strict=True)
         )
-        waits = any("SYNC" in reason.text for reason in reasons)
+        cause, check_next = _cause(reasons)
         yield Finding(
             "pdo.silent",
             "info",
@@ -54,15 +57,29 @@ def _silent(facts: Facts) -> Iterator[Finding]:
             last_ns,
             f"{facts.who(row.bus, row.node)} was OPERATIONAL for {seconds(lasted_ns)} and sent no PDO:"
             f" {told}.",
-            "It waits for a SYNC that nobody sends; the node itself is alive."
-            if waits
-            else "Its settings; the node itself is alive.",
-            "Is there to be a SYNC producer (1006h of the master)?"
-            if waits
-            else "Read 180xh:1, 2 and 5 of the node where they are not known.",
+            cause,
+            check_next,
             evidence,
             assumed=[each for reason in reasons for each in reason.assumed],
         )
+
+
+def _cause(reasons: Sequence[_Reason]) -> tuple[str, str]:
+    """Likely cause of a node's silence, and what to check."""
+    if any(_NO_SYNC in reason.text for reason in reasons):
+        return (
+            "It waits for a SYNC that nobody sends; the node itself is alive.",
+            "Is there to be a SYNC producer (1006h of the master)?",
+        )
+    if any(reason.text.endswith(_DUE) for reason in reasons):
+        return (
+            "Its settings are others than those, or its application stopped; the node is alive.",
+            "Read 180xh:1, 2 and 5, 1001h and 1003h of the node.",
+        )
+    return (
+        "Its settings; the node itself is alive.",
+        "Read 180xh:1, 2 and 5 of the node where they are not known.",
+    )
 
 
 def _is_sent(name: str | None) -> bool:
@@ -144,8 +161,8 @@ def _of_type_0(facts: Facts, pdo: Pdo) -> str:
 def _synchronous(facts: Facts, bindings: PdoBindings, row: NodeRow, pdo: Pdo, kind: int) -> str:
     listens = bindings.sync_cob_id(pdo.bus, pdo.node)
     if not any((s.bus, s.cob_id) == (row.bus, listens) and s.count for s in facts.analysis.sync):
-        return f"waits for SYNC (type {kind}), and no SYNC ({listens:03X}h) is on the bus"
-    return _repeated(bindings, pdo) or f"is to answer SYNC (type {kind}), and did not"
+        return f"{_NO_SYNC} (type {kind}), and no SYNC ({listens:03X}h) is on the bus"
+    return _repeated(bindings, pdo) or f"is to answer SYNC (type {kind}){_DUE[0]}"
 
 
 def _by_timer(
@@ -167,9 +184,7 @@ def _by_timer(
         on_change = "" if kind == 0xFE and device else "; it is sent when its value changes"
         return _Reason(f"has no event timer ({index}:05 = 0, type {kind}){on_change}", assumed)
     text = _repeated(bindings, pdo)
-    return _Reason(
-        text or f"is due every {timer.value} ms (type {kind}), and did not come", assumed
-    )
+    return _Reason(text or f"is due every {timer.value} ms (type {kind}){_DUE[1]}", assumed)
 
 
 def _repeated(bindings: PdoBindings, pdo: Pdo) -> str:

@@ -802,8 +802,8 @@ def test_trap_28_a_scale_that_was_read_before_a_reset_is_not_called_unseen() -> 
     script.nmt(3600, 0x01).heartbeat(3700, 9000).sync(0, 9000)
     script.pdo(3702, 9000, 20, lambda k: (200 + k % 50, 100), bits=16)
     found = script.told().finding("angle.scale_assumed")
-    assert "resolution (6000h) was not read again after a restart" in found.text
-    assert "started anew" in found.cause
+    assert "resolution (6000h) was not known all the time" in found.text
+    assert "not again after the node started anew" in found.cause
     plain = tilt().heartbeat(0, 9000).sync(0, 9000)
     plain.pdo(2, 9000, 20, lambda k: (200 + k % 50, 100), bits=16)
     assert "was not seen in this capture" in plain.told().finding("angle.scale_assumed").text

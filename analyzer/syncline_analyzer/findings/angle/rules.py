@@ -234,10 +234,11 @@ def _scale_assumed(facts: Facts) -> Iterator[Finding]:
         told.add((trace.bus, trace.node))
         objects = " and ".join(DEGREES[name] for name in guessed)
         capture = facts.analysis.capture
-        forgotten = all(_told_once(facts, trace, name) for name in guessed)
+        partly = all(_told_once(facts, trace, name) for name in guessed)
         unseen = (
-            "not read again after a restart, which may have changed what was told before"
-            if forgotten
+            "not known all the time: seen later only, or not again after a restart, which may have"
+            " changed it"
+            if partly
             else "not seen in this capture"
         )
         yield Finding(
@@ -255,8 +256,8 @@ def _scale_assumed(facts: Facts) -> Iterator[Finding]:
                 f" ({trace.shows}):"
             )
             + f" {objects} {'were' if len(guessed) > 1 else 'was'} {unseen}.",
-            "The node started anew, and nobody read its settings after that."
-            if forgotten
+            "The settings were read after the first values, or not again after the node started anew."
+            if partly
             else "The recorder started after the settings were read, or nobody reads them.",
             f"Read {objects} from the device, or state {'them' if len(guessed) > 1 else 'it'} in the bus"
             " description.",
@@ -266,7 +267,7 @@ def _scale_assumed(facts: Facts) -> Iterator[Finding]:
 
 
 def _told_once(facts: Facts, trace: TraceRow, name: str) -> bool:
-    """Whether the node told or acknowledged a setting before a restart made it unsure."""
+    """Whether the node told or acknowledged a setting at some time."""
     changes = facts.context.shadow.changes(facts.number(trace.bus), trace.node, *SETTING[name])
     return bool(changes)
 

@@ -240,8 +240,10 @@ def test_pdos_show_it_where_the_heartbeat_comes_a_period_after_the_reset() -> No
         [boot(10_050)],
         [boot(15_000)],
         [frame(10_090, 0x000, "0105")],
+        [frame(10_050, 0x085, "")],
+        [frame(10_050, 0x085, "0000000000000000")],
     ],
-    ids=["boots", "boots late", "started after it"],
+    ids=["boots", "boots late", "started after it", "empty EMCY", "EMCY without an error"],
 )
 def test_a_reset_that_something_may_have_followed_is_not_held_against_a_node(
     more: list[Row],
@@ -254,6 +256,20 @@ def test_a_node_that_starts_itself_and_whose_boot_up_was_lost_beats_anew() -> No
     before, after = heartbeats(100, 10_000, every_ms=500), heartbeats(10_560, 30_000, every_ms=500)
     rows = ordered(before, after, [frame(10_000, 0x000, "8105")], busy(30_000))
     assert "nmt.command_ignored" not in run(*rows).ids()
+
+
+@pytest.mark.near_miss("nmt.command_ignored")
+@pytest.mark.parametrize(
+    ("reset_ms", "first_ms", "told"),
+    [(9_900, 10_060, 0), (9_900, 10_105, 1), (9_900, 10_180, 0), (9_580, 10_130, 0)],
+)
+def test_a_restart_that_nothing_tells_but_heartbeats_out_of_step(
+    reset_ms: int, first_ms: int, told: int
+) -> None:
+    before = heartbeats(100, 10_000, every_ms=500)
+    after = heartbeats(first_ms, 30_000, every_ms=500)
+    rows = ordered(before, after, [frame(reset_ms, 0x000, "8105")], busy(30_000))
+    assert run(*rows).ids().count("nmt.command_ignored") == told
 
 
 @pytest.mark.near_miss("nmt.command_ignored")

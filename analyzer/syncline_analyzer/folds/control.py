@@ -81,7 +81,8 @@ class ControlFold:
         sdo = self._sdo.finish(end_ns)
         answering = {bus for (bus, _), count in sdo.counts.items() if count.confirmed}
         errors, missed = self._emcy.communication_errors(), self._emcy.missed_masters()
-        nmt = self._nmt.finish(end_ns, clock, answering, errors, missed)
+        no_errors = self._emcy.no_errors()
+        nmt = self._nmt.finish(end_ns, clock, answering, errors, missed, no_errors)
         buses = {self._context.bus_name(bus) for bus in nmt.canopen}
         sdo = replace(
             sdo,

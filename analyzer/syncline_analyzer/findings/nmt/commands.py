@@ -240,8 +240,9 @@ RULES = (
             "The NMT master does not follow its own commands to all.",
             (
                 "A reset of one node counts where its heartbeats still say OPERATIONAL or STOPPED and"
-                " come on time, one of them sooner than a node that starts anew sends any, or after PDOs"
-                " that went on, and no boot-up, silence, gap or other command comes within 10 s."
+                " keep step with those before it, one of them sooner than a node that starts anew sends"
+                " any, or after PDOs that went on, and no boot-up, empty EMCY, EMCY without an error,"
+                " silence, gap or other command comes within 10 s."
             ),
             "A start before the boot-up that a reset asked for counts where none follows for 10 s.",
         ),

@@ -33,6 +33,7 @@ MAX_EMPTY = 1000
 """Frames of a node without room for an error code that become rows; the rest is only counted."""
 _COMMUNICATION = (b"\x75", b"\x81")
 _LIFE = b"\x30\x81"
+_NO_ERROR = b"\x00\x00"
 _INHIBIT_TIME = 0x1015
 
 NodeKey = tuple[int, int]
@@ -113,6 +114,13 @@ class EmcyFold:
         """When each node told that it misses its master (8130h)."""
         return {
             key: [MissedMaster(m.seq, m.t_ns) for m in messages if m.whole and m.data[:2] == _LIFE]
+            for key, messages in self._messages.items()
+        }
+
+    def no_errors(self) -> dict[NodeKey, list[tuple[int, int]]]:
+        """(seq, t_ns) of each node's EMCYs that are empty, or whose code is that of no error."""
+        return {
+            key: [(m.seq, m.t_ns) for m in messages if m.data[:2] in (b"", _NO_ERROR)]
             for key, messages in self._messages.items()
         }
 

@@ -20,6 +20,7 @@ from syncline_analyzer.folds.nmt.cadence import (
 from syncline_analyzer.folds.nmt.calm import QUEUED_NS, STATES, Steady, Waited
 from syncline_analyzer.folds.nmt.columns import Columns, Life, no_columns
 from syncline_analyzer.folds.nmt.events import (
+    KEPT_AFTER_MARK,
     Beat,
     BeatKind,
     Counts,
@@ -52,8 +53,6 @@ MAX_MARKS = 100
 """Commands to a node that is not heard, kept per node."""
 MAX_HELD = 100_000
 """Frames of a node that wait for the next message of its error control to be understood."""
-KEPT_AFTER_MARK = 3
-"""State messages kept after an NMT command or a gap, also when they change nothing."""
 MAX_TOGGLES = 10_000
 """Repeated toggle bits kept one by one per node."""
 MAX_ODD = 100
@@ -306,9 +305,9 @@ class ErrorControl:
     def _follow(self, life: tuple[Int64s, Int64s]) -> None:
         """Take in the fresh messages, and the signs of life from the first of them on."""
         (beats, kinds, requests), self._fresh = self._fresh, _Fresh()
-        heard_ns = self._heard
+        heard_ns, beat_ns = self._heard, self._last[1] if self._last else None
         self._follow_periods(beats, kinds, life, requests)
-        self._keep_beats(beats, kinds, life, heard_ns)
+        self._keep_beats(beats, kinds, life, heard_ns, beat_ns)
         if len(life[0]):
             self._heard = int(life[1][-1])
 
@@ -466,6 +465,7 @@ class ErrorControl:
         kinds: NDArray[np.int8],
         life: tuple[Int64s, Int64s],
         heard_ns: int | None,
+        beat_ns: int | None,
     ) -> None:
         """Keep the beats that change the state, and the first ones after each command."""
         n = len(beats.seq)
@@ -497,6 +497,7 @@ class ErrorControl:
                     _KINDS[int(kinds[row])],
                     int(beats.byte[row] & 0x7F),
                     int(beats.t_ns[row]) if previous is None else previous,
+                    int(beats.t_ns[row - 1]) if row else beat_ns,
                 )
             )
 

@@ -17,6 +17,9 @@ from syncline_schemas.records import dataclass
 IN_FLIGHT_NS = 10_000_000
 """What a node sends this soon after a command or change may have been on its way [ns]."""
 
+KEPT_AFTER_MARK = 3
+"""State messages kept after an NMT command or a gap, also when they change nothing."""
+
 UNASKED = "nobody asked it for"
 """How the cause of a state begins that is not known as a guarded node is not asked any more."""
 
@@ -28,7 +31,8 @@ class Beat(NamedTuple):
     """A message of the node's error control that says something new.
 
     `state` is bits 6..0 of the byte, `previous_ns` the node's last sign of life before it (its own
-    time when there was none).
+    time when there was none), `after_ns` the message of its error control before it, None at the
+    beginning and after a gap.
     """
 
     seq: int
@@ -36,6 +40,7 @@ class Beat(NamedTuple):
     kind: BeatKind
     state: int
     previous_ns: int
+    after_ns: int | None
 
 
 class Silence(NamedTuple):
@@ -207,6 +212,8 @@ class NodeHistory:
     communication_errors: Sequence[int] = ()
     """Times of its EMCYs that tell of a communication error (75xxh, 81xxh)."""
     missed_masters: Sequence[MissedMaster] = ()
+    no_errors: Sequence[tuple[int, int]] = ()
+    """(seq, t_ns) of its EMCYs that are empty or tell no error."""
     told_ns: int | None = None
     """When it told a state last."""
 

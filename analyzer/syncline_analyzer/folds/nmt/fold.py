@@ -87,6 +87,7 @@ class NmtFold:
         """Error control of the last batch of the other nodes."""
         self._errors: Mapping[NodeKey, Sequence[int]] = {}
         self._missed: Mapping[NodeKey, Sequence[MissedMaster]] = {}
+        self._no_errors: Mapping[NodeKey, Sequence[tuple[int, int]]] = {}
         self._measures: dict[NodeKey, Measures] = {}
         self._starts: dict[NodeKey, list[int]] = {}
         """When each node may have started, once everything is seen."""
@@ -145,15 +146,17 @@ class NmtFold:
         canopen: AbstractSet[int] = frozenset(),
         errors: Mapping[NodeKey, Sequence[int]] | None = None,
         missed: Mapping[NodeKey, Sequence[MissedMaster]] | None = None,
+        no_errors: Mapping[NodeKey, Sequence[tuple[int, int]]] | None = None,
     ) -> NmtTable:
         """Timelines of all nodes, up to the end of the capture.
 
         A PDO identifier alone tells of a node only on a bus that shows CANopen otherwise: by
         error control, NMT commands, SYNC, or because it is one of `canopen` (bus numbers).
         `errors` are the times of each node's EMCYs that tell of communication errors, `missed`
-        those of them by which it misses its master.
+        those of them by which it misses its master; `no_errors` are (seq, t_ns) of those that tell
+        of none.
         """
-        self._errors, self._missed = errors or {}, missed or {}
+        self._errors, self._missed, self._no_errors = errors or {}, missed or {}, no_errors or {}
         self._wake_all()
         for control in self._control.values():
             control.finish(end_ns, self._next_seq)
@@ -360,6 +363,7 @@ class NmtFold:
             witnesses=witnesses,
             communication_errors=self._errors.get(key, ()),
             missed_masters=self._missed.get(key, ()),
+            no_errors=self._no_errors.get(key, ()),
             told_ns=control.last_beat_ns,
         )
         timeline = Timeline(self._context, history, clock)

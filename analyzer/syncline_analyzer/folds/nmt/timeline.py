@@ -126,7 +126,7 @@ class Timeline:
         self._close(history.end_ns)
         if context.timed:
             told = {id(ignored.command) for ignored in self.ignored}
-            resets = unheeded(history, self.intervals, self.boot_ups)
+            resets = unheeded(history, self.intervals, self.boot_ups, context.resolution_ns)
             self.ignored += [each for each in resets if id(each.command) not in told]
 
     def _events(self) -> Iterator[tuple[int, int, object]]:

@@ -6,6 +6,7 @@ from itertools import islice, takewhile
 
 from syncline_analyzer.folds.nmt.events import (
     IN_FLIGHT_NS,
+    KEPT_AFTER_MARK,
     Beat,
     BootUpEvent,
     Command,
@@ -21,6 +22,8 @@ SOON = 0.9
 """Part of a period before which a node that did start anew sends no heartbeat."""
 LATE = 1.25
 """The same where PDOs went on meanwhile: the heartbeat is the next one in its turn."""
+ON_TIME = 0.03
+"""Part of a period by which the heartbeats around a reset may be off their pace."""
 MANY = 3
 """So many PDOs between a reset and the next heartbeat show that it sends on."""
 _STAYS = (NmtState.OPERATIONAL, NmtState.STOPPED)
@@ -28,17 +31,26 @@ _STAYS = (NmtState.OPERATIONAL, NmtState.STOPPED)
 
 
 def unheeded(
-    history: NodeHistory, intervals: list[Interval], boot_ups: Sequence[BootUpEvent]
+    history: NodeHistory,
+    intervals: list[Interval],
+    boot_ups: Sequence[BootUpEvent],
+    resolution_ns: int,
 ) -> list[Ignored]:
     """Resets of this node alone after which it stays as it was; takes back what they told.
 
     Its heartbeats come on time over the command and say OPERATIONAL or STOPPED still. One of them
     comes sooner than a node that starts anew can send any, or PDOs go on before it. For 10 s there
-    is neither a boot-up nor a silence, a gap or another command.
+    is neither a boot-up nor a silence, a gap, another command or an EMCY without an error.
+
+    Args:
+        history: of the node.
+        intervals: its states as told so far.
+        boot_ups: those of the node.
+        resolution_ns: step of the stamps.
     """
     found: list[Ignored] = []
     for command in history.commands:
-        beat = _contradiction(history, command)
+        beat = _contradiction(history, command, resolution_ns)
         if beat is None or _explained(history, boot_ups, command):
             continue
         if not _stays(intervals, command, STATE_OF_BYTE[beat.state]):
@@ -50,19 +62,21 @@ def unheeded(
     return found
 
 
-def _contradiction(history: NodeHistory, command: Command) -> Beat | None:
+def _contradiction(history: NodeHistory, command: Command, resolution_ns: int) -> Beat | None:
     """A heartbeat that only a node sends which was not reset: one of the first two."""
     period_ns, reset = history.period_ns, command.specifier in RESETS and command.node
     if period_ns is None or not reset or command.by:
         return None
     begin = bisect_right(history.beats, command.seq, key=lambda beat: beat.seq)
-    for beat in history.beats[begin : begin + 2]:
+    following = history.beats[begin : begin + KEPT_AFTER_MARK]
+    for beat in following[:2]:
         told = beat.kind == "heartbeat" and STATE_OF_BYTE.get(beat.state) in _STAYS
         passed = beat.t_ns - command.t_ns
         if not told or not IN_FLIGHT_NS < passed < LATE * period_ns:
             continue
         soon = passed < SOON * period_ns or _sends_on(history, command)
-        return beat if soon and _on_time(history, command) else None
+        on_time = _on_time(history, command, following, resolution_ns)
+        return beat if soon and on_time else None
     return None
 
 
@@ -77,18 +91,31 @@ def _sends_on(history: NodeHistory, command: Command) -> bool:
     )
 
 
-def _on_time(history: NodeHistory, command: Command) -> bool:
-    """Whether heartbeats of one period go on over a command, and for a few periods after it."""
+def _on_time(
+    history: NodeHistory, command: Command, beats: Sequence[Beat], resolution_ns: int
+) -> bool:
+    """Whether heartbeats go on over a command, and for a few periods after it, at one pace.
+
+    A node that starts anew falls out of step with the heartbeats (`beats`) that came before.
+    """
+    intervals = [beat.t_ns - (beat.after_ns or 0) for beat in beats]
     return any(
-        even.first_ns < command.t_ns and command.t_ns + 2 * even.period_ns < even.last_ns
+        even.first_ns < command.t_ns
+        and command.t_ns + 2 * even.period_ns < even.last_ns
+        and resolution_ns <= ON_TIME * even.period_ns
+        and all(abs(each - even.period_ns) <= ON_TIME * even.period_ns for each in intervals)
         for even in history.even
     )
 
 
 def _explained(history: NodeHistory, boot_ups: Sequence[BootUpEvent], command: Command) -> bool:
-    """Whether a boot-up, a gap or another command comes soon, or the capture ends before."""
+    """Whether a boot-up, a gap or another command comes soon, or the capture ends before.
+
+    Some devices send an EMCY without an error as their boot-up, or after it.
+    """
     until_ns = command.t_ns + BOOT_NS
     booted = any(boot.seq > command.seq and boot.t_ns <= until_ns for boot in boot_ups)
+    booted |= any(seq > command.seq and t_ns <= until_ns for seq, t_ns in history.no_errors)
     begin = bisect_right(history.commands, command.seq, key=lambda each: each.seq)
     later = islice(history.commands, begin, None)
     soon = takewhile(lambda each: each.t_ns <= until_ns, later)

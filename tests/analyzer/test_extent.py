@@ -13,7 +13,7 @@ from syncline_analyzer.views.json_view import to_object
 from syncline_analyzer.views.report_html import report
 from syncline_analyzer.views.screen import screen
 from syncline_schemas.batch import FrameBatch
-from tests.analyzer.control_runs import MS, Row
+from tests.analyzer.control_runs import MS, Row, frame
 from tests.analyzer.whole_run import T0, beats, ids, whole
 
 SECOND = 1000 * MS
@@ -92,6 +92,16 @@ def test_a_change_after_the_step_leaves_the_state_before_it() -> None:
     assert told.nodes[0].state_share["STOPPED"] == pytest.approx(0.25, abs=0.01)
     assert screen(told, width=60).count("5 " + "O" * 20) == 1
     assert 'class="letter"' not in report(told)
+
+
+@pytest.mark.parametrize(("byte", "state"), [(0x7F, "PRE-OPERATIONAL"), (0x05, "OPERATIONAL")])
+def test_a_start_just_before_the_step_hides_no_state_after_it(byte: int, state: str) -> None:
+    idle = [(t, *r[:4], b"\x7f") for t, *r in beats(6, 50, 29_900)]
+    then = [(t, *r[:4], bytes([byte])) for t, *r in beats(6, 30_050, 80_000)]
+    rows = [*beats(5, 0, 80_000), *idle, frame(29_950, 0, "0106"), *then]
+    told = whole(set_back(rows), in_order=False)  # type: ignore[arg-type]
+    last = [row for row in told.nmt_states if row.node == 6][-1]
+    assert (last.state, last.certainty) == (state, "observed")
 
 
 def test_pictures_say_what_they_do_not_show(summer_time: Analysis) -> None:

@@ -252,7 +252,7 @@ class Timeline:
             self._confirm(last, beat, state)
             return
         if command is not None and last.certainty == "commanded":
-            if beat.t_ns - command.t_ns <= IN_FLIGHT_NS and self._context.timed:
+            if abs(beat.t_ns - command.t_ns) <= IN_FLIGHT_NS and self._context.timed:
                 return
             if command.specifier in RESETS and command.node == 0 and len(self.intervals) > 1:
                 self._take_back(state, beat)

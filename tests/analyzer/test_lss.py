@@ -152,6 +152,18 @@ def renumbered(*more: Iterable[Row] | Gap, reset: str = "8105") -> Analysis:
     return whole(beats(9, 0, 30_000), beats(5, 30, 3090), given, again, *more)
 
 
+def serial(t_ms: float, node: int, number: int) -> list[Row]:
+    """A read of 1018h:4 and its answer."""
+    told = f"43181004{number:02X}000000"
+    return [frame(t_ms, 0x600 + node, "4018100400000000"), frame(t_ms + 1, 0x580 + node, told)]
+
+
+def selected(number: int) -> list[Row]:
+    """A slave is selected by its identity, the serial number above all."""
+    named = [ask(2920, "4001"), ask(2930, "4102"), ask(2940, "4203"), ask(2950, f"43{number:02X}")]
+    return [*named, answer(2951, "44")]
+
+
 def last_state(told: Analysis, node: int) -> NmtStateRow:
     return [row for row in told.nmt_states if row.node == node][-1]
 
@@ -210,6 +222,12 @@ def test_a_device_that_goes_on_under_another_number(reset: str) -> None:
     assert all(a.end_ns == b.start_ns for a, b in pairwise(own))
 
 
+def test_the_identity_that_was_selected_is_that_of_the_node() -> None:
+    told = renumbered(STORED, serial(1000, 5, 2), selected(2), serial(9000, 8, 2))
+    (finding,) = found(told, "lss.node_id_changed")
+    assert "it is node 8 since it booted" in finding.text
+
+
 @pytest.mark.near_miss("lss.node_id_changed")
 @pytest.mark.parametrize(
     ("more", "reset"),
@@ -222,6 +240,22 @@ def test_a_device_that_goes_on_under_another_number(reset: str) -> None:
         (beats(8, 40, 2000), "8105"),
         (write(1000, 8, 0x2000, 0, 1), "8105"),
         (beats(5, 20_000, 25_000), "8105"),
+        ([*serial(1000, 5, 1), *selected(2)], "8105"),
+        ([*serial(1000, 5, 1), *serial(9000, 8, 2)], "8105"),
+        (
+            [
+                ask(2700, "5E"),
+                answer(2702, "5E07"),
+                ask(2710, "0400"),
+                *serial(1000, 5, 1),
+                *selected(2),
+            ],
+            "8105",
+        ),
+        (
+            [ask(2950, "5E"), answer(2952, "5E05"), answer(2953, "5E07"), *beats(7, 10, 3095)],
+            "8100",
+        ),
     ],
     ids=[
         "another was reset",
@@ -232,6 +266,10 @@ def test_a_device_that_goes_on_under_another_number(reset: str) -> None:
         "the number was heard before",
         "the number answered before",
         "the old one is heard again",
+        "another was selected",
+        "another answers",
+        "another was selected after an inquiry",
+        "two answered",
     ],
 )
 def test_what_does_not_prove_that_it_is_the_same_device(more: list[Row], reset: str) -> None:
@@ -240,6 +278,12 @@ def test_what_does_not_prove_that_it_is_the_same_device(more: list[Row], reset: 
     assert "it is node 8" not in finding.text
     assert not finding.text.startswith("Node 5")
     assert "LOST" in {row.state for row in told.nmt_states if row.node == 5}
+
+
+@pytest.mark.parametrize(("number", "told"), [(1, True), (2, False)])
+def test_a_node_that_hangs_when_another_device_gets_a_number(number: int, told: bool) -> None:
+    more = [*serial(1000, 5, number), *selected(2)]
+    assert ("nmt.no_boot_up" in ids(renumbered(STORED, more))) == told
 
 
 def test_an_error_of_the_old_number_is_not_active_for_ever() -> None:

@@ -1,6 +1,6 @@
 """Devices that LSS gave another node-ID (CiA 305), where the capture proves that they took it."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import groupby
 
@@ -19,6 +19,8 @@ from syncline_schemas.named_tuples import NamedTuple
 
 _SEARCHES = ("identify non-configured remote slave", "identify non-configured slave", "fastscan")
 """They look for devices that have no node-ID yet."""
+_IDENTITY = range(1, 5)
+"""Subindices of 1018h: vendor, product, revision and serial number."""
 
 
 class Renumbered(NamedTuple):
@@ -45,6 +47,8 @@ def renumbered(
             continue
         boot = _first_boot(nmt, sdo, (bus, new), setting)
         old = _old(lss, nmt, bus, setting, boot) if boot else None
+        if old is not None and another(context, bus, old, new, lss.identity(setting)):
+            continue
         if boot is not None and old is not None:
             found[name, new] = Renumbered(name, old, new, setting.answer.seq, boot.seq, boot.t_ns)
     return list(found.values())
@@ -84,6 +88,19 @@ def _old(
         if number == bus and told in (None, node) and _gone(nmt, (bus, node), setting, boot)
     ]
     return gone[0] if len(gone) == 1 else None
+
+
+def another(context: Context, bus: int, old: int, new: int, selected: Mapping[int, int]) -> bool:
+    """Whether 1018h of the two numbers, or of what LSS selected, is that of two devices."""
+    for sub in _IDENTITY:
+        numbers = {selected.get(sub)}
+        for node in (old, new):
+            known = context.shadow.get(bus, node, 0x1018, sub)
+            told = known is not None and known.source.startswith("sdo")
+            numbers.add(context.shadow.number(bus, node, 0x1018, sub) if told else None)
+        if len(numbers - {None}) > 1:
+            return True
+    return False
 
 
 def _searched(lss: LssTable, setting: LssSetting) -> bool:

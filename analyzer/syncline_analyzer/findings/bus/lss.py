@@ -163,7 +163,8 @@ RULES = (
             (
                 "The old number is said only where the device told it (inquire node-ID), or where one"
                 " node alone is never heard again after a reset between, and the new number begins"
-                " with a boot-up within 10 s of it; not after a search for devices without a number."
+                " with a boot-up within 10 s of it; not after a search for devices without a number, nor"
+                " where 1018h or the selection by LSS tell of two devices, or several answered."
             ),
         ),
         _node_id_changed,

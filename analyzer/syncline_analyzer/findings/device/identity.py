@@ -7,6 +7,7 @@ from syncline_analyzer.findings.config.settings import restart_after
 from syncline_analyzer.findings.device.rules import named, number, told, writes
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.folds.bus.lss import LssSetting
+from syncline_analyzer.folds.renumbered import another
 from syncline_analyzer.results import Finding, NodeRow, PdoRow, SdoRow
 from syncline_schemas.devices import Device, quirks
 from syncline_schemas.named_tuples import NamedTuple
@@ -128,8 +129,10 @@ def _renamed_by_lss(facts: Facts) -> Iterator[Absence]:
             continue
         old = _old_of(facts, setting)
         known = {row.node for row in facts.analysis.nodes if row.bus == bus} - {new}
+        identity, on = lss.identity(setting), facts.number(bus)
         for node in [old] if old is not None else sorted(known):
-            yield Absence(bus, node, start_ns, heard_ns)
+            if not another(facts.context, on, node, new, identity):
+                yield Absence(bus, node, start_ns, heard_ns)
 
 
 def _old_of(facts: Facts, setting: LssSetting) -> int | None:

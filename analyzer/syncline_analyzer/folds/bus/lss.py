@@ -1,5 +1,6 @@
 """LSS frames: who was given which node-ID and bit rate (CiA 305)."""
 
+from bisect import bisect_left
 from dataclasses import field
 
 from syncline_analyzer.context import Context
@@ -38,18 +39,48 @@ class LssTable:
     settings: list[LssSetting] = field(default_factory=list)
 
     def node_before(self, setting: LssSetting) -> int | None:
-        """Node-ID that the configured slave had, as the master asked it shortly before."""
-        asked = [
+        """Node-ID that the configured slave had, as the master asked it shortly before.
+
+        None where several slaves answered.
+        """
+        asked = {
             row.values["node_id"]
-            for row in self.rows
-            if row.bus == setting.request.bus
-            and (row.sender, row.command) == ("slave", "inquire node-ID")
-            and row.seq < setting.request.seq
-            and setting.request.t_ns - row.t_ns <= SESSION_NS
-        ]
-        return asked[-1] if asked else None
+            for row in self._session(setting)
+            if (row.sender, row.command) == ("slave", "inquire node-ID")
+        }
+        return asked.pop() if len(asked) == 1 else None
+
+    def identity(self, setting: LssSetting) -> dict[int, int]:
+        """What 1018h of the configured slave holds, by subindex, as far as it was named by it."""
+        return {
+            _IDENTITY[name]: row.values["number"]
+            for row in self._session(setting)
+            for name in [row.command.removeprefix(_SELECTED).removeprefix(_INQUIRED)]
+            if name in _IDENTITY and "number" in row.values
+        }
+
+    def _session(self, setting: LssSetting) -> list[LssRow]:
+        """What was said shortly before a setting since its slave was selected, latest first."""
+        bus, until_ns = setting.request.bus, setting.request.t_ns
+        found: list[LssRow] = []
+        at = bisect_left(self.rows, setting.request.seq, key=lambda row: row.seq)
+        for row in reversed(self.rows[:at]):
+            if row.bus != bus:
+                continue
+            if until_ns - row.t_ns > SESSION_NS or row.command in _OTHERS:
+                break
+            found.append(row)
+            if row.command == _FIRST_SELECTED:
+                break
+        return found
 
 
+_SELECTED, _INQUIRED = "switch state selective ", "inquire "
+_FIRST_SELECTED = f"{_SELECTED}vendor-ID"
+_IDENTITY = {"vendor-ID": 1, "product code": 2, "revision number": 3, "serial number": 4}
+"""Subindex of 1018h by the name of what selects a slave, or was inquired of it."""
+_OTHERS = ("switch state global", "configure node-ID")
+"""Before these another slave, or another number, was spoken of."""
 _CONFIGURE = ("configure node-ID", "configure bit timing", "store configuration")
 
 

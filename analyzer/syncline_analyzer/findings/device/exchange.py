@@ -4,12 +4,14 @@ from collections.abc import Iterable
 
 from syncline_analyzer.findings.nmt.twins import twins
 from syncline_analyzer.findings.rule import Facts
+from syncline_analyzer.folds.bus.lss import LssSetting
 from syncline_analyzer.folds.nmt.events import Lost
 from syncline_analyzer.folds.nmt.timeline import Timeline
 from syncline_analyzer.results import SdoRow
 from syncline_schemas.named_tuples import NamedTuple
 
 SERIAL = (0x1018, 4)
+SERIAL_BYTES = 4
 _PROGRAM = range(0x1F50, 0x1F5B)
 """Program download (CiA 302-3): a loader may have another serial number than the program."""
 _UNSET = (0, 0xFFFFFFFF)
@@ -19,23 +21,35 @@ BOOT_UP_NS = 1_000_000_000
 
 
 class Exchange(NamedTuple):
-    """The last read of the old serial number and the first one of the new."""
+    """The last read of the old serial number and the first one of the new.
+
+    `given` is when LSS gave a device this number in between.
+    """
 
     before: SdoRow
     after: SdoRow
+    given: LssSetting | None = None
 
     def text(self, facts: Facts) -> str:
         """The sentence that tells it, with what shows it; begins with a blank."""
-        old, new = self
+        old, new, given = self
+        how = "the device was exchanged in between"
+        if given is not None:
+            how = "it is another device, and LSS gave a device this node id"
+            how += facts.at(given.answer.t_ns)
         return (
             f" Node {old.node} told {_number(old):X}h as its serial number (1018h:4){facts.at(old.end_ns)}"
-            f" and {_number(new):X}h{facts.at(new.end_ns)}: the device was exchanged in between."
+            f" and {_number(new):X}h{facts.at(new.end_ns)}: {how}."
         )
 
     @property
     def evidence(self) -> tuple[int, ...]:
         """The answers that tell the numbers."""
-        return tuple(row.seq if row.end_seq is None else row.end_seq for row in self)
+        reads = (self.before, self.after)
+        proof = [row.seq if row.end_seq is None else row.end_seq for row in reads]
+        if self.given is not None:
+            proof[1:1] = [self.given.request.seq, self.given.answer.seq]
+        return tuple(proof)
 
 
 def exchanged_in(facts: Facts, bus: str, node: int, lost: Lost) -> Exchange | None:
@@ -53,7 +67,23 @@ def _exchanges(facts: Facts) -> dict[tuple[str, int], list[Exchange]]:
     """Every change of a serial number that nothing but another device explains."""
     reads = facts.analysis.sdo.reads.ok.of_object(*SERIAL)
     changes = {key: _changes(reads.of_node(*key)) for key in reads.nodes()}
-    return {key: [each for each in found if _plain(facts, each)] for key, found in changes.items()}
+    return {
+        key: [_with_given(facts, each) for each in found if _plain(facts, each)]
+        for key, found in changes.items()
+    }
+
+
+def _with_given(facts: Facts, each: Exchange) -> Exchange:
+    """The same with the last time that LSS gave a device this number in between."""
+    given = [
+        setting
+        for setting in facts.control.lss.settings
+        if setting.request.bus == each.before.bus
+        and setting.request.values.get("node_id") == each.before.node
+        and not setting.refused
+        and each.before.seq < setting.request.seq < each.after.seq
+    ]
+    return each._replace(given=given[-1]) if given else each
 
 
 def _changes(rows: Iterable[SdoRow]) -> list[Exchange]:
@@ -62,6 +92,8 @@ def _changes(rows: Iterable[SdoRow]) -> list[Exchange]:
     seen: set[int] = set()
     before: SdoRow | None = None
     for row in rows:
+        if len(row.data) != SERIAL_BYTES:
+            continue
         number = _number(row)
         if before is not None and number != _number(before):
             found = [each for each in found if _number(each.before) != number]
@@ -69,7 +101,7 @@ def _changes(rows: Iterable[SdoRow]) -> list[Exchange]:
                 found.append(Exchange(before, row))
         seen.add(number)
         before = row
-    return [each for each in found if not {*_UNSET} & {*map(_number, each)}]
+    return [each for each in found if not {*_UNSET} & {_number(each.before), _number(each.after)}]
 
 
 def _plain(facts: Facts, each: Exchange) -> bool:

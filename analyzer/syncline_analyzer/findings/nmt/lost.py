@@ -35,7 +35,7 @@ AT_ONCE_NS = 500_000_000
 EVIDENCE = 40
 """Frames named at most."""
 _BY_EXCHANGE = (
-    "The device was taken off, and another one with the same node id took its place.",
+    "The device was taken off, or set to another node id, and another one took its place.",
     (
         "Was it exchanged on purpose? Then compare the new one's settings with those of the old one:"
         " scale, zero point and preset are not carried over by themselves."
@@ -320,6 +320,9 @@ def _alone(facts: Facts, losses: list[_Loss], together: tuple[int, ...]) -> tupl
     if together:
         others = names(together)
         text += f" {others[:1].upper()}{others[1:]} fell silent at the same moment."
+    if all(loss.exchanged for loss in losses):
+        return text + first.limit, *_BY_EXCHANGE
+    if together:
         return (
             text + first.limit,
             (
@@ -328,8 +331,6 @@ def _alone(facts: Facts, losses: list[_Loss], together: tuple[int, ...]) -> tupl
             ),
             "Check the common supply and the cable behind the last node that was heard.",
         )
-    if all(loss.exchanged for loss in losses):
-        return text + first.limit, *_BY_EXCHANGE
     return (
         text + first.limit,
         "The node lost its supply or restarted: it came back with a boot-up."
@@ -450,7 +451,8 @@ RULES = (
             "A guarded node only while the master asks it.",
             (
                 "That the device was exchanged is said where 1018h:4 was read before and after its only"
-                " silence, and no gap, write, program download or second device explains it."
+                " silence, and no gap, write, program download or second device explains it; that LSS gave"
+                " a device the number in between is said with it."
             ),
             (
                 "A heartbeat that only waited on a full bus is no loss of its node: see"

@@ -754,6 +754,21 @@ def test_guarding_that_ends_is_a_warning_where_the_life_time_is_on() -> None:
 
 
 @pytest.mark.triggers("nmt.guarding_ended")
+@pytest.mark.parametrize("state", ["7F", "04"])
+@pytest.mark.parametrize("can_id", [0x85, 0x80000085])
+def test_a_node_that_sends_no_emcy_is_not_missed_one_of(state: str, can_id: int) -> None:
+    life = [*written(1, 0x100C, 100), *written(3, 0x100D, 3, 1), *written(5, 0x1014, can_id, 4)]
+    told = [
+        (*row[:5], bytes([row[5][0] & 0x80 | int(state, 16)])) if row[5] else row
+        for row in guarding(10, 4000)
+    ]
+    finding = one(run(*ordered(life, told, others(20_000))), "nmt.guarding_ended")
+    tells = (state, can_id) == ("7F", 0x85)
+    assert finding.severity == ("warning" if tells else "info")
+    assert ("did not come" in finding.text) == tells
+
+
+@pytest.mark.triggers("nmt.guarding_ended")
 def test_guarding_that_ends_for_two_nodes_at_once_is_one_finding() -> None:
     second = [(row[0] + 7 * MS, row[1], 0x706, *row[3:]) for row in guarding(0, 4000)]
     finding = one(unguarded(second), "nmt.guarding_ended")
@@ -773,8 +788,9 @@ def test_guarding_that_ends_for_two_nodes_at_once_is_one_finding() -> None:
         [frame(4400, 0x085, "3081110000000000")],
         guarding(11_000, 12_000),
         guarding(4000, 5000, answers=False),
+        [remote(3950, 0x705), remote(4045, 0x705)],
     ],
-    ids=["stopped", "reset", "set to 0", "heartbeat", "8130h", "goes on", "no answers"],
+    ids=["stopped", "reset", "set to 0", "heartbeat", "8130h", "goes on", "no answers", "given up"],
 )
 def test_guarding_that_somebody_ended_or_the_node_tells_of(more: list[Row]) -> None:
     assert "nmt.guarding_ended" not in unguarded(more).ids()

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from syncline_analyzer.findings.nmt.guarding_story import guarding_stories
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import seconds
+from syncline_analyzer.folds.nmt.events import Pause
 from syncline_analyzer.folds.nmt.guarding import GUARD_ANSWER_NS
 from syncline_analyzer.folds.nmt.table import NodeKey, NodeNmt
 from syncline_analyzer.folds.nmt.timeout import (
@@ -30,6 +31,7 @@ MEANT_NS = 10_000_000_000
 """A command or a setting this close to the last request goes with it [ns]."""
 TOGETHER_NS = 1_000_000_000
 """Nodes whose guarding ends no further apart are one finding, beside a period [ns]."""
+EMCY_ID, INVALID = 0x1014, 1 << 31
 _KNOWN = (NmtState.OPERATIONAL, NmtState.PRE_OPERATIONAL, NmtState.STOPPED)
 _DOWN = ("stop", "enter pre-operational", "reset")
 _SETTINGS = (GUARD_TIME, LIFE_TIME_FACTOR, PRODUCER_TIME)
@@ -80,8 +82,21 @@ def _end(facts: Facts, key: NodeKey, nmt: NodeNmt) -> _End | None:
         return None
     life = life_time_ns(facts.context, *key, last.start_seq)
     heard_ns = nmt.told_ns if nmt.heard_ns is None else nmt.heard_ns
-    told = life[1] if life is not None and life[0] < silent_ns else ""
+    over = life is not None and life[0] < silent_ns and _would_tell(facts, key, last)
+    told = life[1] if life is not None and over else ""
     return _End(last.start_ns, last.start_seq, key[1], period, silent_ns, heard_ns, told)
+
+
+def _would_tell(facts: Facts, key: NodeKey, last: Pause) -> bool:
+    """Whether a node may send EMCYs: not while STOPPED, nor with bit 31 of 1014h."""
+    can_id = facts.context.shadow.number(*key, EMCY_ID, 0, last.start_seq) or 0
+    return not can_id & INVALID and _state(facts, key, last.start_ns) is not NmtState.STOPPED
+
+
+def _state(facts: Facts, key: NodeKey, t_ns: int) -> NmtState | None:
+    """In which state a node was."""
+    intervals = facts.control.nmt.timelines[key].intervals
+    return next((i.state for i in intervals if i.start_ns <= t_ns < i.end_ns), None)
 
 
 def _unheard(facts: Facts, key: NodeKey, start_ns: int, end_ns: int) -> bool:
@@ -101,13 +116,17 @@ def _regular(nmt: NodeNmt, period: int) -> bool:
 def _told(facts: Facts, key: NodeKey, end: _End) -> bool:
     """Whether the node says itself that it misses its master, or was lost before."""
     bus = facts.context.bus_name(key[0])
-    timeline = facts.control.nmt.timelines[key]
-    state = next((i.state for i in timeline.intervals if i.start_ns <= end.t_ns < i.end_ns), None)
-    return state not in _KNOWN or any(
-        story.bus == bus
-        and key[1] in (story.node, *(link.node for link in story.chain))
-        and story.end_ns >= end.t_ns
-        for story in guarding_stories(facts)
+    losses = facts.control.nmt.timelines[key].lost
+    lost = any(each.last_ns <= end.t_ns < each.end_ns for each in losses)
+    return (
+        lost
+        or _state(facts, key, end.t_ns) not in _KNOWN
+        or any(
+            story.bus == bus
+            and key[1] in (story.node, *(link.node for link in story.chain))
+            and story.end_ns >= end.t_ns
+            for story in guarding_stories(facts)
+        )
     )
 
 
@@ -193,7 +212,10 @@ RULES = (
                 " the heartbeat (1017h) is switched on."
             ),
             "Not where the node tells it (8130h), is lost, or sends heartbeats instead.",
-            "Information only where no life time (100Ch x 100Dh) of the node is known.",
+            (
+                "Information only where no life time (100Ch x 100Dh) of the node is known, or it sends no"
+                " EMCY: while it is STOPPED, or with bit 31 of 1014h."
+            ),
         ),
         _ended,
         by_remote=True,

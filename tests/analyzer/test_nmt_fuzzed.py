@@ -117,6 +117,16 @@ def test_one_unanswered_guard_request_is_no_loss() -> None:
 
 
 @pytest.mark.near_miss("nmt.unexpected_reset")
+@pytest.mark.parametrize("data", ["8105", "8200", "0105"])
+def test_a_command_to_a_node_that_is_off_is_no_sign_of_it(data: str) -> None:
+    command = [frame(1000, 0x000, data)]
+    rows = ordered(
+        heartbeats(100, 30_000, node=9), command, [boot(25_000)], heartbeats(25_100, 30_000)
+    )
+    assert "nmt.unexpected_reset" not in run(*rows).ids()
+
+
+@pytest.mark.near_miss("nmt.unexpected_reset")
 def test_a_first_boot_up_is_none_though_the_clock_steps_back_before_it() -> None:
     rows = ordered(heartbeats(100, 6000, node=9), [boot(3000)], heartbeats(3100, 6000))
     assert "nmt.unexpected_reset" not in run(*shifted(rows, -2500, after_ms=2999)).ids()

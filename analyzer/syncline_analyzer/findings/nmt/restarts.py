@@ -93,13 +93,16 @@ def _explained(facts: Facts, key: NodeKey, boot: BootUp, silence: Lost | None) -
 
 
 def _first_sign(timeline: Timeline, boot: BootUp) -> bool:
-    """Whether nothing was heard of the node before: switched on, not restarted."""
+    """Whether nothing was heard of the node before: switched on, not restarted.
+
+    A command to it is no sign of it.
+    """
     if any(earlier.seq < boot.seq for earlier in timeline.boot_ups):
         return False
     return not any(
         interval.state is not NmtState.UNKNOWN and (interval.evidence or 0) < boot.seq
         for interval in timeline.intervals
-        if interval.evidence is not None
+        if interval.evidence is not None and interval.certainty != "commanded"
     )
 
 

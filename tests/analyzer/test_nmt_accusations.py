@@ -273,6 +273,20 @@ def test_a_restart_that_nothing_tells_but_heartbeats_out_of_step(
 
 
 @pytest.mark.near_miss("nmt.command_ignored")
+@pytest.mark.triggers("nmt.command_ignored")
+@pytest.mark.parametrize(("booted", "state"), [(True, "05"), (True, "7F"), (False, "05")])
+def test_a_slow_heartbeat_after_a_reset_tells_of_a_node_that_is_known_to_boot(
+    booted: bool, state: str
+) -> None:
+    before = heartbeats(400, 40_000, every_ms=3000, state=state)
+    after = heartbeats(43_000, 80_000, every_ms=3000, state=state)
+    first = [boot(200)] if booted else []
+    rows = ordered(first, before, after, [frame(40_700, 0x000, "8105")], busy(80_000))
+    told = booted and state == "05"
+    assert ("nmt.command_ignored" in run(*rows).ids()) == told
+
+
+@pytest.mark.near_miss("nmt.command_ignored")
 def test_a_log_that_ends_soon_after_a_reset_says_nothing_about_it() -> None:
     assert "nmt.command_ignored" not in not_reset(end_ms=15_000).ids()
 

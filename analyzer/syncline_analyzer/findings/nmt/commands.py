@@ -244,6 +244,10 @@ RULES = (
                 " any, or after PDOs that went on, and no boot-up, empty EMCY, EMCY without an error,"
                 " silence, gap or other command comes within 10 s."
             ),
+            (
+                "It counts too where a node that booted before says OPERATIONAL or STOPPED after longer"
+                " than a start may take, and no boot-up came."
+            ),
             "A start before the boot-up that a reset asked for counts where none follows for 10 s.",
         ),
         _ignored,

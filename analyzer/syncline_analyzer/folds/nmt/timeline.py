@@ -337,11 +337,16 @@ class Timeline:
             self._now.command = None
 
     def _note_ignored(self, command: Command, beat: Beat, state: NmtState) -> None:
-        """A contradiction counts once a period of the error control has passed."""
+        """A contradiction counts once a period of the error control has passed.
+
+        Of a reset that was followed a boot-up tells, by a node that is known to send any.
+        """
         patience = self.history.period_ns
         if patience is None or not self._context.timed or command.by:
             return
         if command.specifier in RESETS:
+            if not self.boot_ups or state is NmtState.PRE_OPERATIONAL:
+                return
             patience = max(patience, self.reset_quiet_ns)
         passed = beat.t_ns - command.t_ns
         if passed - self.quiet.within(command.t_ns, beat.t_ns) > patience:

@@ -225,6 +225,30 @@ def test_a_reset_that_a_node_does_not_follow(more: list[Row]) -> None:
 
 
 @pytest.mark.triggers("nmt.command_ignored")
+@pytest.mark.parametrize(
+    ("then", "told"),
+    [
+        (
+            beating(40_100, 80_000, 500, 0),
+            "It was commanded 1 more time and did not follow then either.",
+        ),
+        (
+            [boot(40_400), *heartbeats(41_000, 80_000, state="7F", every_ms=500)],
+            "when the command was repeated at",
+        ),
+        ([], "No boot-up came."),
+    ],
+    ids=["not again", "boots", "dies"],
+)
+def test_what_became_of_the_reset_that_was_repeated(then: list[Row], told: str) -> None:
+    resets = [frame(t, 0x000, "8105") for t in (10_000, 40_000)]
+    rows = ordered(beating(100, 40_000, 500, 0), resets, then, busy(80_000))
+    first = next(f for f in run(*rows).findings() if f.id == "nmt.command_ignored")
+    assert told in first.text
+    assert ("either" in first.text) == ("either" in told)
+
+
+@pytest.mark.triggers("nmt.command_ignored")
 @pytest.mark.near_miss("nmt.pdo_outside_operational")
 def test_pdos_show_it_where_the_heartbeat_comes_a_period_after_the_reset() -> None:
     """Right after a heartbeat: the next one would come as late from a node that starts at once."""

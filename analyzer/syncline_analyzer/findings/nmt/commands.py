@@ -96,7 +96,13 @@ def _waits(timeline: Timeline) -> bool:
 
 
 def _obeyed(timeline: Timeline, ignored: Ignored) -> int | None:
-    """When the node came into the state that it was commanded to, None if it never did [ns]."""
+    """When the node came into the state that it was commanded to, None if it never did [ns].
+
+    Of a reset its boot-up tells.
+    """
+    if ignored.command.specifier in RESETS:
+        boots = (b for b in timeline.boot_ups if b.seq > ignored.seq and b.command_seq is not None)
+        return next((boot.t_ns for boot in boots), None)
     wanted = STATE_AFTER_COMMAND.get(ignored.command.specifier)
     return next(
         (
@@ -138,6 +144,9 @@ def _afterwards(facts: Facts, timeline: Timeline, ignored: Ignored) -> str:
     later = _later_commands(timeline, ignored, timeline.history.end_ns)
     again = [c for c in later if c.specifier == ignored.command.specifier]
     if obeyed is None:
+        if ignored.command.specifier in RESETS:
+            known = {each.command.seq for each in timeline.ignored}
+            again = [command for command in again if command.seq in known]
         times = counted(len(again), "more time")
         return f" It was commanded {times} and did not follow then either." if again else ""
     before = [c for c in later if c.t_ns <= obeyed + IN_FLIGHT_NS]

@@ -104,6 +104,15 @@ def test_a_start_just_before_the_step_hides_no_state_after_it(byte: int, state: 
     assert (last.state, last.certainty) == (state, "observed")
 
 
+def test_a_node_that_boots_some_time_after_the_step_is_not_told_before_it() -> None:
+    beaten = [(t, *r[:4], b"\x7f") for t, *r in beats(6, 51_000, 80_000)]
+    rows = [*beats(5, 0, 80_000), *beats(6, 50, 20_000), frame(50_000, 0x706, "00"), *beaten]
+    told = whole(set_back(rows), in_order=False)  # type: ignore[arg-type]
+    last = [row for row in told.nmt_states if row.node == 6][-1]
+    assert last.state == "PRE-OPERATIONAL"
+    assert (last.end_ns - last.start_ns) / SECOND == pytest.approx(30, abs=1)
+
+
 def test_pictures_say_what_they_do_not_show(summer_time: Analysis) -> None:
     told = "The clock stepped back: 50 s stamped before the first frame are not drawn."
     shown = screen(summer_time, width=120)

@@ -456,7 +456,7 @@ class Timeline:
                 self._started_too_soon(beat)
             elif now.state not in (NmtState.INITIALISING, NmtState.LOST, NmtState.UNKNOWN):
                 cause = "it started anew without a command, some time after its last sign of life"
-                start = beat.previous_ns if self._context.timed else beat.t_ns
+                start = min(beat.previous_ns, beat.t_ns) if self._context.timed else beat.t_ns
                 self._begin(NmtState.INITIALISING, start, cause, "implied", beat.seq)
             cause = "boot-up after a reset command" if commanded else "boot-up"
             self._begin(NmtState.PRE_OPERATIONAL, beat.t_ns, cause, "observed", beat.seq)

@@ -113,6 +113,19 @@ def test_a_node_that_boots_some_time_after_the_step_is_not_told_before_it() -> N
     assert (last.end_ns - last.start_ns) / SECOND == pytest.approx(30, abs=1)
 
 
+def test_a_number_that_its_device_left_before_the_step_goes_on_unknown() -> None:
+    given = [(20_000, 0x7E5, "1106"), (20_002, 0x7E4, "1100")]
+    lss = [frame(t, can_id, data.ljust(16, "0")) for t, can_id, data in given]
+    reset = [frame(20_100, 0, "8107"), frame(20_400, 0x706, "00")]
+    nodes = [*beats(5, 0, 80_000), *beats(7, 50, 20_050), *beats(6, 20_500, 80_000)]
+    told = whole(set_back([*nodes, *lss, *reset]), in_order=False)
+    of_7 = [row for row in told.nmt_states if row.node == 7]
+    assert [row.state for row in of_7][-2:] == ["UNKNOWN", "UNKNOWN"]
+    lasted = [(row.end_ns - row.start_ns) / SECOND for row in of_7[-2:]]
+    assert lasted == pytest.approx([10, 50], abs=1)
+    assert "step back of the clock" in of_7[-1].cause
+
+
 def test_pictures_say_what_they_do_not_show(summer_time: Analysis) -> None:
     told = "The clock stepped back: 50 s stamped before the first frame are not drawn."
     shown = screen(summer_time, width=120)

@@ -10,6 +10,7 @@ from syncline_analyzer.folds.nmt.events import IN_FLIGHT_NS, BootUpEvent, Interv
 from syncline_analyzer.folds.nmt.measures import shares
 from syncline_analyzer.folds.nmt.silences import RESET_WINDOW_NS
 from syncline_analyzer.folds.nmt.table import NmtTable, NodeKey
+from syncline_analyzer.folds.nmt.timeline import GOES_ON
 from syncline_analyzer.results import NmtStateRow
 from syncline_analyzer.results.sdo_records import NONE
 from syncline_analyzer.results.sdo_transfers import SdoTransfers
@@ -154,21 +155,34 @@ def told_renumbered(context: Context, nmt: NmtTable, moved: Sequence[Renumbered]
 
 def _until_moved(rows: Sequence[NmtStateRow], each: Renumbered) -> list[NmtStateRow]:
     """A number's states up to the moment at which its device booted under another one."""
-    before = [
-        replace(row, end_ns=min(row.end_ns, each.boot_ns))
-        for row in rows
-        if row.start_ns < each.boot_ns
-    ]
+    at = _told_at(rows, each)
+    last = rows[at]
+    before = [*rows[:at], replace(last, end_ns=each.boot_ns)]
     cause = f"its device is node {each.new} since then: LSS gave it this node-ID"
-    after = replace(
-        rows[-1],
-        state=NmtState.UNKNOWN.value,
-        start_ns=each.boot_ns,
-        cause=cause,
-        certainty="implied",
-        evidence=each.boot_seq,
-    )
-    return [*before, after]
+    after = [
+        replace(
+            last,
+            state=NmtState.UNKNOWN.value,
+            start_ns=each.boot_ns,
+            cause=cause,
+            certainty="implied",
+            evidence=each.boot_seq,
+        )
+    ]
+    for row in rows[at + 1 :]:
+        if row.start_ns >= after[-1].end_ns:
+            after[-1] = replace(after[-1], end_ns=row.end_ns)
+        else:
+            on = cause + GOES_ON
+            after.append(replace(after[0], start_ns=row.start_ns, end_ns=row.end_ns, cause=on))
+    return [*(row for row in before if row.end_ns > row.start_ns), *after]
+
+
+def _told_at(rows: Sequence[NmtStateRow], each: Renumbered) -> int:
+    """Which of the states was told when the device booted; the stamps may have stepped back."""
+    found = [n for n, row in enumerate(rows) if row.start_ns <= each.boot_ns <= row.end_ns]
+    since = [n for n in found if (rows[n].evidence or 0) > each.setting_seq]
+    return [*since[:1], *found[-1:], len(rows) - 1][0]
 
 
 def _interval(row: NmtStateRow) -> Interval:

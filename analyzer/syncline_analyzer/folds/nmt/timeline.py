@@ -55,7 +55,7 @@ TOLD_LATE_NS = 1_000_000_000
 TOLD_PERIODS = 2
 """A node that follows a command has told it after so many periods of its error control."""
 _ENDS_PDOS = (0x02, 0x80)
-_GOES_ON = "; goes on after a step back of the clock"
+GOES_ON = "; goes on after a step back of the clock"
 
 
 @dataclass(slots=True)
@@ -174,7 +174,7 @@ class Timeline:
         if step.t_ns >= last.start_ns:
             return
         self._close(before_ns)
-        cause = last.cause if last.cause.endswith(_GOES_ON) else last.cause + _GOES_ON
+        cause = last.cause if last.cause.endswith(GOES_ON) else last.cause + GOES_ON
         self.intervals.append(
             Interval(last.state, step.t_ns, step.t_ns, cause, last.certainty, last.evidence)
         )
@@ -326,7 +326,7 @@ class Timeline:
         if last.certainty == "commanded":
             self.followed = self.followed or self._said is not state
             last.cause += f", confirmed by {beat.kind}"
-            if self._context.timed and _GOES_ON not in last.cause:
+            if self._context.timed and GOES_ON not in last.cause:
                 last.cause += f" after {max(0, beat.t_ns - last.start_ns) / 1e6:.1f} ms"
         elif last.certainty == "implied":
             last.cause += f", confirmed by {beat.kind}"

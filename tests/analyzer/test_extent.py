@@ -12,7 +12,7 @@ from syncline_analyzer.views.info_text import info_text
 from syncline_analyzer.views.json_view import to_object
 from syncline_analyzer.views.report_html import report
 from syncline_analyzer.views.screen import screen
-from syncline_schemas.batch import FrameBatch
+from syncline_schemas.batch import FrameBatch, Gap
 from tests.analyzer.control_runs import MS, Row, frame
 from tests.analyzer.whole_run import T0, beats, ids, whole
 
@@ -124,6 +124,17 @@ def test_a_number_that_its_device_left_before_the_step_goes_on_unknown() -> None
     lasted = [(row.end_ns - row.start_ns) / SECOND for row in of_7[-2:]]
     assert lasted == pytest.approx([10, 50], abs=1)
     assert "step back of the clock" in of_7[-1].cause
+
+
+def test_silences_before_the_step_are_told_of_no_time_after_it() -> None:
+    """Node 7, without error control, is reset; node 6 is silent up to a gap."""
+    bound = [frame(t, 0x187, "01") for t in range(10, 20_000, 100)]
+    nodes = [*beats(5, 0, 80_000), *beats(6, 50, 20_000), *beats(6, 30_050, 79_000)]
+    rows = set_back([*nodes, *beats(8, 70, 29_900), *bound, frame(20_000, 0, "8107")])
+    assert not [each for each in whole(rows, in_order=False).findings if "for -" in each.text]
+    told = whole(rows, Gap(24_000 * MS, 24_100 * MS, "overrun"), in_order=False)
+    (finding,) = [each for each in told.findings if each.id == "nmt.node_lost"]
+    assert "Node 6 is silent from +19.950 s on" in finding.text
 
 
 def test_pictures_say_what_they_do_not_show(summer_time: Analysis) -> None:

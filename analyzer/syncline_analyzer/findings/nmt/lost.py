@@ -227,7 +227,8 @@ def _last_reset(facts: Facts, key: NodeKey, timeline: Timeline) -> Command | Non
         if other[0] == key[0] and other != key
     ]
     until = command.t_ns + timeline.reset_quiet_ns
-    return command if max(others, default=0) > until else None
+    heard_ns = min(max(others, default=0), timeline.history.end_ns)
+    return command if heard_ns > until else None
 
 
 def _loss(facts: Facts, group: list[tuple[int, NodeKey, Lost]]) -> _Loss:

@@ -46,7 +46,7 @@ def _lasts(facts: Facts, entry: Entry, end_ns: int) -> bool:
     """Whether a loss begins shortly before the last frame of its bus and has no end."""
     last_ns, key, lost = entry
     fade_ns = COMMANDED_FADE_NS if _sent_down(facts, key, last_ns) else FADE_NS
-    return lost.end_seq is None and lost.end_ns >= end_ns and end_ns - last_ns <= fade_ns
+    return lost.end_seq is None and lost.end_ns >= end_ns and 0 <= end_ns - last_ns <= fade_ns
 
 
 def _sent_down(facts: Facts, key: NodeKey, last_ns: int) -> bool:

@@ -44,6 +44,17 @@ def test_a_pair_of_boot_ups_and_an_even_heartbeat_are_one_device() -> None:
     assert run(*rows).ids() == []
 
 
+@pytest.mark.near_miss("nmt.duplicate_node_id")
+@pytest.mark.parametrize("every_ms", [1000, 700, 500, 1500])
+@pytest.mark.parametrize("at_ms", [1350, 10_350, 10_500])
+def test_a_heartbeat_node_that_answers_a_tool_is_one_device(every_ms: int, at_ms: int) -> None:
+    """The controller answers remote frames by itself, with the last state that it sent."""
+    asked = range(at_ms, 40_000, every_ms)
+    polls = [row for t in asked for row in (remote(t + 3, 0x705), frame(t + 4, 0x705, "05"))]
+    result = run(*ordered(beating(1000, 60_000, 1000), polls, others(60_000)))
+    assert "nmt.duplicate_node_id" not in result.ids()
+
+
 @pytest.mark.triggers("nmt.duplicate_node_id")
 def test_a_third_of_a_second_is_no_task() -> None:
     """Intervals of 330 and 670 ms would be one and two steps of a task, were it not so slow."""

@@ -19,6 +19,8 @@ TURNS = 5
 """Returns from empty heartbeats to states that no single node makes."""
 DOUBLED = 10
 """Alternating heartbeat intervals from which on two producers are believed."""
+ASKED = 0.8
+"""Part of the messages of a second cadence that remote frames explain."""
 ANSWERED_TWICE = 5
 """Guard requests with two answers from which on two devices are believed."""
 RECORDED_TWICE_NS = 10_000_000
@@ -144,7 +146,9 @@ def _doubled(facts: Facts) -> Iterator[Finding]:
 def _sign(facts: Facts, key: NodeKey, nmt: NodeNmt) -> _Sign | None:
     """The strongest sign of two devices, None without any."""
     timeline = facts.control.nmt.timelines[key]
-    if nmt.twins.periods_ns is not None:
+    if nmt.twins.periods_ns is not None and not _asked(
+        nmt, nmt.twins.span, max(nmt.twins.periods_ns)
+    ):
         fast, slow = nmt.twins.periods_ns
         how = f"one heartbeat comes every {seconds(fast)}, the other every {seconds(slow)}"
         return _Sign(*nmt.twins.span, how, nmt.twins.at, alone_ns=(fast, slow))
@@ -161,6 +165,7 @@ def _sign(facts: Facts, key: NodeKey, nmt: NodeNmt) -> _Sign | None:
     halved = nmt.paces.halved
     if (
         halved is not None
+        and not _asked(nmt, (halved.t_ns, nmt.paces.paces[-1].last_ns), halved.period_ns)
         and _from_then_on(nmt, halved)
         and not _rewritten(facts, key, *halved[:2])
     ):
@@ -170,7 +175,7 @@ def _sign(facts: Facts, key: NodeKey, nmt: NodeNmt) -> _Sign | None:
         seqs = [halved.first_seq, halved.seq]
         ends = (halved.t_ns, nmt.paces.paces[-1].last_ns)
         return _Sign(*ends, how, seqs, sure=False, alone_ns=(halved.period_ns,))
-    if nmt.guarding.doubled >= ANSWERED_TWICE:
+    if nmt.guarding.doubled >= ANSWERED_TWICE and not _beats_by_chance(nmt):
         how = f"{nmt.guarding.doubled} guard requests were answered twice"
         return _Sign(*nmt.guarding.doubled_span, how, nmt.guarding.doubled_at)
     if turns := _turns(timeline):
@@ -248,6 +253,8 @@ def _answers_two(facts: Facts, bus: int, start_ns: int, end_ns: int) -> bool:
 
 def _believed(facts: Facts, key: NodeKey, nmt: NodeNmt) -> bool:
     """Whether alternating intervals are two devices, and not a slow task or the recorder."""
+    if _asked(nmt, nmt.doubles.span, nmt.doubles.pair_ns):
+        return False
     known = facts.context.shadow.get(*key, PRODUCER_TIME)
     if known is not None and known.source != "eds-default" and isinstance(known.value, int):
         told_ns, pair = known.value * 1e6, nmt.doubles.pair_ns
@@ -260,6 +267,16 @@ def _believed(facts: Facts, key: NodeKey, nmt: NodeNmt) -> bool:
     timeline = facts.control.nmt.timelines[key]
     twice = _started_twice(timeline, nmt.doubles.span[0])
     return not nmt.doubles.stepped or bool(twice) or _one_before(facts, key, nmt)
+
+
+def _beats_by_chance(nmt: NodeNmt) -> bool:
+    """Whether a node sends heartbeats as well, few of which come right after an answer."""
+    return 2 * nmt.guarding.doubled < nmt.counts.heartbeats
+
+
+def _asked(nmt: NodeNmt, span: tuple[int, int], period_ns: int) -> bool:
+    """Whether remote frames explain a second cadence: messages of a period come at once after them."""
+    return nmt.guarding.prompt * period_ns >= ASKED * (span[1] - span[0])
 
 
 def _started_twice(timeline: Timeline, since_ns: int) -> list[BootUpEvent]:
@@ -363,6 +380,10 @@ RULES = (
                 " before or after, tell two devices from such a task."
             ),
             "Where the heartbeats of all nodes come twice it is the recorder.",
+            (
+                "What comes within 10 ms of a remote frame, for each of a cadence, is the answer to it,"
+                " also of a node that sends heartbeats and gives its answers no toggle bit."
+            ),
             "PDOs in two cadences prove nothing while two producers send SYNC.",
         ),
         _doubled,

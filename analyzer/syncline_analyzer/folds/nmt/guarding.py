@@ -18,6 +18,8 @@ from syncline_schemas.records import dataclass
 
 GUARD_ANSWER_NS = 100_000_000
 """A guard answer follows its request within this time; a later frame is a heartbeat [ns]."""
+PROMPT_NS = 10_000_000
+"""A message so soon after a request hardly comes there by chance [ns]."""
 HURRIED_NS = 20_000_000
 """A request this soon after another is no new one: the node had no time to answer [ns]."""
 MAX_EVENTS = 100_000
@@ -82,6 +84,8 @@ class Guarding:
     """(seq, t_ns) of the first remote frame to a node that sends heartbeats ..."""
     both_last: tuple[int, int] = (0, 0)
     """... and of the last one."""
+    prompt: int = 0
+    """Messages without a toggle bit at once after a request."""
     answers_seen: bool = False
     periods: Periods = field(default_factory=Periods)
     """Between requests."""
@@ -155,6 +159,7 @@ class Guarding:
         accepted = np.zeros(n, np.bool_)
         accepted[:held] = self._accepted
         accepted[rows] = sure | (doubts == settled)
+        self.prompt += int(np.count_nonzero(~sure & (passed[rows] <= PROMPT_NS)))
         return accepted
 
     @staticmethod

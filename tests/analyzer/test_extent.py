@@ -126,6 +126,14 @@ def test_a_number_that_its_device_left_before_the_step_goes_on_unknown() -> None
     assert "step back of the clock" in of_7[-1].cause
 
 
+@pytest.mark.parametrize(("until_ms", "state"), [(29_800, "UNKNOWN"), (80_000, "OPERATIONAL")])
+def test_the_state_of_a_node_that_is_not_heard_after_the_step(until_ms: int, state: str) -> None:
+    rows = set_back([*beats(5, 0, 80_000), *beats(6, 50, until_ms)])
+    last = [row for row in whole(rows, in_order=False).nmt_states if row.node == 6][-1]
+    assert last.state == state
+    assert (last.end_ns - last.start_ns) / SECOND == pytest.approx(50, abs=1)
+
+
 def test_silences_before_the_step_are_told_of_no_time_after_it() -> None:
     """Node 7, without error control, is reset; node 6 is silent up to a gap."""
     bound = [frame(t, 0x187, "01") for t in range(10, 20_000, 100)]

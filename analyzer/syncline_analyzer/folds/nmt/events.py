@@ -216,6 +216,8 @@ class NodeHistory:
     """(seq, t_ns) of its EMCYs that are empty or tell no error."""
     told_ns: int | None = None
     """When it told a state last."""
+    heard_ns: int | None = None
+    """When any frame of it came last."""
 
 
 @dataclass(slots=True)

@@ -364,6 +364,7 @@ class NmtFold:
             communication_errors=self._errors.get(key, ()),
             missed_masters=self._missed.get(key, ()),
             no_errors=self._no_errors.get(key, ()),
+            heard_ns=control.heard_last_ns,
             told_ns=control.last_beat_ns,
         )
         timeline = Timeline(self._context, history, clock)

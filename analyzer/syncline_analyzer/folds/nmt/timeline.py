@@ -27,7 +27,7 @@ from syncline_analyzer.folds.nmt.events import (
 from syncline_analyzer.folds.nmt.quiet import Quiet
 from syncline_analyzer.folds.nmt.reactions import REACTION, Reactions
 from syncline_analyzer.folds.nmt.silences import RESET_WINDOW_NS, Silences, loss_of
-from syncline_analyzer.folds.nmt.timeout import off_pace
+from syncline_analyzer.folds.nmt.timeout import LOST_FACTOR, off_pace
 from syncline_analyzer.folds.nmt.unheeded import unheeded
 from syncline_schemas.batch import Gap
 from syncline_schemas.canopen.nmt import (
@@ -54,6 +54,7 @@ TOLD_LATE_NS = 1_000_000_000
 """A node that was bus-off can tell it this long after its first message [ns]."""
 TOLD_PERIODS = 2
 """A node that follows a command has told it after so many periods of its error control."""
+_TOLD = (NmtState.OPERATIONAL, NmtState.PRE_OPERATIONAL, NmtState.STOPPED)
 _ENDS_PDOS = (0x02, 0x80)
 GOES_ON = "; goes on after a step back of the clock"
 
@@ -125,6 +126,7 @@ class Timeline:
             self._take(event)
         self._close(history.end_ns)
         if context.timed:
+            self._forget_unheard()
             told = {id(ignored.command) for ignored in self.ignored}
             resets = unheeded(history, self.intervals, self.boot_ups, context.resolution_ns)
             self.ignored += [each for each in resets if id(each.command) not in told]
@@ -179,6 +181,21 @@ class Timeline:
             Interval(last.state, step.t_ns, step.t_ns, cause, last.certainty, last.evidence)
         )
         self._now.since_ns = step.t_ns
+
+    def _forget_unheard(self) -> None:
+        """The state of a node that was heard last before the clock was set back is not known long.
+
+        Its silence has no length by the stamps.
+        """
+        history, last = self.history, self.intervals[-1]
+        period_ns = history.period_ns or history.guard_period_ns
+        if not self._set_back or period_ns is None or (history.heard_ns or 0) <= history.end_ns:
+            return
+        t_ns = last.start_ns + round(LOST_FACTOR * period_ns)
+        if GOES_ON in last.cause and last.state in _TOLD and t_ns < history.end_ns:
+            cause = "nothing heard of it since the clock stepped back"
+            self._begin(NmtState.UNKNOWN, t_ns, cause, "assumed", None)
+            self._close(history.end_ns)
 
     def _begin(
         self, state: NmtState, t_ns: int, cause: str, certainty: Certainty, evidence: int | None
@@ -270,11 +287,7 @@ class Timeline:
 
     def _unasked(self, event: Unasked) -> None:
         """Nobody asks a guarded node any more: nothing tells whether its state stays."""
-        if self._now.state not in (
-            NmtState.OPERATIONAL,
-            NmtState.PRE_OPERATIONAL,
-            NmtState.STOPPED,
-        ):
+        if self._now.state not in _TOLD:
             return
         before = self._before or _Told.of(self.intervals)
         passed = (event.t_ns - event.since_ns) / 1e9

@@ -488,7 +488,7 @@ def test_a_position_error_says_which_alarm_it_is() -> None:
     """Alarm bit 1 of a LIR is its hardware, bit 0 the code that it reads."""
     script = turning(encoder()).emcy(1000, 0x7320, 1, "0200000000").emcy(2000, 0, 0)
     found = script.told().finding("emcy.active")
-    assert 'reports position error (7320h) with the alarms "hardware error" at' in found.text
+    assert 'reports position error (7320h) with alarms "hardware error" at' in found.text
 
 
 def test_a_code_without_an_alarm_bit_names_none() -> None:

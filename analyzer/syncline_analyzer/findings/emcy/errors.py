@@ -134,7 +134,7 @@ def _bits(facts: Facts, rows: Sequence[ErrorRow], details: Mapping[int, Mapping[
         seen = reduce(or_, (value for value in values if isinstance(value, int)), 0)
         names = [f'"{name}"' for bit, name in sorted(field.bits.items()) if seen >> bit & 1]
         if names:
-            return f" with the {field.name} {' and '.join(names)}"
+            return f" with {field.name} {' and '.join(names)}"
     return ""
 
 

@@ -4,6 +4,7 @@ import pytest
 
 from syncline_schemas.batch import Gap
 from tests.analyzer.control_runs import MS, Row, frame, remote
+from tests.analyzer.traps.script import Script
 from tests.analyzer.whole_run import beats, every, found, ids, whole, write
 
 COUNTING = b"\x01\x02"
@@ -146,3 +147,62 @@ def test_nobody_is_missed_after_a_gap_where_nobody_is_heard_or_it_was_silent_bef
     assert found(whole(short, gap), "nmt.missing_after_gap") == []
     before = outside([*beats(5, 0, 20_000), *beats(6, 7, 60_000)], gap)
     assert found(whole(before, gap), "nmt.missing_after_gap") == []
+
+
+def lir(stop_ms: float, *, end_ms: float = 60_000, data: str = "") -> Script:
+    """A LIR of factory settings that turns and that nobody watches, beside a node with a heartbeat."""
+    script = Script("lir-da158a", 5).nmt(-1_000, 1)
+    if data:
+        script.every(0, stop_ms, 515, data)
+    else:
+        script.pdo(0, stop_ms, 515, lambda k: 1_000 * k)
+    return script.every(7, end_ms, 1_000, "714#05")
+
+
+@pytest.mark.triggers("pdo.stopped")
+@pytest.mark.parametrize("batch", [1 << 20, 17])
+def test_a_node_that_nothing_watches_is_told_when_its_pdos_end(batch: int) -> None:
+    """No heartbeat, no guarding, and a timer that only the maker's EDS tells: its frames keep to it."""
+    told = lir(30_000).told(batch)
+    (finding,) = told.findings("pdo.stopped")
+    assert (finding.severity, finding.node) == ("warning", 5)
+    assert "Nothing at all was heard of it from then on, and nothing watches it" in finding.text
+    assert "its repeat counter (2800h) was not read" in finding.cause
+    assert "heartbeat (1017h)" in finding.check_next
+    assert "1800h:05 = 515 (eds-default)" in finding.assumed
+    assert told.findings("nmt.node_lost") == []
+
+
+@pytest.mark.triggers("pdo.stopped")
+def test_a_repeat_counter_explains_nothing_where_more_equal_frames_came() -> None:
+    told = lir(180_000, end_ms=220_000, data="185#01020304").told()
+    assert "2800h" not in told.finding("pdo.stopped").cause
+    few = lir(100_000, end_ms=140_000, data="185#01020304").told()
+    assert "2800h" in few.finding("pdo.stopped").cause
+
+
+@pytest.mark.near_miss("pdo.stopped")
+def test_an_unwatched_node_may_fall_silent_for_many_reasons() -> None:
+    assert "pdo.stopped" not in lir(30_000).read(-500, 0x2800, 0, 3, size=1).told().ids
+    assert "pdo.stopped" not in lir(30_000).nmt(30_100, 0x02).told().ids
+    assert "pdo.stopped" not in lir(30_000).write(29_000, 0x1800, 5, 0, size=2).told().ids
+    assert "pdo.stopped" not in lir(30_000).write(29_000, 0x1800, 2, 0, size=1).told().ids
+    assert "pdo.stopped" not in lir(30_000, end_ms=36_000).told().ids
+    silent = lir(30_000, end_ms=30_000)
+    assert "pdo.stopped" not in silent.every(60_007, 62_000, 1_000, "714#05").told().ids
+    blind = lir(30_000)
+    blind.rows = [row for row in blind.rows if not 30_000 <= row[0] < 40_000]
+    blind.gaps.append((30_000, 40_000))
+    assert "pdo.stopped" not in blind.told().ids
+
+
+@pytest.mark.near_miss("pdo.stopped")
+def test_a_shaft_that_stood_still_may_have_paused_an_unread_repeat_counter() -> None:
+    script = lir(30_000).pdo(45_000, 60_000, 515, lambda k: 58_000 + 1_000 * k)
+    assert "pdo.stopped" not in script.told().ids
+
+
+@pytest.mark.near_miss("pdo.stopped")
+def test_a_rhythm_beside_the_default_timer_is_that_of_the_value() -> None:
+    script = Script("lir-da158a", 5).nmt(-1_000, 1).pdo(0, 30_000, 480, lambda k: 1_000 * k)
+    assert "pdo.stopped" not in script.every(7, 60_000, 1_000, "714#05").told().ids

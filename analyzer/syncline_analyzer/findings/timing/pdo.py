@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import milliseconds, moment, seconds
 from syncline_analyzer.findings.timing.blame import Why, assumed_window, why_late, why_missed
+from syncline_analyzer.findings.timing.stopping import SAME_MOMENT_NS, aftermath
 from syncline_analyzer.findings.timing.sync import MAX_EVIDENCE, evidence_of, holes_of, together
 from syncline_analyzer.results import Finding, HoleRow, PdoPauseRow, PdoRow, SdoObject
 from syncline_schemas.wording import counted
@@ -12,7 +13,6 @@ from syncline_schemas.wording import counted
 _FEW = 3
 _MANY_PERIODS = 20
 _LONGER = 1.1
-_SAME_MOMENT_NS = 1_000_000_000
 _PDO_SETTINGS = 0x1400
 _OTHER_SETTINGS = (0x1005, 0x1006, 0x1007, 0x1010, 0x1011, 0x1019)
 """Settings below the PDO parameters that may change which PDOs are sent: SYNC, and storage."""
@@ -124,7 +124,7 @@ def _stopped(facts: Facts) -> Iterator[Finding]:
     for row in rows:
         last = groups[-1][-1] if groups else None
         same = last is not None and (last.bus, last.node) == (row.bus, row.node)
-        if last is not None and same and row.start_ns - last.start_ns <= _SAME_MOMENT_NS:
+        if last is not None and same and row.start_ns - last.start_ns <= SAME_MOMENT_NS:
             groups[-1].append(row)
         else:
             groups.append([row])
@@ -138,34 +138,24 @@ def _stop(facts: Facts, group: list[PdoPauseRow]) -> Finding:
     due = max(row.due for row in group)
     start_ns, end_ns = min(r.start_ns for r in group), max(r.end_ns for r in group)
     back = all(row.resumed for row in group)
-    stayed = _said_operational(facts, first.bus, first.node, start_ns)
+    after = aftermath(facts, group)
     until = f"came again after {seconds(end_ns - start_ns)}" if back else "did not come again"
     return Finding(
         "pdo.stopped",
-        "error" if stayed and not back else "warning",
+        "error" if after.stayed and not back and not after.counter else "warning",
         first.bus,
         first.node,
         start_ns,
         end_ns,
         f"{facts.who(first.bus, first.node)} stopped sending {' and '.join(names)} at"
         f" {moment(facts.analysis, start_ns)} though it"
-        f" {'stayed' if stayed else 'had been'} OPERATIONAL: {due} were due by {first.basis}; it"
-        f" {until}.{'' if stayed else ' What state it was in from then on was not heard.'}",
-        "The application in the device stopped (the CAN part goes on), its sensor failed, or the PDO"
-        " was switched off in a way that was not recorded."
-        if stayed
-        else "It left OPERATIONAL, was switched off, or its application stopped: no heartbeat or"
-        " guard answer after that tells which.",
-        "Read 1001h, 1003h and 180xh of the node, and its state; does it send again after a start"
-        " command, or a reset?",
+        f" {'stayed' if after.stayed else 'had been'} OPERATIONAL: {due} were due by {first.basis};"
+        f" it {until}.{after.told}",
+        after.cause,
+        after.check_next,
         sorted({seq for row in group for seq in row.evidence}),
+        assumed=after.assumed,
     )
-
-
-def _said_operational(facts: Facts, bus: str, node: int, t_ns: int) -> bool:
-    """Whether the node's error control went on after a moment; a change of state it would tell."""
-    nmt = facts.control.nmt.nodes.get((facts.number(bus), node))
-    return nmt is not None and nmt.told_ns is not None and nmt.told_ns > t_ns + _SAME_MOMENT_NS
 
 
 def _was_set(facts: Facts, pdo: PdoRow | PdoPauseRow, t_ns: int) -> bool:
@@ -334,7 +324,14 @@ RULES = (
             ),
             "Not in a silence of the whole bus, nor where SYNC itself stays away.",
             "Not a PDO that is sent because remote frames ask for it.",
-            "An error only where the node's error control goes on and tells OPERATIONAL.",
+            (
+                "An event timer that only the device's EDS tells counts where the period has kept to it;"
+                " then a pause that ended counts only where no unread repeat counter may explain it."
+            ),
+            (
+                "An error only where the node's error control goes on and tells OPERATIONAL, and no"
+                " unread repeat counter may explain it; it says where nothing watches the node."
+            ),
         ),
         _stopped,
     ),

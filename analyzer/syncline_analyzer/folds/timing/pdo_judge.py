@@ -20,10 +20,13 @@ from syncline_analyzer.folds.timing.tables import TimingTables
 from syncline_analyzer.folds.timing.waiting_fold import WaitingFold
 from syncline_analyzer.pdo_binding import PdoBindings
 from syncline_analyzer.results import NmtStateRow, PdoPauseRow, PdoRow
+from syncline_schemas.devices import quirks
 from syncline_schemas.records import dataclass
 
 START_NS = 10_000_000
 """Time that a node has to act on a start command."""
+BY_TIMER = "its event timer (180xh:5)"
+"""What says when a PDO is due that its event timer sends."""
 _NOTHING = MissedList(np.zeros(0, np.int64), np.zeros(0, np.int64))
 
 
@@ -126,7 +129,10 @@ class PdoJudge:
             return []
         missed_ns = missed.t_ns if how.synchronous else None
         silences = self.silence.of(bus)
-        return pauses(row, state, rhythm, stretches, silences, self.end_ns, missed_ns)
+        found = pauses(row, state, rhythm, stretches, silences, self.end_ns, missed_ns)
+        if how.synchronous or not state.may_stand_still(counter):
+            return found
+        return [pause for pause in found if not pause.resumed]
 
     def _rhythm(self, bus: int, state: PdoState, how: Sending) -> tuple[float, str] | None:
         """Time between due frames [ns] and what says so; None where a change may send them."""
@@ -139,10 +145,16 @@ class PdoJudge:
             return (step_ns, "its SYNC") if known and how.type != 0 and step_ns else None
         timer_ns = state.told_timer_ns()
         if timer_ns:
-            return timer_ns, "its event timer (180xh:5)"
+            return timer_ns, BY_TIMER
+        kept_ns = state.kept_timer_ns()
+        if kept_ns and state.owner and how.type in self._timer_types(bus, state.owner.node):
+            return kept_ns, BY_TIMER
         if how.source.startswith("inferred: cyclic") and state.sent_by_timer():
             return state.period.quantile(0.5), "the period that it kept before"
         return None
+
+    def _timer_types(self, bus: int, node: int) -> tuple[int, ...]:
+        return quirks(self.context.shadow.device(bus, node)).event_timer_types
 
     def _missed(self, bus: int, state: PdoState, how: Sending, sync_ns: float) -> MissedList:
         counter = self.bindings.repeat_counter(state.owner) if state.owner else None

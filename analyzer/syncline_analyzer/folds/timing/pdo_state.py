@@ -12,6 +12,7 @@ from syncline_analyzer.folds.timing.request_answers import RequestAnswers
 from syncline_analyzer.folds.timing.requested import Requested
 from syncline_analyzer.folds.timing.rhythm import Missed, Rhythm
 from syncline_analyzer.folds.timing.slips import Slips
+from syncline_analyzer.object_history import Known
 from syncline_analyzer.pdo_binding import Pdo, Transmission
 from syncline_analyzer.series import Thinner
 from syncline_schemas.records import dataclass
@@ -22,10 +23,14 @@ _SMALL_SPREAD = 0.25
 """Interquartile range of the response, as a share of the SYNC period, of a synchronous PDO."""
 _OTHER_TIMER = 0.1
 """A period that differs by more than this share from the event timer is not made by it."""
+_SAME_TIMER = 0.02
+"""A steady period that differs by no more than this share from an event timer is made by it."""
 _CYCLIC = 0.1
 """Interquartile range of the period of a cyclic PDO, as a share of the median."""
 _KEEPS_TO_SYNC = 3.0
 """So much more than the response the period must spread: 1.4 come from independent jitter alone."""
+MOST_REPEATS = 255
+"""More equal frames in a row no repeat counter (280xh, eight bits) allows."""
 MAX_RESPONSES = 100_000
 """Responses of one PDO that are kept one by one."""
 
@@ -128,6 +133,20 @@ class PdoState:
         if self.told_type() not in (0xFE, 0xFF) or timer is None or timer.source == "eds-default":
             return None
         return timer.value * 1_000_000 if isinstance(timer.value, int) and timer.value else None
+
+    def kept_timer_ns(self) -> int | None:
+        """Event timer that only the device's EDS tells, where the frames keep to it."""
+        timer = self.transmission.event_timer_ms if self.transmission else None
+        if timer is None or timer.source != "eds-default" or not isinstance(timer.value, int):
+            return None
+        timer_ns = timer.value * 1_000_000
+        off_ns = abs(self.period.quantile(0.5) - timer_ns)
+        return timer_ns if timer_ns and off_ns <= _SAME_TIMER * timer_ns and self.cyclic() else None
+
+    def may_stand_still(self, counter: Known | None) -> bool:
+        """Whether only the EDS tells its event timer, and that no repeat counter ends equal frames."""
+        unread = counter is not None and counter.source == "eds-default"
+        return unread and self.told_timer_ns() is None and self.repeats.longest <= MOST_REPEATS
 
     def told_deadline_ns(self) -> int | None:
         """Time within which the node wants to receive an RPDO (140xh:5), as the bus or user told."""

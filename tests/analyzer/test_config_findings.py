@@ -180,7 +180,7 @@ def test_what_is_assumed_of_the_other_is_said() -> None:
     script.more = '[node.5]\ndevice = "haomiao-38"\n'
     told = script.told()
     finding = told.finding("config.cob_id_collision")
-    assert (finding.severity, finding.assumed) == ("info", ["node 5: 1801h:1 = 645 (eds-default)"])
+    assert (finding.severity, finding.assumed) == ("info", ["node 5: 1801h:1 = 285h (eds-default)"])
 
 
 @pytest.mark.near_miss("config.cob_id_collision")

@@ -85,6 +85,14 @@ def test_what_a_reset_left_is_marked_as_assumed() -> None:
     assert found.assumed == ["1800h:5 = 515 (eds-default)"]
 
 
+def test_an_identifier_that_a_reset_left_is_written_as_people_write_it() -> None:
+    """LIR-DA158: bit 31 of 180xh:1 goes with the reset whatever is saved."""
+    script = turning(encoder()).write(500, 0x1800, 1, 0x80000185).nmt(5000, 0x81).boot(9000)
+    found = script.heartbeat(9200, 11_000).told().finding("device.lost_at_reset")
+    node = found.node or 0
+    assert found.assumed == [f"1800h:1 = {0x180 + node:X}h (eds-default)"]
+
+
 @pytest.mark.near_miss("device.lost_at_reset")
 def test_a_device_of_which_nothing_is_known_may_store_by_itself() -> None:
     script = Script(None).heartbeat(0, 3000).write(500, 0x2005, 0, 20, size=2)

@@ -12,6 +12,10 @@ NodeKey = tuple[int, int]
 COMMUNICATION = range(0x1000, 0x2000)
 PDO_PARAMETERS = range(0x1400, 0x1C00)
 """Communication and mapping parameters of all PDOs."""
+_PDO_COMMUNICATION = {*range(0x1400, 0x1600), *range(0x1800, 0x1A00)}
+_SDO_PARAMETERS = range(0x1200, 0x1300)
+_COB_IDS = {0x1005, 0x1012, 0x1014}
+"""Objects whose value is an identifier (CiA 301 7.5.2), which people write in hexadecimal digits."""
 
 
 def object_words(facts: Facts, key: NodeKey, index: int, sub: int) -> str:
@@ -37,8 +41,20 @@ def assumed_words(index: int, sub: int, known: Known | None) -> list[str]:
     if known is None or known.confirmed:
         return []
     number = f"{index:04X}h:{sub}" if sub else f"{index:04X}h"
-    shown = known.value.hex(" ").upper() if isinstance(known.value, bytes) else known.value
-    return [f"{number} = {shown} ({known.source})"]
+    return [f"{number} = {_shown(index, sub, known.value)} ({known.source})"]
+
+
+def _shown(index: int, sub: int, value: int | bytes) -> str:
+    """
+    >>> _shown(0x1800, 1, 0x185), _shown(0x1A00, 0, 1), _shown(0x1A00, 1, 0x60040020)
+    ('185h', '1', '60040020h')
+    """
+    if isinstance(value, bytes):
+        return value.hex(" ").upper()
+    holds_id = index in _COB_IDS or (index in _PDO_COMMUNICATION and sub == 1)
+    mapped = index in PDO_PARAMETERS and index not in _PDO_COMMUNICATION and sub > 0
+    sdo = index in _SDO_PARAMETERS and sub in (1, 2)
+    return f"{value:X}h" if value and (holds_id or mapped or sdo) else str(value)
 
 
 def written(facts: Facts) -> Iterator[tuple[NodeKey, SdoRow]]:

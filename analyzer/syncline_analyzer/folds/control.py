@@ -14,6 +14,7 @@ from syncline_analyzer.folds.nmt.fold import NmtFold
 from syncline_analyzer.folds.nmt.table import NmtTable
 from syncline_analyzer.folds.renumbered import Renumbered, renumbered, told_renumbered
 from syncline_analyzer.folds.sdo.fold import SdoFold, SdoTable
+from syncline_analyzer.folds.timing.mixed_length import MixedLengths
 from syncline_analyzer.folds.timing.pdo_length import PdoLengthFold, WrongLength
 from syncline_schemas.batch import Gap
 from syncline_schemas.records import dataclass
@@ -32,6 +33,7 @@ class ControlTables:
     time: TimeTable = field(default_factory=TimeTable)
     lengths: list[WrongLength] = field(default_factory=list)
     renumbered: list[Renumbered] = field(default_factory=list)
+    mixed_lengths: list[MixedLengths] = field(default_factory=list)
 
 
 class ControlFold:
@@ -105,4 +107,5 @@ class ControlFold:
             self._time.finish(buses),
             self._lengths.finish(),
             moved,
+            self._lengths.mixed(),
         )

@@ -1,4 +1,7 @@
-"""PDOs whose frames are not as long as the mapping that their node confirmed, or cannot change."""
+"""PDOs whose frames are not as long as the mapping that their node confirmed, or cannot change.
+
+Of a TPDO whose mapping nobody told the frames must at least be as long as one another.
+"""
 
 from dataclasses import field, replace
 from itertools import pairwise
@@ -8,6 +11,7 @@ from numpy.typing import NDArray
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.fold import IndexedBatch
+from syncline_analyzer.folds.timing.mixed_length import MixedLengths
 from syncline_analyzer.pdo_binding import Pdo, PdoBindings
 from syncline_schemas.canopen.services import SERVICE_OF_ID, Service
 from syncline_schemas.records import dataclass
@@ -56,6 +60,8 @@ class _Expected:
     since_ns: int | None = None
     seen: int = 0
     wrong: WrongLength | None = None
+    mixed: MixedLengths | None = None
+    """Of a TPDO that nobody told the mapping of."""
 
 
 class PdoLengthFold:
@@ -71,6 +77,7 @@ class PdoLengthFold:
         self._expected: dict[tuple[int, int], _Expected] = {}
         self._bound: dict[int, tuple[int, set[int]]] = {}
         self._found: list[WrongLength] = []
+        self._mixed: list[MixedLengths] = []
 
     def update(self, batch: IndexedBatch) -> None:
         """Take in the next frames."""
@@ -82,8 +89,12 @@ class PdoLengthFold:
             rows = batch.rows(bus, can_id)
             if now is None or now.version != version:
                 self._look_again(batch, bus, can_id, rows, now, version)
-            elif now.pdo is not None:
+            else:
                 self._hold(batch, can_id, rows, now)
+
+    def mixed(self) -> list[MixedLengths]:
+        """Every TPDO of unknown mapping whose frames have several lengths."""
+        return self._mixed
 
     def finish(self) -> list[WrongLength]:
         """Every PDO that did not fit, in order of `seq`."""
@@ -111,13 +122,13 @@ class PdoLengthFold:
         for begin, stop in pairwise(edges):
             part = rows[np.searchsorted(seqs, begin) : np.searchsorted(seqs, stop)]
             now = self._expect(bus, can_id, begin, version)
-            if before is not None and _same(before, now):
+            new = begin > first and now.pdo is None
+            if before is not None and _same(before, now) and not new:
                 before.version, now = version, before
             elif begin > first or before is not None:
                 now.since_ns = int(batch.frames.t_ns[batch.row_at(begin)])
             self._expected[bus, can_id] = before = now
-            if now.pdo is not None:
-                self._hold(batch, can_id, part, now)
+            self._hold(batch, can_id, part, now)
 
     def _expect(self, bus: int, can_id: int, seq: int, version: int) -> _Expected:
         pdo = self._bindings.owner(bus, can_id, seq)
@@ -126,7 +137,8 @@ class PdoLengthFold:
         confirmed = self._bindings.mapping_confirmed(pdo, seq)
         mapping = self._bindings.mapping(pdo, seq)
         if mapping is None or not (confirmed or self._bindings.mapping_fixed(pdo)):
-            return _Expected(version)
+            mixed = MixedLengths(pdo, can_id) if pdo.kind == "tpdo" else None
+            return _Expected(version, mixed=mixed)
         if not confirmed:
             return _Expected(version, pdo, mapping.length, None)
         count = self._context.shadow.get(bus, pdo.node, pdo.mapping, 0, seq)
@@ -136,7 +148,13 @@ class PdoLengthFold:
         self, batch: IndexedBatch, can_id: int, rows: NDArray[np.intp], now: _Expected
     ) -> None:
         """Count the frames that do not fit."""
-        if not len(rows) or now.pdo is None:
+        if not len(rows):
+            return
+        if now.mixed is not None:
+            fresh = now.mixed.add(batch, rows)
+            if fresh and len(self._mixed) < MAX_FOUND:
+                self._mixed.append(now.mixed)
+        if now.pdo is None:
             return
         length, t_ns = batch.frames.dlc[rows], batch.frames.t_ns[rows]
         off = length != now.length if now.pdo.kind == "tpdo" else length < now.length
@@ -162,7 +180,8 @@ class PdoLengthFold:
 def _same(before: _Expected, now: _Expected) -> bool:
     """Whether the same PDO has the same length; a mapping read once more changes nothing."""
     if before.pdo is None or now.pdo is None:
-        return before.pdo is now.pdo
+        told = [each.mixed and replace(each.mixed.pdo, source="") for each in (before, now)]
+        return before.pdo is now.pdo and told[0] == told[1]
     return before.length == now.length and replace(before.pdo, source="") == replace(
         now.pdo, source=""
     )

@@ -314,3 +314,33 @@ def test_sync_out_for_300_ms_with_others_alive_and_a_quiet_line() -> None:
     told = whole(synchronous(), out)
     assert ids(told) == {"sync.missing"}
     assert "stayed away for 320 ms" in told.findings[0].text
+
+
+def started_late(first_ms: float) -> list[Row]:
+    """A reset at 12 s and a start at 14 s, from which on TPDO1 comes so late."""
+    told = [
+        (t, bus, can_id, flags, dlc, b"\x7f" if can_id == 0x705 and t < 14_000 * MS else data)
+        for t, bus, can_id, flags, dlc, data in quiet()
+        if not (can_id == 0x705 and t < 12_500 * MS)
+    ]
+    reset = [(12_000 * MS, 0, 0, 0, 2, b"\x81\x05"), (12_400 * MS, 0, 0x705, 0, 1, b"\0")]
+    start = [(14_000 * MS, 0, 0, 0, 2, b"\1\5")]
+    saved = [*cyclic(20), *write(8, NODE, 0x1010, 1, 0x65766173)]
+    before = [row for row in quiet() if row[2] == 0x705 and row[0] < 12_000 * MS]
+    pdos = [*every(TPDO, 13, 12_000, 20, COUNTING), *every(TPDO, first_ms, 30_000, 20, COUNTING)]
+    return [*told, *before, *reset, *start, *saved, *pdos]
+
+
+@pytest.mark.near_miss("pdo.missed")
+def test_a_node_has_time_for_its_first_pdo_after_a_start() -> None:
+    """Its event timer begins anew: what came before the reset makes nothing due."""
+    assert found(whole(started_late(14_100)), "pdo.missed") == []
+
+
+@pytest.mark.triggers("pdo.missed")
+def test_pdos_that_stay_away_after_a_start_are_proven_by_the_start() -> None:
+    told = whole(started_late(17_000))
+    (finding,) = found(told, "pdo.missed")
+    (start,) = (row for row in told.nmt_commands if row.command.startswith("start"))
+    assert finding.evidence[0] == start.seq
+    assert finding.start_ns >= T0 + 14_500 * MS

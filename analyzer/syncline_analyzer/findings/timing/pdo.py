@@ -291,6 +291,7 @@ RULES = (
                 " PDO that only seems to answer SYNC comes as often as ever, before a SYNC or after."
             ),
             "Not where error frames may have kept the bus busy up to the next SYNC.",
+            "One of an event timer is due from half a second after its node became OPERATIONAL on.",
             (
                 "An RPDO, or a TPDO that only seems to answer every n-th SYNC, counts only where its"
                 " frames waver with the SYNC; a TPDO also where its value stands still."

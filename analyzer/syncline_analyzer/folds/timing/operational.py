@@ -7,6 +7,8 @@ from syncline_analyzer.folds.nmt.events import UNASKED
 from syncline_analyzer.folds.timing.rhythm import Operational
 from syncline_analyzer.results import NmtStateRow
 
+_OTHER_STATES = {"INITIALISING", "PRE-OPERATIONAL", "STOPPED"}
+
 
 def operational(
     rows: Sequence[NmtStateRow], bus: str, node: int, gap_starts: set[int]
@@ -24,9 +26,18 @@ def operational(
     left = [
         state != "UNKNOWN" or after[0].start_ns not in gap_starts for state, after in stretches[1:]
     ]
+    before = ["UNKNOWN", *(state for state, _ in stretches)]
     return [
-        Operational(stretch[0].start_ns, stretch[-1].end_ns, is_left)
-        for (state, stretch), is_left in zip(stretches, [*left, False], strict=False)
+        Operational(
+            stretch[0].start_ns,
+            stretch[-1].end_ns,
+            is_left,
+            earlier in _OTHER_STATES,
+            -1 if stretch[0].evidence is None else stretch[0].evidence,
+        )
+        for (state, stretch), is_left, earlier in zip(
+            stretches, [*left, False], before, strict=False
+        )
         if state == "OPERATIONAL"
     ]
 

@@ -25,6 +25,8 @@ from syncline_schemas.records import dataclass
 
 START_NS = 10_000_000
 """Time that a node has to act on a start command."""
+ENTERED_NS = 500_000_000
+"""Time that a node has to send a cyclic PDO for the first time after it became OPERATIONAL."""
 BY_TIMER = "its event timer (180xh:5)"
 """What says when a PDO is due that its event timer sends."""
 _NOTHING = MissedList(np.zeros(0, np.int64), np.zeros(0, np.int64))
@@ -168,7 +170,9 @@ class PdoJudge:
             return found.without(state.slips.within(found.t_ns))
         timer_ns = state.told_timer_ns()
         state.overdue.flush()
-        return state.overdue.missed.within(intervals, timer_ns, timer_ns) if timer_ns else _NOTHING
+        if not timer_ns:
+            return _NOTHING
+        return state.overdue.missed.within(intervals, timer_ns, timer_ns, ENTERED_NS)
 
     def _overdue(self, bus: int, state: PdoState, silences: Sequence[Silence]) -> MissedList:
         """Deadlines of an RPDO (140xh:5) that passed while its node was OPERATIONAL."""

@@ -36,11 +36,16 @@ UNSEEN_NS = 10_000_000_000
 
 
 class Operational(NamedTuple):
-    """When a node was OPERATIONAL, half-open; `left` when another known state follows."""
+    """When a node was OPERATIONAL, half-open; `left` when another known state follows.
+
+    `entered` when a known other state came before: its timers began anew with the frame `seq`.
+    """
 
     start_ns: int
     end_ns: int
     left: bool
+    entered: bool = False
+    seq: int = -1
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,11 +106,13 @@ class Missed:
         intervals: Sequence[Operational] | None,
         step_ns: float,
         settle_ns: float = 0.0,
+        entered_ns: float = 0.0,
     ) -> MissedList:
         """Those that were due while the node was OPERATIONAL (None: all).
 
         A moment counts when the node was OPERATIONAL from `settle_ns` before it began to wait for
-        it to `step_ns`, the time between two due moments, after it. A silence that lasts until the
+        it to `step_ns`, the time between two due moments, after it; at least `entered_ns` after it had
+        entered that state, whose frame is the evidence of what never came since. A silence that lasts until the
         node is seen in another state is taken for the change itself.
         """
         t_ns = np.concatenate([np.zeros(0, np.int64), *self._t_ns])
@@ -116,9 +123,12 @@ class Missed:
         inside = np.zeros(len(t_ns), np.bool_)
         beyond = 0
         for interval in intervals:
-            rows = _inside(t_ns, since_ns, interval, step_ns, settle_ns)
+            wait_ns = max(settle_ns, entered_ns) if interval.entered else settle_ns
+            rows = _inside(t_ns, since_ns, interval, step_ns, wait_ns)
             inside[_without_leaving(rows, t_ns, interval, step_ns)] = True
-            beyond += sum(_spread(each, interval, step_ns, settle_ns) for each in self._beyond)
+            if interval.entered:
+                seq[rows] = np.maximum(seq[rows], interval.seq)
+            beyond += sum(_spread(each, interval, step_ns, wait_ns) for each in self._beyond)
         return MissedList(t_ns[inside], seq[inside], beyond)
 
 

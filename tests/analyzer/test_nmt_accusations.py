@@ -8,6 +8,7 @@ import pytest
 from tests.analyzer.control_runs import Row, Run, frame, remote, run
 from tests.analyzer.test_nmt_findings import NODE, boot, one, others, written
 from tests.analyzer.test_nmt_fold import heartbeats, ordered
+from tests.analyzer.traps.script import Script
 
 PHASES = (0.001, 0.05, 0.2, 0.3, 0.33, 0.4, 0.43, 0.45, 0.48, 0.6, 0.75, 0.99)
 
@@ -427,3 +428,37 @@ def test_a_silence_is_held_against_the_period_of_its_time() -> None:
     second = beating(20_030, 60_000, 230, seed=2)
     result = run(*ordered(first, second, others(60_000)))
     assert sorted(result.ids()) == ["nmt.duplicate_node_id", "nmt.node_lost"]
+
+
+# -- devices that watch no heartbeat ---------------------------------------------------------------
+
+
+def complaint(device: str | None) -> Script:
+    """EMCY 8130h of an encoder for which nothing stands in the capture that it may have missed."""
+    script = Script(device, 5).nmt(-1_000, 1).heartbeat(0, 20_000, period=500)
+    return script.emcy(10_000, 0x8130, 0x20).emcy(11_000, 0, 0)
+
+
+@pytest.mark.triggers("nmt.guarding_lost")
+@pytest.mark.parametrize("device", ["lir-da158", "lir-da158a", "jn2100"])
+def test_a_device_that_only_guarding_watches_sends_nobody_to_a_heartbeat(device: str) -> None:
+    """Their sheets: 1016h has no effect, or is not there."""
+    finding = complaint(device).told().finding("nmt.guarding_lost")
+    assert finding.cause.startswith("The master stopped guarding node 5, or its requests did not")
+    assert finding.check_next.endswith("compare its period with 100Ch x 100Dh of node 5.")
+
+
+@pytest.mark.triggers("nmt.guarding_lost")
+def test_a_silent_node_is_no_heartbeat_that_such_a_device_watches() -> None:
+    script = complaint("lir-da158a").read(-500, 0x1016, 1, 0x0001_012C)
+    script.every(3, 9_900, 100, "701#05").every(4, 20_000, 100, "709#05")
+    (finding,) = (f for f in script.told().analysis.findings if "8130h" in f.text)
+    assert "1016h" not in f"{finding.text} {finding.cause} {finding.check_next}"
+    assert "which watches its heartbeat" not in finding.text
+
+
+@pytest.mark.near_miss("nmt.guarding_lost")
+def test_a_device_that_nobody_knows_may_watch_a_heartbeat() -> None:
+    finding = complaint(None).told().finding("nmt.guarding_lost")
+    assert "1016h of node 5" in finding.check_next
+    assert "its heartbeat did not reach node 5" in finding.cause

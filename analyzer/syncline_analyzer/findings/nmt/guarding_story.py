@@ -1,7 +1,7 @@
 """Stories of EMCY 8130h: a node missed its master, not the other way round (analysis.md 8)."""
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby
 from operator import itemgetter
 
@@ -13,6 +13,7 @@ from syncline_analyzer.folds.nmt.events import Pause
 from syncline_analyzer.folds.nmt.table import NodeKey
 from syncline_analyzer.folds.nmt.timeout import life_time_ns
 from syncline_analyzer.results import EmcyRow, ErrorRow, Finding
+from syncline_schemas.devices import quirks
 from syncline_schemas.named_tuples import NamedTuple
 
 STORY_NS = 10_000_000_000
@@ -185,10 +186,8 @@ def _story(facts: Facts, bus: str, node: int, told: list[EmcyRow]) -> _Story:
         f"{' -> '.join(pieces)}.",
         f"{silent.blame}: the root is there, not at node {node}."
         if silent
-        else f"The master stopped guarding or its heartbeat did not reach node {node};"
-        f" {_suspicion(facts, node, first.t_ns, suspects)}.",
-        f"{_check(silent, 'sensor')} compare its period with 100Ch x 100Dh or 1016h of node"
-        f" {node}.",
+        else f"{_missed(facts, key)}; {_suspicion(facts, key, first.t_ns, suspects)}.",
+        f"{_check(silent, 'sensor')} compare its period with {_times(facts, [key])} of node {node}.",
         evidence,
         assumed=[silent.assumed] if silent and silent.assumed else [],
     )
@@ -215,20 +214,42 @@ def _guard_errors(facts: Facts) -> dict[tuple[str, int], list[ErrorRow]]:
     return found
 
 
+def _consumes(facts: Facts, key: NodeKey) -> bool:
+    """Whether a node may watch a heartbeat (1016h), and not only who guards it."""
+    return quirks(facts.context.shadow.device(*key)).consumes_heartbeat
+
+
+def _missed(facts: Facts, key: NodeKey) -> str:
+    if _consumes(facts, key):
+        return f"The master stopped guarding or its heartbeat did not reach node {key[1]}"
+    return f"The master stopped guarding node {key[1]}, or its requests did not reach it"
+
+
+def _times(facts: Facts, keys: Iterable[NodeKey]) -> str:
+    """The settings by which these nodes miss their master."""
+    consuming = any(_consumes(facts, key) for key in keys)
+    return "100Ch x 100Dh or 1016h" if consuming else "100Ch x 100Dh"
+
+
 def _check(silent: _Silent | None, what: str) -> str:
     root = silent.root if silent else "the master (program stopped, restarted, bus-off?)"
     return _CHECK.format(root=root, what=what)
 
 
-def _suspicion(facts: Facts, node: int, t_ns: int, suspects: Sequence[_Silence]) -> str:
+def _suspicion(facts: Facts, key: NodeKey, t_ns: int, suspects: Sequence[_Silence]) -> str:
     """What else was silent then, in words that accuse nobody."""
     if not suspects:
         return "no silence of a master stands in the capture"
     named = [f"node {each.node} for {seconds(t_ns - each.last_ns)}" for each in suspects]
     more = f" and {len(named) - _SUSPECTS} more" if len(named) > _SUSPECTS else ""
+    relation = (
+        f"node {key[1]} watches it (1016h is not known)"
+        if _consumes(facts, key)
+        else f"it guards node {key[1]}"
+    )
     return (
         f"silent at that moment: {', '.join(named[:_SUSPECTS])}{more}, but nothing tells whether"
-        f" node {node} watches it (1016h is not known)"
+        f" {relation}"
     )
 
 
@@ -240,6 +261,7 @@ def _together(facts: Facts, stories: Sequence[_Story]) -> Finding:
     nodes = sorted({story.finding.node or 0 for story in stories})
     named = f"{', '.join(map(str, nodes[:-1]))} and {nodes[-1]}"
     first = ordered[0]
+    keys = [(facts.number(first.finding.bus or ""), node) for node in nodes]
     start_ns = min(story.finding.start_ns for story in stories)
     seqs = dict.fromkeys(seq for story in ordered for seq in story.finding.evidence)
     return Finding(
@@ -253,7 +275,7 @@ def _together(facts: Facts, stories: Sequence[_Story]) -> Finding:
         f" {first.finding.node} first after {seconds(first.missed_ns - start_ns)} -> EMCY 8130h of"
         f" all {len(nodes)}.",
         f"{silent.blame}: the root is there, not at the nodes that miss it.",
-        f"{_check(silent, 'sensors')} compare its period with 100Ch x 100Dh or 1016h of them.",
+        f"{_check(silent, 'sensors')} compare its period with {_times(facts, keys)} of them.",
         list(seqs)[:_EVIDENCE],
         [story.finding.as_link() for story in ordered],
         sorted({text for story in ordered for text in story.finding.assumed}),
@@ -284,10 +306,12 @@ def _silent_before(
     if len(nodes) != 1 or not _may_be_master(facts, key, max(silences)):
         return None, silences
     last = max(silences)
-    assumed = (
-        f"node {key[1]} watches node {last.node}: 1016h of node {key[1]} is not known, but no"
-        " other node was silent then"
+    relation = (
+        f"node {key[1]} watches node {last.node}: 1016h of node {key[1]} is not known"
+        if _consumes(facts, key)
+        else f"node {last.node} guards node {key[1]}: nothing tells who does"
     )
+    assumed = f"{relation}, but no other node was silent then"
     silent = _Silent(last.node, last.last_ns, last.last_seq, assumed=assumed, waited=last.waited)
     return silent, []
 
@@ -364,7 +388,12 @@ def _command_times(facts: Facts) -> dict[int, list[int]]:
 
 
 def _watched(facts: Facts, key: NodeKey, seq: int) -> Iterator[_Watch]:
-    """Nodes whose heartbeat a node consumes (1016h, bits 23..16); none where it is not known."""
+    """Nodes whose heartbeat a node consumes (1016h, bits 23..16); none where it is not known.
+
+    Nor on devices in which 1016h has no effect.
+    """
+    if not _consumes(facts, key):
+        return
     for sub in range(1, _ENTRIES + 1):
         known = facts.context.shadow.get(*key, HEARTBEAT_CONSUMER, sub, seq)
         entry = known.value if known is not None else None

@@ -11,6 +11,7 @@ from syncline_analyzer.results import Analysis, ShaftRow
 from syncline_schemas.batch import Gap
 from syncline_schemas.description import BusDescription
 from tests.analyzer.control_runs import MS, Row
+from tests.analyzer.traps.script import Script
 from tests.analyzer.whole_run import beats, found, severe, whole, write
 
 TURN = 8192
@@ -271,6 +272,27 @@ def test_a_single_turn_encoder_every_515_ms_is_told_to_be_too_slow() -> None:
     (finding,) = found(run(slow, description=lir), "angle.sampled_too_seldom")
     assert "58.25 rpm" in finding.text
     assert finding.severity == "info"
+
+
+@pytest.mark.triggers("angle.sampled_too_seldom")
+@pytest.mark.parametrize("seldom_first", [False, True])
+def test_the_time_of_an_ambiguous_trace_is_that_of_its_rare_samples(seldom_first: bool) -> None:
+    """30 rpm every 20 ms, and every 515 ms after a reset, or the other way about."""
+    spacings = (515, 20) if seldom_first else (20, 515)
+    script = Script("lir-da158a", 5).read(-90, 0x6001, 0, 131_072).read(-80, 0x6002, 0, 131_072)
+    for start_ms, period in zip((0, 25_000), spacings, strict=True):
+        counts = [round(k * period * 131_072 / 2000) % 131_072 for k in range(1000)]
+        script.nmt(start_ms - 10, 1)
+        script.pdo(start_ms, start_ms + 20_000, period, counts.__getitem__)
+    told = script.nmt(20_000, 0x81).boot(20_400).told()
+    finding = told.finding("angle.sampled_too_seldom")
+    assert "samples every 515 ms" in finding.text
+    assert "58.25 rpm" in finding.text
+    times = (finding.start_ns, finding.end_ns)
+    start, end = ((t_ns - told.analysis.capture.begin_ns) / 1e9 for t_ns in times)
+    begins, ends = (0.0, 20.0) if seldom_first else (25.0, 45.0)
+    assert begins <= start - 0.09 <= begins + 1.1
+    assert ends - 1.1 <= end - 0.09 <= ends
 
 
 @pytest.mark.near_miss("angle.sampled_too_seldom")
@@ -537,3 +559,16 @@ def test_the_shaft_is_read_from_a_file(tmp_path: Path) -> None:
     entry = BusDescription.load(path).node("can0", 6)
     assert entry is not None
     assert (entry.same_shaft_as, entry.ratio, entry.tolerance_deg) == (5, -2.5, 1.0)
+
+
+@pytest.mark.near_miss("angle.sampled_too_seldom")
+def test_pauses_of_a_faster_rhythm_are_no_spacing_of_samples() -> None:
+    """Every 40 ms at 30 rpm; three times a second is missing, in which it may have turned."""
+    script = Script("lir-da158a", 5).read(-90, 0x6001, 0, 131_072).read(-80, 0x6002, 0, 131_072)
+    counts = [round(k * 40 * 131_072 / 2000) % 131_072 for k in range(1000)]
+    script.nmt(-10, 1).pdo(0, 40_000, 40, counts.__getitem__)
+    pauses = (10_000, 17_000, 31_000)
+    script.rows = [row for row in script.rows if not any(p < row[0] < p + 1_020 for p in pauses)]
+    for event in script.told().events("ambiguous"):
+        assert "samples every 4" in event.text
+        assert event.seq < 10

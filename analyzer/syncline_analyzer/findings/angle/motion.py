@@ -2,6 +2,8 @@
 
 from collections.abc import Iterator
 
+import numpy as np
+
 from syncline_analyzer.findings.angle.words import (
     events_of,
     evidence_of,
@@ -12,7 +14,7 @@ from syncline_analyzer.findings.angle.words import (
     together,
 )
 from syncline_analyzer.findings.rule import Facts, Rule
-from syncline_analyzer.results import Finding, ShaftRow, TraceRow
+from syncline_analyzer.results import TRACE_FLAGS, Finding, ShaftRow, TraceRow
 
 NOISY_DEG = {"counts": 0.5, "deg": 1.0}
 """Standard deviation at rest from which a value is worth a note, by the unit of the trace."""
@@ -146,7 +148,7 @@ def _seldom(facts: Facts) -> Iterator[Finding]:
                 trace.bus,
                 trace.node,
                 event.t_ns,
-                facts.analysis.capture.end_ns,
+                max(event.t_ns, _untold_until(facts, trace)) + 1,
                 f"{trace.name} of {facts.inside(trace.bus, trace.node)} is ambiguous:"
                 f" {event.text}; speed, direction and turns of the trace are right only if the"
                 f" shaft is slower.{rests_on(trace)}",
@@ -156,6 +158,17 @@ def _seldom(facts: Facts) -> Iterator[Finding]:
                 [event.seq],
                 assumed=scale_of(trace),
             )
+
+
+def _untold_until(facts: Facts, trace: TraceRow) -> int:
+    """Time of the last sample whose speed and direction are not told [ns]."""
+    key = (trace.bus, trace.node, trace.object)
+    for data in facts.analysis.trace_data:
+        if (data.bus, data.node, data.object) == key and "speed_rpm" in data.columns:
+            unsure = (data.flags >> TRACE_FLAGS.index("ambiguous") & 1).astype(np.bool_)
+            untold = data.t_ns[unsure & np.isnan(data.columns["speed_rpm"])]
+            return int(untold[-1]) if len(untold) else 0
+    return 0
 
 
 def _noise(facts: Facts) -> Iterator[Finding]:
@@ -333,8 +346,9 @@ RULES: tuple[Rule, ...] = (
     Rule(
         "angle.sampled_too_seldom",
         "Samples of an encoder come too seldom to tell direction and speed of a fast shaft.",
-        "The first sample of the trace.",
+        "The first sample after which the direction is not told.",
         (
+            "From that sample to the last one like it; the spacing is that of most of these samples.",
             "Not told of a shaft whose samples stay nearer than a quarter of the range to one another.",
             "Not told where another PDO of the node comes often enough.",
             "Not told where no speed limit is known.",

@@ -92,9 +92,10 @@ def note_ambiguous(state: TraceState) -> None:
         text = _too_seldom(state, converter)
     elif isinstance(converter, Tilt):
         text = _repeating(converter, state.last_value or 0.0)
+    untold = state.untold.most() if isinstance(converter, Encoder) else None
+    seq, t_ns = (untold.seq, untold.t_ns) if untold else (state.first_seq, state.first_ns)
     if text:
-        first = state.last_value
-        state.note("ambiguous", state.first_seq, state.first_ns, None, first, text)
+        state.note("ambiguous", seq, t_ns, None, state.last_value, text)
 
 
 def _repeating(converter: Tilt, value: float) -> str:
@@ -112,7 +113,9 @@ def _repeating(converter: Tilt, value: float) -> str:
 
 def _too_seldom(state: TraceState, converter: Encoder) -> str:
     scale, reach = converter.scale, converter.reach_counts
-    spacing_ns = min(state.link.spacing_ns.values(), default=0.0)
+    untold = state.untold.most()
+    usual_ns = min(state.link.spacing_ns.values(), default=0.0)
+    spacing_ns = untold.spacing_ns if untold else usual_ns
     if not scale.counts_per_turn or not reach or not spacing_ns:
         return ""
     limit = ambiguous_rpm(reach, scale.counts_per_turn, spacing_ns / 1e9)

@@ -57,6 +57,7 @@ class Speeds:
 
     rpm: (n,), NaN where unknown. flags: (n,). fast, fast_rpm: rows, ascending, at which it turns on
     and on faster than it may, and how fast. broken: rows at which its line breaks, in any source.
+    span_ns: (n,) time since the sample before of the same source, 0 where unknown; or empty.
     """
 
     rpm: Floats
@@ -65,6 +66,7 @@ class Speeds:
     fast: Rows = field(default_factory=lambda: np.zeros(0, np.intp))
     fast_rpm: Floats = field(default_factory=lambda: np.zeros(0))
     broken: Rows = field(default_factory=lambda: np.zeros(0, np.intp))
+    span_ns: Integers = field(default_factory=lambda: np.zeros(0, np.int64))
 
 
 def encoder_speeds(
@@ -93,6 +95,9 @@ def encoder_speeds(
             continue
         unsure = forward & (ambiguous_rpm(total, per_turn, 1e-9) < scale.max_rpm * span)
         found.flags[target[unsure]] = AMBIGUOUS
+        if unsure.any():
+            found.span_ns = found.span_ns if len(found.span_ns) else np.zeros_like(found.flags)
+            found.span_ns[target[unsure]] = span[unsure]
         found.rpm[target[unsure & (np.abs(step) > TOLD_APART * total)]] = np.nan
         usual_ns = _usual_ns(link, source, span)
         heard.append((usual_ns, target, target[unsure]))

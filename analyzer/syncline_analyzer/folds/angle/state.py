@@ -26,6 +26,7 @@ from syncline_analyzer.folds.angle.trace import (
     Encoder,
     Tilt,
 )
+from syncline_analyzer.folds.angle.untold import Untold
 from syncline_analyzer.results import TRACE_FLAGS, EventKind, Trace, TraceEventRow, TraceRow
 from syncline_analyzer.series import Columns, Thinner
 from syncline_schemas.named_tuples import NamedTuple
@@ -107,6 +108,8 @@ class TraceState:
     top_rpm: float | None = None
     told_below_rpm: float | None = None
     untold_speeds: int = 0
+    untold: Untold = field(default_factory=Untold)
+    """Which those are."""
     silent: list[int] = field(default_factory=list)
     """`seq` of the samples that come after a silence and are not taken in yet."""
     wide: int = 0
@@ -262,7 +265,12 @@ class TraceState:
             self.sources[number - 1] = self.sources.get(number - 1, 0) + int(counts[number])
         speed = np.abs(derived.columns.get("speed_rpm", np.zeros(0)))
         unsure = (derived.flags[: len(speed)] & AMBIGUOUS) != 0
-        self.untold_speeds += int(np.count_nonzero(unsure & np.isnan(speed)))
+        untold = unsure & np.isnan(speed)
+        self.untold_speeds += int(np.count_nonzero(untold))
+        if unsure.any() and derived.speeds is not None and len(derived.speeds.span_ns):
+            rows = np.flatnonzero(unsure & (derived.speeds.span_ns > 0))
+            spans = derived.speeds.span_ns[rows]
+            self.untold.add(piece.seq[rows], piece.t_ns[rows], spans, untold[rows])
         if np.isfinite(speed).any():
             self.top_rpm = max(self.top_rpm or 0.0, float(np.nanmax(speed)))
         angle = derived.columns.get("angle_deg")

@@ -462,3 +462,22 @@ def test_a_device_that_nobody_knows_may_watch_a_heartbeat() -> None:
     finding = complaint(None).told().finding("nmt.guarding_lost")
     assert "1016h of node 5" in finding.check_next
     assert "its heartbeat did not reach node 5" in finding.cause
+
+
+# -- a node that is alone --------------------------------------------------------------------------
+
+
+@pytest.mark.triggers("nmt.node_lost")
+@pytest.mark.parametrize("alone", [True, False])
+def test_other_nodes_speak_for_the_bus_only_where_there_are_any(alone: bool) -> None:
+    """Guard requests go on; the only other frames of the bus are those of the master."""
+    script = Script("lir-da158a", 5).nmt(-10, 1)
+    script.write(-50, 0x100C, 0, 500, size=2).write(-40, 0x100D, 0, 3, size=1)
+    script.every(0, 30_000, 500, "705#R").every(
+        1, 15_000, 500, lambda k: "705#85" if k % 2 else "705#05"
+    )
+    if not alone:
+        script.every(7, 30_000, 500, "709#05")
+    cause = script.told().finding("nmt.node_lost").cause
+    assert ("the other nodes were heard" in cause) is not alone
+    assert ("no other node is known here" in cause) is alone

@@ -307,7 +307,7 @@ def _together(losses: list[_Loss], loss: _Loss) -> tuple[int, ...]:
 
 
 def _alone(facts: Facts, losses: list[_Loss], together: tuple[int, ...]) -> tuple[str, str, str]:
-    """(text, cause, what to check) where other nodes were heard all the time."""
+    """(text, cause, what to check) where the bus was not silent as a whole."""
     first = losses[0]
     who, lasted = facts.who(facts.context.bus_name(first.bus), first.nodes[0]), _lasted(losses)
     if not first.over:
@@ -337,9 +337,16 @@ def _alone(facts: Facts, losses: list[_Loss], together: tuple[int, ...]) -> tupl
         "The node lost its supply or restarted: it came back with a boot-up."
         if first.booted or _old_boot_ups(facts, losses)
         else "Supply or cable of this node, its CAN interface bus-off, or the node stopped working;"
-        " the other nodes were heard all the time, so the bus itself worked.",
+        f" {_of_the_bus(facts, first)}.",
         "Check plug, cable and supply voltage of the node; look at its error memory (1003h).",
     )
+
+
+def _of_the_bus(facts: Facts, loss: _Loss) -> str:
+    """What the other nodes tell of the bus; where there is none, nobody does."""
+    if facts.control.nmt.timelines[loss.bus, loss.nodes[0]].history.alone:
+        return "no other node is known here that would tell whether the bus itself worked"
+    return "the other nodes were heard all the time, so the bus itself worked"
 
 
 def _came_back(facts: Facts, losses: list[_Loss]) -> str:

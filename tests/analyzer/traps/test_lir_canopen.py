@@ -482,3 +482,22 @@ def test_trap_02_a_reset_after_it_cuts_the_trace() -> None:
     script.boot(9000, 0x7F).nmt(9050, 0x01).heartbeat(9100, 12_000)
     script.pdo(5, 5000, 20, lambda k: 1000 + 7 * k).pdo(9105, 12_000, 20, lambda k: 90 + 7 * k)
     assert [event.text for event in script.told().events("cut")] == ["reset command"]
+
+
+def guarded(remote: Script) -> Script:
+    """A node that is asked by remote frames, and was off for a second at 5 s."""
+    remote.read(-90, 0x6000, 0, 0, size=2).read(-80, 0x6001, 0, 8192)
+    remote.read(-70, 0x6002, 0, 8192 * 4096).read(-60, 0x1017, 0, 100, size=2)
+    remote.heartbeat(0, 5000).boot(6000).heartbeat(6100, 9000)
+    remote.pdo(5, 5000, 20, lambda k: 1000 + 7 * k)
+    return remote.pdo(6105, 9000, 20, lambda k: 90_000 + 7 * k)
+
+
+@pytest.mark.parametrize("batch", [1 << 20, 50])
+@pytest.mark.parametrize("period", [100, 500, 20_000])
+def test_trap_02_a_boot_up_of_a_node_with_states_since_the_remote_frame_cuts_the_trace(
+    period: int, batch: int
+) -> None:
+    """It was asked, and told its states all the same: its heartbeats are not empty."""
+    script = guarded(Script("lir-ma158k").every(-20, 9000, period, "701#R"))
+    assert [event.text for event in script.told(batch).events("cut")] == ["boot-up"]

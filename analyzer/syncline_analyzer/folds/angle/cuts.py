@@ -16,13 +16,57 @@ from syncline_schemas.canopen.nmt import RESETS
 from syncline_schemas.canopen.services import Service
 from syncline_schemas.decoder import decode_nmt
 from syncline_schemas.devices import Device, quirks, standard_jumps
+from syncline_schemas.named_tuples import NamedTuple
 
 WRITE_NS = 500_000_000
 """A jump this near to a write that explains it is the write's doing."""
 _RECENT_WRITES = 1000
 _HEARTBEAT = 0x1017
+_STATES_SINCE = 2
+"""States told since a remote frame that show that it has not emptied the heartbeats, or no longer."""
 
 Integers = NDArray[np.int64]
+
+
+class _TalkEnd(NamedTuple):
+    """What is kept of a node's error control from block to block.
+
+    asked, commanded: `seq` of the last remote frame and of the last reset command. state: the last
+    byte. told: states other than 00h since that remote frame.
+    """
+
+    asked: int
+    commanded: int
+    state: int
+    told: int
+
+
+_NO_TALK = _TalkEnd(-1, -1, 0xFF, 0)
+
+
+class _Talk(NamedTuple):
+    """A node's error control in a block: `seq` of remote frames, of reset commands, of states."""
+
+    asked: Integers
+    commanded: Integers
+    seq: Integers
+    state: Integers
+
+    def told_since(self, asked: int, stop: int, before: _TalkEnd) -> int:
+        """States other than 00h after a remote frame, before a row."""
+        first = int(np.searchsorted(self.seq, asked))
+        earlier = before.told if asked == before.asked else 0
+        return int(np.count_nonzero(self.state[first:stop])) + earlier
+
+    def end(self, before: _TalkEnd) -> _TalkEnd:
+        """Where it stands at the end of the block."""
+        asked = _last_before(self.asked, None, before.asked)
+        return _TalkEnd(
+            asked,
+            _last_before(self.commanded, None, before.commanded),
+            int(self.state[-1]) if len(self.state) else before.state,
+            self.told_since(asked, len(self.state), before),
+        )
 
 
 class Cuts:
@@ -32,10 +76,8 @@ class Cuts:
         self._context = context
         self._scales = scales
         self._writes: dict[tuple[int, int], deque[Cut]] = {}
-        self._asked: dict[tuple[int, int], int] = {}
-        """`seq` of the last remote frame to the error control of a node, by (bus, node)."""
-        self._commanded: dict[tuple[int, int], int] = {}
-        """`seq` of the last reset command to it."""
+        self._talks: dict[tuple[int, int], _TalkEnd] = {}
+        """Where the error control of a node stood, by (bus, node)."""
 
     def writes(self, bus: int, node: int) -> list[Cut]:
         """The last writes to a node that move what it measures."""
@@ -77,26 +119,21 @@ class Cuts:
         commands = list(_commands(block, bus, node))
         yield from commands
         empties = quirks(self._context.shadow.device(bus, node)).empty_heartbeat_after_rtr
-        asked = _asked(block, bus, node) if empties else np.zeros(0, np.int64)
-        commanded = np.array([cut.seq for cut in commands], np.int64)
-        for cut in _boot_ups(block, bus, node):
-            if not self._is_empty(bus, node, cut.seq, asked, commanded):
-                yield cut
-        key = bus, node
-        self._asked[key] = _last_before(asked, None, self._asked.get(key, -1))
-        self._commanded[key] = _last_before(commanded, None, self._commanded.get(key, -1))
+        before = self._talks.get((bus, node), _NO_TALK)
+        talk = _Talk(
+            _asked(block, bus, node) if empties else np.zeros(0, np.int64),
+            np.array([cut.seq for cut in commands], np.int64),
+            *_states(block, bus, node),
+        )
+        for row in _boot_ups(before, talk):
+            seq = int(talk.seq[row])
+            if not (self._sends_heartbeats(bus, node, seq) and _is_empty(before, talk, row)):
+                t_ns = int(block.frames.t_ns[block.batch.row_at(seq)])
+                yield Cut(seq, t_ns, "boot-up", False)
+        self._talks[bus, node] = talk.end(before)
 
-    def _is_empty(
-        self, bus: int, node: int, seq: int, asked: Integers, commanded: Integers
-    ) -> bool:
-        """Whether heartbeats are empty: some devices send them so after a remote frame.
-
-        They do so until they start anew, and only while the heartbeat is on.
-        """
-        shadow, key = self._context.shadow, (bus, node)
-        last = _last_before(asked, seq, self._asked.get(key, -1))
-        reset = _last_before(commanded, seq, self._commanded.get(key, -1))
-        return last > reset and bool(shadow.number(bus, node, _HEARTBEAT, 0, seq))
+    def _sends_heartbeats(self, bus: int, node: int, seq: int) -> bool:
+        return bool(self._context.shadow.number(bus, node, _HEARTBEAT, 0, seq))
 
 
 def explained(event: TraceEventRow, writes: Sequence[Cut]) -> bool:
@@ -115,16 +152,32 @@ def _commands(block: Block, bus: int, node: int) -> Iterator[Cut]:
             yield Cut(batch.seq(row), int(frames.t_ns[row]), "reset command", False)
 
 
-def _boot_ups(block: Block, bus: int, node: int) -> Iterator[Cut]:
-    """Bytes 00h that may be boot-ups: of several in a row the first."""
-    frames, batch = block.frames, block.batch
-    rows = batch.rows(bus, 0x700 + node)
-    if len(rows):
-        state = np.where(frames.dlc[rows] == 1, frames.data[rows, 0], 0xFF)
-        # Empty state bytes after a remote frame that is not in the log are no boot-ups either.
-        boots = (state == 0) & (np.concatenate(([0xFF], state[:-1])) != 0)
-        for row in rows[boots].tolist():
-            yield Cut(batch.seq(row), int(frames.t_ns[row]), "boot-up", False)
+def _states(block: Block, bus: int, node: int) -> tuple[Integers, Integers]:
+    """`seq` and state byte of the data frames of a node's error control; FFh: not one byte."""
+    frames, rows = block.frames, block.batch.rows(bus, 0x700 + node)
+    state = np.where(frames.dlc[rows] == 1, frames.data[rows, 0], 0xFF)
+    return block.batch.seqs_at(rows), state.astype(np.int64)
+
+
+def _boot_ups(before: _TalkEnd, talk: _Talk) -> list[int]:
+    """Rows of bytes 00h that may be boot-ups: of several in a row the first."""
+    # Empty state bytes after a remote frame that is not in the log are no boot-ups either.
+    last = np.concatenate(([before.state], talk.state[:-1]))
+    return np.flatnonzero((talk.state == 0) & (last != 0)).tolist() if len(talk.state) else []
+
+
+def _is_empty(before: _TalkEnd, talk: _Talk, row: int) -> bool:
+    """Whether a byte 00h is a heartbeat that a remote frame emptied: some devices send them so.
+
+    They do so at once and until they start anew. So it is a boot-up where states came since that
+    frame, or where it stands alone between states.
+    """
+    seq = int(talk.seq[row])
+    asked = _last_before(talk.asked, seq, before.asked)
+    if asked <= _last_before(talk.commanded, seq, before.commanded):
+        return False
+    alone = row + 1 < len(talk.state) and talk.state[row + 1] != 0
+    return not alone and talk.told_since(asked, row, before) < _STATES_SINCE
 
 
 def _last_before(seqs: Integers, seq: int | None, earlier: int) -> int:

@@ -367,6 +367,49 @@ def test_defaults_that_spare_the_number_do_not_move_a_node() -> None:
     assert "nmt.no_boot_up" in told.ids
 
 
+def loaded_and_reset(stop: float = 20_000) -> Script:
+    return gone(Script("haomiao-38", 3).heartbeat(0, 5000).load(4000).nmt(5000, 0x81), stop)
+
+
+def in_a_gap(script: Script, start: float, end: float) -> Script:
+    script.gaps.append((start, end))
+    script.rows = [row for row in script.rows if not start <= row[0] < end]
+    return script
+
+
+def on_a_dark_bus(script: Script) -> Script:
+    """Another bus goes on."""
+    script.buses = ("can0", "can1")
+    for at in range(0, 20_000, 100):
+        script.frame(at, "705#05", bus=1)
+    return script
+
+
+@pytest.mark.near_miss("device.defaults_pending")
+@pytest.mark.parametrize(
+    "script",
+    [
+        loaded_and_reset().read(9000, 0x1001, 0, 0, size=1).read(15_000, 0x1001, 0, 0, size=1),
+        loaded_and_reset().pdo(6000, 19_000, 20, lambda k: 5 + k),
+        in_a_gap(loaded_and_reset(), 5100, 19_900),
+        on_a_dark_bus(loaded_and_reset(5000)),
+        loaded_and_reset().save(4500),
+        loaded_and_reset().write(4500, 0x3000, 0, 7, size=1),
+    ],
+    ids=["SDO answers", "PDOs", "gap", "bus off", "saved again", "another number"],
+)
+def test_a_node_that_need_not_have_moved_is_not_sought_elsewhere(script: Script) -> None:
+    finding = script.told().finding("device.defaults_pending")
+    assert "node 1 at" not in finding.text + finding.check_next
+    assert finding.severity == "info"
+
+
+def test_a_node_that_moved_when_its_supply_was_switched_was_heard_until_then() -> None:
+    script = Script("haomiao-38", 3).read(-90, 0x1017, 0, 100, size=2).heartbeat(0, 9000).load(4000)
+    text = gone(script, 30_000).told().finding("device.defaults_pending").text
+    assert "as node 3 it was not heard again since +8.990 s" in text
+
+
 def test_a_node_that_a_factory_reset_took_away_is_not_called_hanging() -> None:
     script = Script("jn2100", 20, bitrate=500_000).heartbeat(0, 9000)
     script.write(3000, 0x207F, 0, 1, size=1).nmt(9000, 0x81)

@@ -15,6 +15,8 @@ from syncline_schemas.named_tuples import NamedTuple
 SAVE = 0x1010
 GONE_NS = 5_000_000_000
 """A node that is not heard for so long after a reset, and its own time of silence, is gone [ns]."""
+FADE_NS = 1_000_000_000
+"""So long after a reset command frames of before it may still come [ns]."""
 _NO_LIFE = ("UNKNOWN", "LOST", "INITIALISING")
 
 
@@ -288,7 +290,8 @@ def with_restart(facts: Facts, row: SdoRow, finding: Finding) -> Finding:
 
 
 def gone_since(facts: Facts, row: SdoRow) -> int | None:
-    """When the node was reset after the order, if nothing was heard of it later."""
+    """When the node was reset after the order, or heard last, if nothing was heard of it later."""
+    key = facts.number(row.bus), row.node
     resets = [
         command.t_ns
         for command in facts.analysis.nmt_commands
@@ -297,16 +300,17 @@ def gone_since(facts: Facts, row: SdoRow) -> int | None:
         and command.command.startswith("reset")
         and command.seq > row.seq
     ]
-    reset_ns = min(resets, default=row.end_ns)
-    device = facts.context.shadow.device(facts.number(row.bus), row.node)
-    quiet_ns = quirks(device).reset_quiet_ms * 1_000_000
-    if facts.analysis.capture.end_ns - reset_ns < GONE_NS + quiet_ns:
+    nmt = facts.control.nmt.nodes.get(key)
+    last_ns = max(row.end_ns, (nmt.heard_ns if nmt else None) or 0)
+    gone_ns = min(resets, default=last_ns)
+    quiet_ns = quirks(facts.context.shadow.device(*key)).reset_quiet_ms * 1_000_000
+    if last_ns - gone_ns > FADE_NS or _listened_ns(facts, *key, gone_ns) < GONE_NS + quiet_ns:
         return None
     heard = [
         state
         for state in facts.analysis.nmt_states
         if (state.bus, state.node) == (row.bus, row.node)
-        and state.start_ns > reset_ns
+        and state.start_ns > min(resets, default=row.end_ns)
         and state.state not in _NO_LIFE
     ]
     lost = any(
@@ -314,7 +318,22 @@ def gone_since(facts: Facts, row: SdoRow) -> int | None:
         and state.end_ns > row.end_ns
         for state in facts.analysis.nmt_states
     )
-    return reset_ns if not heard and (lost or resets) else None
+    return gone_ns if not heard and (lost or resets) else None
+
+
+def _listened_ns(facts: Facts, bus: int, node: int, since_ns: int) -> int:
+    """How long a node could have been heard: not in gaps, nor while its whole bus was silent [ns]."""
+    name, capture = facts.context.bus_name(bus), facts.analysis.capture
+    unheard = sum(
+        max(0, gap.end_ns - max(gap.start_ns, since_ns))
+        for gap in capture.gaps
+        if gap.bus in (None, name)
+    )
+    # Of a bus with a single node it is the node's own silence.
+    if any(row.bus == name and row.node != node for row in facts.analysis.nodes):
+        silence = facts.control.clock.silence_within(bus, since_ns, capture.end_ns)
+        unheard += silence.end_ns - silence.start_ns if silence else 0
+    return capture.end_ns - since_ns - unheard
 
 
 def _errors_since(facts: Facts, bus: str, since_ns: int) -> int:
@@ -409,6 +428,7 @@ RULES: tuple[Rule, ...] = (
         (
             "It is a warning only where the node was not heard again.",
             "A node that may still be starting is not gone: 5 s, and its own silence after a reset.",
+            "Gaps, and silences of the whole bus, do not count; any frame of the node does.",
         ),
         _factory_resets,
         untimed=True,

@@ -55,7 +55,7 @@ def _moved_by_defaults(facts: Facts, row: SdoRow, device: Device) -> str:
     moves = facts.context.shadow.kept_by(bus, row.node, order, row.sub or 0)
     rate = facts.context.bitrates.get(row.bus)
     other = device.default_node != row.node or rate not in (None, device.default_bitrate)
-    if not moves or not other:
+    if not moves or not other or _set_again(facts, row, order):
         return ""
     switches = (
         ", unless its rotary switches say otherwise" if device.quirks.node_id_switches else ""
@@ -63,6 +63,19 @@ def _moved_by_defaults(facts: Facts, row: SdoRow, device: Device) -> str:
     return (
         f"; by these it is {factory_place(device)}{switches}; as node {row.node} it was not heard"
         f" again since {facts.moment(gone_ns)}"
+    )
+
+
+def _set_again(facts: Facts, load: SdoRow, order: Key) -> bool:
+    """Whether a node was given a number, or saved that which it had, between defaults and reset."""
+    restart = restart_after(facts, (facts.number(load.bus), load.node), load.seq)
+    return any(
+        (row.bus, row.node) == (load.bus, load.node)
+        and row.seq > load.seq
+        and (restart is None or row.seq < restart[0])
+        for row in facts.analysis.sdo.accepted.of_objects(
+            lambda of: of.index == SAVE or (of.index, of.sub or 0) == order
+        )
     )
 
 
@@ -239,6 +252,8 @@ RULES: tuple[Rule, ...] = (
             "A refused write restores nothing.",
             "A node is sought elsewhere only where the defaults hold its number, and it was silent.",
             "It is silent from 5 s after the reset on, and its own time of silence.",
+            "Gaps, and silences of the whole bus, do not count; any frame of the node does.",
+            "One that saved its settings, or took a number, before the reset is not sought there.",
         ),
         _defaults_pending,
         untimed=True,

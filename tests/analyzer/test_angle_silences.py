@@ -56,3 +56,17 @@ def test_turning_too_fast_where_a_trace_begins_and_ends_is_no_jump(batch: int) -
     assert told.events("jump") == []
     assert [f.id for f in told.analysis.findings if f.severity != "info"].count("angle.overspeed")
     assert "angle.jump" not in told.ids
+
+
+@pytest.mark.parametrize(
+    "jump", [(0, 30_000, 15_200), (15_200, 30_000, 0)], ids=["before", "after"]
+)
+def test_a_jump_next_to_legal_turning_is_no_turning_too_fast(jump: tuple[int, int, int]) -> None:
+    """One step of 10,460 rpm between a shaft at rest and one that turns with 5570 rpm."""
+    before, step, after = jump
+    script = Script("haomiao-38", 3).read(-90, 0x6000, 0, 0, size=2).read(-80, 0x6001, 0, 8192)
+    script.heartbeat(0, 10_000).pdo(0, 5000, 20, lambda k: 100 + before * k)
+    start = 100 + before * 249 + step
+    told = script.pdo(5000, 10_000, 20, lambda k: start + after * k).told()
+    assert len(told.events("jump")) == 1
+    assert "angle.overspeed" not in told.ids

@@ -31,6 +31,8 @@ ON_AND_ON_NS = 100_000_000
 ON_AND_ON = 16
 """Turning is judged as a whole over so long and so many steps: the slack counts once."""
 MARGIN = 1.02
+CLOSE = 1.25
+"""Steps at the ends of a fast motion differ by no more than so many times."""
 PAUSES = 10
 """A span of so many usual ones is a pause."""
 JUMP, AMBIGUOUS = 2, 4
@@ -229,17 +231,23 @@ def _learn_measuring(
 def _goes_on(line: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Whether each step but the first two is one of several alike: turning; a jump stands alone.
 
-    It may be the first or the last one of three: a trace may begin or end while the shaft turns.
+    It may be the first or the last one of three, which must be closer alike then: a trace may begin
+    or end while the shaft turns, and a shaft may turn fast after a jump.
     """
-    size = np.abs(line)
-    alike = (np.sign(line[1:]) == np.sign(line[:-1])) & (line[1:] != 0)
-    alike &= (2 * size[:-1] >= size[1:]) & (size[:-1] <= 2 * size[1:])
-    last, earlier = alike[1:], alike[:-1]
+    alike, close = _alike(line, 2.0), _alike(line, CLOSE)
     following = np.concatenate((alike[2:], [True]))
-    later = np.concatenate((alike[2:], [False]))
+    later = np.concatenate((close[2:], [False]))
     latest = np.concatenate((later[1:], [False]))
-    found: NDArray[np.bool_] = (last & following) | (last & earlier) | (later & latest)
+    found: NDArray[np.bool_] = alike[1:] & following
+    found |= (close[1:] & close[:-1]) | (later & latest)
     return found
+
+
+def _alike(line: NDArray[np.int64], times: float) -> NDArray[np.bool_]:
+    """Whether each step but the first goes the way of the one before, and about as far."""
+    size = np.abs(line)
+    alike: NDArray[np.bool_] = (np.sign(line[1:]) == np.sign(line[:-1])) & (line[1:] != 0)
+    return alike & (times * size[:-1] >= size[1:]) & (size[:-1] <= times * size[1:])
 
 
 def _last_before(values: Floats, known: NDArray[np.intp], wanted: NDArray[np.intp]) -> Floats:

@@ -390,13 +390,22 @@ def on_a_dark_bus(script: Script) -> Script:
     "script",
     [
         loaded_and_reset().read(9000, 0x1001, 0, 0, size=1).read(15_000, 0x1001, 0, 0, size=1),
+        gone(Script("haomiao-38", 3).load(4000).nmt(5000, 0x81)).read(15_000, 0x1001, 0, 0, size=1),
         loaded_and_reset().pdo(6000, 19_000, 20, lambda k: 5 + k),
         in_a_gap(loaded_and_reset(), 5100, 19_900),
         on_a_dark_bus(loaded_and_reset(5000)),
         loaded_and_reset().save(4500),
         loaded_and_reset().write(4500, 0x3000, 0, 7, size=1),
     ],
-    ids=["SDO answers", "PDOs", "gap", "bus off", "saved again", "another number"],
+    ids=[
+        "SDO answers",
+        "SDO answers only",
+        "PDOs",
+        "gap",
+        "bus off",
+        "saved again",
+        "another number",
+    ],
 )
 def test_a_node_that_need_not_have_moved_is_not_sought_elsewhere(script: Script) -> None:
     finding = script.told().finding("device.defaults_pending")

@@ -300,8 +300,7 @@ def gone_since(facts: Facts, row: SdoRow) -> int | None:
         and command.command.startswith("reset")
         and command.seq > row.seq
     ]
-    nmt = facts.control.nmt.nodes.get(key)
-    last_ns = max(row.end_ns, (nmt.heard_ns if nmt else None) or 0)
+    last_ns = _last_heard_ns(facts, row)
     gone_ns = min(resets, default=last_ns)
     quiet_ns = quirks(facts.context.shadow.device(*key)).reset_quiet_ms * 1_000_000
     if last_ns - gone_ns > FADE_NS or _listened_ns(facts, *key, gone_ns) < GONE_NS + quiet_ns:
@@ -319,6 +318,15 @@ def gone_since(facts: Facts, row: SdoRow) -> int | None:
         for state in facts.analysis.nmt_states
     )
     return gone_ns if not heard and (lost or resets) else None
+
+
+def _last_heard_ns(facts: Facts, order: SdoRow) -> int:
+    """When a node sent anything last; of one without error control, when it answered last."""
+    nmt = facts.control.nmt.nodes.get((facts.number(order.bus), order.node))
+    rows = reversed(facts.analysis.sdo.of_node(order.bus, order.node))
+    answered = (row for row in rows if row.result == "ok" or row.abort_by == "server")
+    last_ns = next((row.end_ns for row in answered), order.end_ns)
+    return max(order.end_ns, last_ns, (nmt.heard_ns if nmt else None) or 0)
 
 
 def _listened_ns(facts: Facts, bus: int, node: int, since_ns: int) -> int:

@@ -779,7 +779,7 @@ def test_trap_10_an_axis_that_failed_the_self_test_is_told() -> None:
     assert found.severity == "warning"
     assert "4004h:02 (MEMS self-test result) = 5 (x ok, y failed, z ok)" in found.text
     assert "later" not in found.text
-    again = after_self_test(5).write(9000, 0x4004, 1, 1, size=1).read(12_000, 0x4004, 2, 7, size=1)
+    again = after_self_test(5).write(9000, 0x4004, 1, 1, size=1).read(12_500, 0x4004, 2, 7, size=1)
     assert "A later self-test was passed." in again.told().finding("device.self_test_failed").text
 
 
@@ -807,3 +807,29 @@ def test_trap_28_a_scale_that_was_read_before_a_reset_is_not_called_unseen() -> 
     plain = tilt().heartbeat(0, 9000).sync(0, 9000)
     plain.pdo(2, 9000, 20, lambda k: (200 + k % 50, 100), bits=16)
     assert "was not seen in this capture" in plain.told().finding("angle.scale_assumed").text
+
+
+def second_test(result: int) -> Script:
+    """A passed self-test, and a result that is read while the next one runs."""
+    script = after_self_test(7).write(9000, 0x4004, 1, 1, size=1)
+    return script.read(9500, 0x4004, 2, 0, size=1).read(13_000, 0x4004, 2, result, size=1)
+
+
+def unseen_restart() -> Script:
+    script = after_self_test(0, 9000)
+    script.gaps.append((2000, 6000))
+    script.rows = [row for row in script.rows if not 2000 <= row[0] < 6000]
+    return script
+
+
+@pytest.mark.near_miss("device.self_test_failed")
+@pytest.mark.parametrize("script", [second_test(7), unseen_restart()], ids=["running", "gap"])
+def test_a_result_that_need_not_be_of_a_test_is_no_failure(script: Script) -> None:
+    assert "device.self_test_failed" not in script.told().ids
+
+
+def test_the_second_self_test_is_told_and_a_good_result_without_a_test_passes_none() -> None:
+    found = second_test(5).told().finding("device.self_test_failed")
+    assert "at +13.050 s" in found.text
+    script = after_self_test(5).read(9000, 0x4004, 2, 7, size=1)
+    assert "later" not in script.told().finding("device.self_test_failed").text

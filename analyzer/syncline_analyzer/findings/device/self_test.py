@@ -8,6 +8,8 @@ from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.results import Finding, SdoRow
 from syncline_schemas.devices import Device
 
+_NEVER = 1 << 63
+
 
 def _failed(facts: Facts) -> Iterator[Finding]:
     """The first result of each node's self-tests that is not good, and whether one was later."""
@@ -26,8 +28,7 @@ def _failed(facts: Facts) -> Iterator[Finding]:
 def _finding(facts: Facts, row: SdoRow, result: Key, device: Device) -> Finding:
     node = facts.number(row.bus), row.node
     words = value_words(facts, node, *result, number(row))
-    later = any(_good(device, each) for each in _reads(facts, row, result))
-    passed = " A later self-test was passed." if later else ""
+    passed = " A later self-test was passed." if _passed_later(facts, row, result) else ""
     return told(
         "device.self_test_failed",
         row,
@@ -39,19 +40,55 @@ def _finding(facts: Facts, row: SdoRow, result: Key, device: Device) -> Finding:
     )
 
 
+def _passed_later(facts: Facts, bad: SdoRow, result: Key) -> bool:
+    """Whether another self-test of the node was started after a bad result, and passed."""
+    return any(
+        (start.bus, start.node) == (bad.bus, bad.node)
+        and start.seq > bad.seq
+        and device.quirks.self_test.get(key) == result
+        and any(_good(device, row) for row in _results(facts, start, result, device))
+        for start, key, device in writes(facts)
+    )
+
+
 def _good(device: Device, row: SdoRow) -> bool:
     return number(row) == device.quirks.self_test_good
 
 
 def _results(facts: Facts, start: SdoRow, result: Key, device: Device) -> list[SdoRow]:
-    """Results that were read after a self-test was over, before the node started anew."""
-    restart = restart_after(facts, (facts.number(start.bus), start.node), start.seq)
+    """Results that were read after a self-test was over, before anything ended or may have ended it.
+
+    The next self-test does, a restart, and a gap, which may hide either.
+    """
     ready_ns = start.end_ns + device.quirks.self_test_ms * 1_000_000
+    until_seq, until_ns = _until(facts, start)
     return [
         row
         for row in _reads(facts, start, result)
-        if row.start_ns >= ready_ns and (restart is None or row.seq < restart[0])
+        if ready_ns <= row.start_ns < until_ns and row.seq < until_seq
     ]
+
+
+def _until(facts: Facts, start: SdoRow) -> tuple[int, int]:
+    """(`seq`, time) from which on a result need not be that of a self-test."""
+    restart = restart_after(facts, (facts.number(start.bus), start.node), start.seq)
+    again = (
+        row.seq
+        for row in facts.analysis.sdo.writes.of_objects(
+            lambda of: (
+                (of.bus, of.node, of.index, of.sub)
+                == (start.bus, start.node, start.index, start.sub)
+            )
+        )
+        if row.seq > start.seq
+    )
+    gaps = (
+        gap.start_ns
+        for gap in facts.analysis.capture.gaps
+        if gap.bus in (None, start.bus) and gap.end_ns > start.start_ns
+    )
+    until_seq = min([*again, *([restart[0]] if restart else [])], default=_NEVER)
+    return until_seq, min(gaps, default=_NEVER)
 
 
 def _reads(facts: Facts, after: SdoRow, result: Key) -> list[SdoRow]:
@@ -71,6 +108,7 @@ RULES: tuple[Rule, ...] = (
         "The answer with the result.",
         (
             "Only results that were read after a self-test was started, and after it was over.",
+            "One after the next self-test began, after a restart or after a gap is not that test's.",
             "A result that is read without a test in the capture may be that of none.",
             "A test that was passed later is told beside it.",
         ),

@@ -833,3 +833,10 @@ def test_the_second_self_test_is_told_and_a_good_result_without_a_test_passes_no
     assert "at +13.050 s" in found.text
     script = after_self_test(5).read(9000, 0x4004, 2, 7, size=1)
     assert "later" not in script.told().finding("device.self_test_failed").text
+
+
+def test_a_pdo_that_a_node_does_not_send_may_be_the_one_that_it_complains_of() -> None:
+    """Its TPDO2 is off: another node sends on that identifier."""
+    script = settings(tilt(), res=100).heartbeat(0, 5000).read(-40, 0x1801, 1, 0x8000028A)
+    script.every(0, 5000, 50, "28A#0102").emcy(3010, 0x8210, 0x11)
+    assert "28Ah with 2 bytes" in script.told().finding("emcy.pdo_length").text

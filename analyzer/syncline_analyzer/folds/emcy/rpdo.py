@@ -136,9 +136,9 @@ class Suspects:
         }
         for index in indexes:
             value = self._shadow.number(bus, node, index, 1, seq)
-            if value is not None:
+            if value is not None and not value & _OFF_OR_29_BIT:
                 yield value & 0x7FF
-            elif index < 0x1800 + _PREDEFINED:
+            elif value is None and index < 0x1800 + _PREDEFINED:
                 yield 0x180 + 0x100 * (index - 0x1800) + node
 
     def _mapped(self, bus: int, node: int, number: int, seq: int) -> int | None:

@@ -576,3 +576,26 @@ def test_a_node_that_sends_under_another_number_is_told_once() -> None:
     told = script.told()
     assert "pdo.silent" in [link.id for link in told.finding("device.foreign_identifiers").chain]
     assert "pdo.silent" not in told.ids
+
+
+def preset_and_reset(script: Script) -> Script:
+    script.write(1000, 0x6003, 0, 0).nmt(5000, 0x81).boot(9000)
+    return turning(script).heartbeat(9200, 11_000)
+
+
+@pytest.mark.near_miss("device.lost_at_reset")
+@pytest.mark.parametrize(
+    "script",
+    [
+        in_a_gap(preset_and_reset(encoder()), 2000, 3000),
+        preset_and_reset(encoder()).read(1500, 0x6509, 0, 777).read(10_000, 0x6509, 0, 777),
+    ],
+    ids=["gap", "read again"],
+)
+def test_a_preset_that_may_have_been_saved_or_is_there_is_not_lost(script: Script) -> None:
+    assert "6003h" not in script.told().text
+
+
+def test_another_offset_after_the_reset_does_not_save_a_preset() -> None:
+    script = preset_and_reset(encoder()).read(1500, 0x6509, 0, 777).read(10_000, 0x6509, 0, 0)
+    assert "6003h" in script.told().finding("device.lost_at_reset").text

@@ -144,11 +144,13 @@ def _fallen_back(
             read = following is not None and following.cause == "sdo-read"
             if _rewritten(after, following) or not (read or _persistence_known(device, key)):
                 continue
+            if not read and _unseen(facts, bus, before.t_ns, after.t_ns):
+                continue
             now = after.known or shadow.assumed(bus, node, *key)
             if following is not None and read:
                 now = following.known
             made_offset = _makes_offset(device, key)
-            if made_offset and _offset_moved(facts, bus, node, device, before.seq, after.seq):
+            if made_offset and _offset_told(facts, bus, node, device, before.seq, after.seq):
                 continue
             kept = now is not None and now.value == written.value
             if kept and (read or not made_offset):
@@ -193,14 +195,29 @@ def _makes_offset(device: Device | None, key: Key) -> bool:
     return key == measured.get("preset") and "offset" in measured
 
 
-def _offset_moved(
+def _offset_told(
     facts: Facts, bus: int, node: int, device: Device | None, first: int, last: int
 ) -> bool:
-    """Whether another write gave the offset a new value between two frames."""
-    offset = device.measurement["offset"] if device else (0, 0)
-    spans = facts.context.shadow.spans(bus, node, *offset)
+    """Whether another write gave the offset a new value between a preset and a reset.
+
+    Or whether it was read after the preset, and the same again after the reset.
+    """
+    shadow, offset = facts.context.shadow, device.measurement["offset"] if device else (0, 0)
+    spans = shadow.spans(bus, node, *offset)
+    inside = [span.change for span in spans if first < span.change.seq < last]
+    if any(change.cause == "side effect" for change in inside):
+        return True
+    again = any(seq > last for seq in shadow.read_again(bus, node, *offset))
+    return again and bool(inside) and inside[-1].cause == "sdo-read"
+
+
+def _unseen(facts: Facts, bus: int, start_ns: int, end_ns: int) -> bool:
+    """Whether a gap may hide that a node was told to save."""
     return any(
-        first < span.change.seq < last and span.change.cause == "side effect" for span in spans
+        gap.bus in (None, facts.context.bus_name(bus))
+        and gap.start_ns < end_ns
+        and gap.end_ns > start_ns
+        for gap in facts.analysis.capture.gaps
     )
 
 
@@ -266,6 +283,8 @@ RULES: tuple[Rule, ...] = (
             "Settings that the master writes again after the reset are not told.",
             "Where the maker does not say what survives, only a read after the reset proves it.",
             "A preset whose offset was saved is not lost, nor one whose offset another write ended.",
+            "Nor is one whose offset (6509h) is read after the reset as before it.",
+            "After a gap, which may hide a save, only a read proves that a value was lost.",
         ),
         _lost_at_reset,
     ),

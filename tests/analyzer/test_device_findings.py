@@ -599,3 +599,12 @@ def test_a_preset_that_may_have_been_saved_or_is_there_is_not_lost(script: Scrip
 def test_another_offset_after_the_reset_does_not_save_a_preset() -> None:
     script = preset_and_reset(encoder()).read(1500, 0x6509, 0, 777).read(10_000, 0x6509, 0, 0)
     assert "6003h" in script.told().finding("device.lost_at_reset").text
+
+
+@pytest.mark.near_miss("device.bit_rate_change")
+@pytest.mark.parametrize("back", [False, True])
+def test_a_bit_rate_of_a_node_that_is_gone_or_may_have_saved_it_is_not_kept(back: bool) -> None:
+    script = gone(encoder().heartbeat(0, 3000).write(500, 0x2100, 0, 4).nmt(3000, 0x81))
+    if back:
+        script.boot(7000).heartbeat(7100, 9000).write(1000, 0x1010, 1, 0x65766173, answered=False)
+    assert "keeps the bit rate" not in script.told().finding("device.bit_rate_change").text

@@ -215,7 +215,8 @@ def _new_bit_rate(facts: Facts, row: SdoRow, device: Device, text: str) -> Findi
     """A bit rate that the device has, and whether it can have become active."""
     save_first = (device.quirks.node_id_order or "").startswith("write, save")
     restart = restart_after(facts, (facts.number(row.bus), row.node), row.seq)
-    if save_first and restart is not None and not _saved_before(facts, row, restart[0]):
+    back = restart is not None and _last_heard_ns(facts, row) > restart[1] + FADE_NS
+    if save_first and restart and back and not _saved_before(facts, row, restart[0]):
         return told(
             "device.bit_rate_change",
             row,
@@ -240,8 +241,10 @@ def _saved_before(facts: Facts, row: SdoRow, restart_seq: int) -> bool:
         gap.bus in (None, row.bus) and gap.end_ns > end_ns for gap in facts.analysis.capture.gaps
     )
     return hidden or any(
-        (save.bus, save.node) == (row.bus, row.node) and row.seq < save.seq < restart_seq
-        for save in facts.analysis.sdo.accepted.of_objects(lambda of: of.index == SAVE)
+        (save.bus, save.node) == (row.bus, row.node)
+        and row.seq < save.seq < restart_seq
+        and save.result != "abort"
+        for save in facts.analysis.sdo.writes.of_objects(lambda of: of.index == SAVE)
     )
 
 
@@ -424,7 +427,8 @@ RULES: tuple[Rule, ...] = (
         "The write.",
         (
             "Writing the bit rate that the bus has is not told.",
-            "It is not said to be kept where a gap may hide that it was saved.",
+            "It is not said to be kept where a gap, or a lost answer, may hide that it was saved.",
+            "Nor is it of a node that was not heard again.",
         ),
         _bit_rates,
         untimed=True,

@@ -608,3 +608,9 @@ def test_a_bit_rate_of_a_node_that_is_gone_or_may_have_saved_it_is_not_kept(back
     if back:
         script.boot(7000).heartbeat(7100, 9000).write(1000, 0x1010, 1, 0x65766173, answered=False)
     assert "keeps the bit rate" not in script.told().finding("device.bit_rate_change").text
+
+
+@pytest.mark.parametrize("code", [0x06020000, 0x06010002])
+def test_a_wrong_word_to_an_object_that_cannot_be_written_is_not_its_cause(code: int) -> None:
+    script = turning(encoder()).write(1000, 0x1010, 1, 0x31766173, abort=code)
+    assert "takes only" not in script.told().text

@@ -212,6 +212,8 @@ def _misspelt(row: SdoRow) -> str:
     word = _SIGNATURES.get(row.index or 0)
     if row.direction != "download" or word is None or row.value in (None, word):
         return ""
+    if row.abort_code in (*PROBING, READ_ONLY):
+        return ""
     return (
         f'{row.index:04X}h takes only "{word.to_bytes(4, "little").decode()}" ({word:08X}h), and'
         " another value was written: it is a guard against writes by mistake."

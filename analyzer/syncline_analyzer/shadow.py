@@ -458,14 +458,14 @@ class Shadow:
     def identity(self, bus: int, node: int) -> dict[Key, Value]:
         """What a node told of itself: value, or `ABSENT`, of the objects that tell devices apart.
 
-        A node whose defaults were restored is the same device, whatever its objects hold now.
+        A node whose defaults were restored is the same device, whatever its objects hold now; one
+        that says that it has no such object is not.
         """
         known = self._known.get((bus, node), {})
-        identity: dict[Key, Value] = {
-            key: ABSENT for key in self._refused.get((bus, node), ()) if key[0] in self._telling
-        }
+        refused = self._refused.get((bus, node), set())
+        identity: dict[Key, Value] = {key: ABSENT for key in refused if key[0] in self._telling}
         for key, history in known.items():
-            value = history.told
+            value = history.last if key in refused else history.told
             if key[0] in self._telling and value is not None:
                 identity[key] = value.value
         return identity

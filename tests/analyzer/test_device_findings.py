@@ -335,6 +335,13 @@ def test_a_device_whose_defaults_were_restored_is_the_same_device() -> None:
     assert told.traced() == [0x6004]
 
 
+def test_a_device_that_no_longer_has_what_told_it_apart_was_exchanged() -> None:
+    script = Script(None, 3).read(-90, 0x1000, 0, 0x20196).read(-80, 0x1008, 0, 0x4147414D)
+    script.read(-70, 0x3000, 0, 3, size=1).heartbeat(0, 5000).load(4000).nmt(5000, 0x81)
+    script.boot(5400).read(5500, 0x3000, 0, abort=0x06020000)
+    assert script.told().row().device is None
+
+
 def gone(script: Script, stop: float = 20_000) -> Script:
     """Another node goes on, so that the bus works."""
     node, script.node = script.node, 30

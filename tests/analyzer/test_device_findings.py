@@ -482,6 +482,14 @@ def test_frames_that_do_not_fit_the_only_mapping_of_a_device_are_told() -> None:
 
 
 @pytest.mark.near_miss("config.pdo_length")
+@pytest.mark.parametrize("at", [-50, 17_000])
+def test_a_device_that_tells_another_mapping_than_its_manual_is_not_judged_by_that(at: int) -> None:
+    script = Script(None, 5).read(-90, 0x1000, 0, 0x10196).read(-80, 0x1008, 0, 0x3831394C)
+    script.read(at, 0x1A00, 0, 1, size=1).read(at + 10, 0x1A00, 1, 0x60040010)
+    assert "config.pdo_length" not in short_frames(script).told().ids
+
+
+@pytest.mark.near_miss("config.pdo_length")
 def test_a_mapping_that_may_have_been_changed_accuses_nobody() -> None:
     script = Script(None, 3).read(-90, 0x1000, 0, 0x20196).read(-80, 0x1008, 0, 0x4147414D)
     script.read(-70, 0x3000, 0, 3, size=1)

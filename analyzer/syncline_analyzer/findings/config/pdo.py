@@ -220,9 +220,11 @@ def _wrong_length(facts: Facts) -> Iterator[Finding]:
     """PDOs whose frames do not fit the mapping that the node confirmed."""
     for found in facts.control.lengths:
         wrong = _without_remote(found) if facts.analysis.capture.remote_lost else found
-        if wrong.frames < MIN_WRONG or (wrong.mapping_seq is None and _unused(facts, wrong.pdo)):
-            continue
         pdo = wrong.pdo
+        if wrong.frames < MIN_WRONG or (wrong.mapping_seq is None and _unused(facts, pdo)):
+            continue
+        if _tells_otherwise(facts, pdo):
+            continue
         bus = facts.context.bus_name(pdo.bus)
         lengths = ", ".join(f"{length}" for length in sorted(wrong.lengths))
         short = min(wrong.lengths) < wrong.mapped
@@ -261,6 +263,20 @@ def _unused(facts: Facts, pdo: Pdo) -> bool:
     }
     used = (rules.mode_pdos.get(mode) for mode in modes if mode is not None)
     return any(numbers is not None and pdo.number not in numbers for numbers in used)
+
+
+def _tells_otherwise(facts: Facts, pdo: Pdo) -> bool:
+    """Whether a node of fixed mapping told another one than that of its manual."""
+    shadow = facts.context.shadow
+    device = shadow.device(pdo.bus, pdo.node)
+    if device is None or not device.quirks.fixed_mapping:
+        return False
+    return any(
+        known.source == "sdo-read" and known.value != device.default(pdo.mapping, sub, pdo.node)
+        for sub in range(MAX_MAPPED + 1)
+        for span in shadow.spans(pdo.bus, pdo.node, pdo.mapping, sub)
+        if (known := span.change.known) is not None
+    )
 
 
 def _only_one(facts: Facts, wrong: WrongLength) -> str:
@@ -337,6 +353,7 @@ RULES: tuple[Rule, ...] = (
         (
             "Only where the node itself told or acknowledged the whole mapping, or cannot change it.",
             "It cannot where it is by its own word a device of fixed mapping, in a mode that uses it.",
+            "A device of fixed mapping that tells another one than its manual is not judged by that.",
             "Three frames or more; those within 100 ms of a change of the mapping do not count.",
             "An RPDO may be longer than its mapping.",
             "In a log that does not mark remote frames, empty frames do not count.",

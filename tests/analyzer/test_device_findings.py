@@ -566,6 +566,13 @@ def test_a_position_error_says_which_alarm_it_is() -> None:
     assert 'reports position error (7320h) with alarms "hardware error" at' in found.text
 
 
+def test_a_position_error_that_is_told_twice_says_every_alarm_of_it() -> None:
+    script = turning(encoder()).emcy(1000, 0x7320, 1, "0100000000")
+    script.emcy(2000, 0x7320, 1, "0200000000").emcy(5000, 0, 0)
+    text = script.told().finding("emcy.active").text
+    assert 'alarms "position code invalid" and "hardware error" in 2 messages' in text
+
+
 def test_a_code_without_an_alarm_bit_names_none() -> None:
     script = turning(encoder()).emcy(1000, 0x7320, 1).emcy(2000, 0, 0)
     assert "position error (7320h) at" in script.told().finding("emcy.active").text

@@ -28,7 +28,7 @@ SETTLED_NS = 2_000_000_000
 def _active(facts: Facts) -> Iterator[Finding]:
     """Errors by what they are; those still active at the end are apart from those that are over."""
     contexts = {row.seq: row for row in facts.analysis.emcy_context}
-    details = {row.seq: row.details for row in facts.analysis.emcy if row.details}
+    details = {row.seq: row.details for row in facts.analysis.emcy if row.code and row.details}
     for (_, _, _, maker), rows in sorted(emcy_pattern.kinds(facts).items()):
         for still in (False, True):
             found = [row for row in rows if (row.status == "still active") == still]
@@ -130,7 +130,7 @@ def _bits(facts: Facts, rows: Sequence[ErrorRow], details: Mapping[int, Mapping[
     for field in device.emcy_fields if device else ():
         if rows[0].code not in field.codes.values() or len(field.bits) < 2:
             continue
-        values = (details.get(row.evidence[0], {}).get(field.name, 0) for row in rows)
+        values = (details.get(seq, {}).get(field.name, 0) for row in rows for seq in row.evidence)
         seen = reduce(or_, (value for value in values if isinstance(value, int)), 0)
         names = [f'"{name}"' for bit, name in sorted(field.bits.items()) if seen >> bit & 1]
         if names:

@@ -840,3 +840,13 @@ def test_a_pdo_that_a_node_does_not_send_may_be_the_one_that_it_complains_of() -
     script = settings(tilt(), res=100).heartbeat(0, 5000).read(-40, 0x1801, 1, 0x8000028A)
     script.every(0, 5000, 50, "28A#0102").emcy(3010, 0x8210, 0x11)
     assert "28Ah with 2 bytes" in script.told().finding("emcy.pdo_length").text
+
+
+@pytest.mark.parametrize("at", [2000, 8000], ids=["before the reset", "after it"])
+def test_a_new_number_counts_as_saved_only_where_it_was_saved_under_it(at: int) -> None:
+    """Saved before the reset, the identifiers belong to the old number."""
+    script = tilt().heartbeat(0, 5000).write(1000, 0x2000, 0, 20, size=1).nmt(5000, 0x81)
+    script.node = 20 if at > 5000 else 10
+    script.save(at).node = 20
+    found = script.boot(6000).heartbeat(6100, 12_000).told().finding("device.node_id_change")
+    assert found.check_next.startswith("Nothing") == (at > 5000)

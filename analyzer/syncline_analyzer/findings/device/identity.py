@@ -155,7 +155,7 @@ def _node_ids(facts: Facts) -> Iterator[Finding]:
         check_next = "Save the settings (1010h) if the new number is to stay."
         if each.new is not None and each.new_ns is not None:
             text += f"; it is now node {each.new}, heard since {facts.moment(each.new_ns)}"
-            if each.saved and each.back_ns is None:
+            if each.back_ns is None and _saved_in_order(facts, each):
                 check_next = "Nothing, if it was meant: the settings were saved (1010h)."
             if each.new != each.wanted:
                 text += " (this firmware counts one more than it stores)"
@@ -175,6 +175,18 @@ def _node_ids(facts: Facts) -> Iterator[Finding]:
             check_next = f"Order of this device: {device.quirks.node_id_order or 'reset it'}."
         finding = told("device.node_id_change", row, text, cause, check_next)
         yield finding
+
+
+def _saved_in_order(facts: Facts, each: Renaming) -> bool:
+    """Whether a new number was saved when its device takes it: some only under the new number."""
+    first = (each.device.quirks.node_id_order or "").startswith("write, save")
+    return each.saved and (
+        first
+        or any(
+            (save.bus, save.node) == (each.row.bus, each.new) and save.seq > each.row.seq
+            for save in facts.analysis.sdo.accepted.of_objects(lambda of: of.index == SAVE)
+        )
+    )
 
 
 def _still(each: Renaming) -> str:

@@ -1,38 +1,46 @@
 """Findings on self-tests that a device was told to make and did not pass."""
 
-from collections.abc import Iterator
+from bisect import bisect_left
+from collections.abc import Iterator, Sequence
 
 from syncline_analyzer.findings.config.settings import restart_after, value_words
 from syncline_analyzer.findings.device.rules import Key, named, number, told, writes
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.results import Finding, SdoRow
 from syncline_schemas.devices import Device
+from syncline_schemas.named_tuples import NamedTuple
 
 _NEVER = 1 << 63
 
 
+class _Start(NamedTuple):
+    """A write that started a self-test, and the object of its result."""
+
+    row: SdoRow
+    device: Device
+    result: Key
+
+
 def _failed(facts: Facts) -> Iterator[Finding]:
     """The first result of each node's self-tests that is not good, and whether one was later."""
-    told_of: set[tuple[str, int]] = set()
-    for start, key, device in writes(facts):
-        result = device.quirks.self_test.get(key)
-        place = start.bus, start.node
-        if result is None or number(start) != 1 or place in told_of:
-            continue
-        bad = [row for row in _results(facts, start, result, device) if not _good(device, row)]
-        if bad:
-            told_of.add(place)
-            yield _finding(facts, bad[0], result, device)
+    for starts in _starts(facts).values():
+        good = starts[0].device.quirks.self_test_good
+        results = _results(facts, starts)
+        rows = [(at, row) for at, found in enumerate(results) for row in found]
+        bad = next(((at, row) for at, row in rows if number(row) != good), None)
+        if bad is not None:
+            later = any(at > bad[0] and number(row) == good for at, row in rows)
+            yield _finding(facts, bad[1], starts[0], later=later)
 
 
-def _finding(facts: Facts, row: SdoRow, result: Key, device: Device) -> Finding:
-    node = facts.number(row.bus), row.node
-    words = value_words(facts, node, *result, number(row))
-    passed = " A later self-test was passed." if _passed_later(facts, row, result) else ""
+def _finding(facts: Facts, row: SdoRow, start: _Start, *, later: bool) -> Finding:
+    node, device = (facts.number(row.bus), row.node), start.device
+    words = value_words(facts, node, *start.result, number(row))
+    passed = " A later self-test was passed." if later else ""
     return told(
         "device.self_test_failed",
         row,
-        f"{facts.who(row.bus, row.node)} did not pass its self-test: {named(device, result)} ="
+        f"{facts.who(row.bus, row.node)} did not pass its self-test: {named(device, start.result)} ="
         f" {words}{facts.at(row.start_ns)}.{passed}",
         "The device finds a part of its own sensor faulty, or it was moved during the test.",
         "Repeat the self-test while the machine is at rest; replace the device if it fails again.",
@@ -40,65 +48,39 @@ def _finding(facts: Facts, row: SdoRow, result: Key, device: Device) -> Finding:
     )
 
 
-def _passed_later(facts: Facts, bad: SdoRow, result: Key) -> bool:
-    """Whether another self-test of the node was started after a bad result, and passed."""
-    return any(
-        (start.bus, start.node) == (bad.bus, bad.node)
-        and start.seq > bad.seq
-        and device.quirks.self_test.get(key) == result
-        and any(_good(device, row) for row in _results(facts, start, result, device))
-        for start, key, device in writes(facts)
-    )
+def _starts(facts: Facts) -> dict[tuple[str, int, Key], list[_Start]]:
+    """Self-tests by (bus, node, object of the result), in order."""
+    found: dict[tuple[str, int, Key], list[_Start]] = {}
+    for row, key, device in writes(facts):
+        result = device.quirks.self_test.get(key)
+        if result is not None and number(row) == 1:
+            found.setdefault((row.bus, row.node, result), []).append(_Start(row, device, result))
+    return found
 
 
-def _good(device: Device, row: SdoRow) -> bool:
-    return number(row) == device.quirks.self_test_good
+def _results(facts: Facts, starts: Sequence[_Start]) -> list[list[SdoRow]]:
+    """By self-test of a node the results that were read after it was over, before the next one."""
+    reads = _reads(facts, starts[0])
+    seqs = [row.seq for row in reads]
+    edges = [*(bisect_left(seqs, start.row.seq) for start in starts), len(seqs)]
+    return [_own(facts, start, reads[edges[at] : edges[at + 1]]) for at, start in enumerate(starts)]
 
 
-def _results(facts: Facts, start: SdoRow, result: Key, device: Device) -> list[SdoRow]:
-    """Results that were read after a self-test was over, before anything ended or may have ended it.
-
-    The next self-test does, a restart, and a gap, which may hide either.
-    """
-    ready_ns = start.end_ns + device.quirks.self_test_ms * 1_000_000
-    until_seq, until_ns = _until(facts, start)
-    return [
-        row
-        for row in _reads(facts, start, result)
-        if ready_ns <= row.start_ns < until_ns and row.seq < until_seq
-    ]
+def _own(facts: Facts, start: _Start, reads: Sequence[SdoRow]) -> list[SdoRow]:
+    """Reads that tell of a test: not after a restart, nor after a gap, which may hide one."""
+    bus, row = facts.number(start.row.bus), start.row
+    restart = restart_after(facts, (bus, row.node), row.seq) if reads else None
+    ready_ns = row.end_ns + start.device.quirks.self_test_ms * 1_000_000
+    until_seq = restart[0] if restart else _NEVER
+    gaps = (gap for gap in facts.analysis.capture.gaps if gap.bus in (None, row.bus))
+    until_ns = min((gap.start_ns for gap in gaps if gap.end_ns > row.start_ns), default=_NEVER)
+    return [read for read in reads if ready_ns <= read.start_ns < until_ns and read.seq < until_seq]
 
 
-def _until(facts: Facts, start: SdoRow) -> tuple[int, int]:
-    """(`seq`, time) from which on a result need not be that of a self-test."""
-    restart = restart_after(facts, (facts.number(start.bus), start.node), start.seq)
-    again = (
-        row.seq
-        for row in facts.analysis.sdo.writes.of_objects(
-            lambda of: (
-                (of.bus, of.node, of.index, of.sub)
-                == (start.bus, start.node, start.index, start.sub)
-            )
-        )
-        if row.seq > start.seq
-    )
-    gaps = (
-        gap.start_ns
-        for gap in facts.analysis.capture.gaps
-        if gap.bus in (None, start.bus) and gap.end_ns > start.start_ns
-    )
-    until_seq = min([*again, *([restart[0]] if restart else [])], default=_NEVER)
-    return until_seq, min(gaps, default=_NEVER)
-
-
-def _reads(facts: Facts, after: SdoRow, result: Key) -> list[SdoRow]:
-    """Every answer to a read of the result after a transfer."""
-    rows = facts.analysis.sdo.of_node(after.bus, after.node)
-    return [
-        row
-        for row in rows.of_objects(lambda of: (of.index, of.sub or 0) == result)
-        if row.direction == "upload" and row.result == "ok" and row.seq > after.seq
-    ]
+def _reads(facts: Facts, start: _Start) -> list[SdoRow]:
+    """Every answer to a read of the result."""
+    rows = facts.analysis.sdo.of_node(start.row.bus, start.row.node).of_object(*start.result)
+    return [row for row in rows.ok if row.direction == "upload"]
 
 
 RULES: tuple[Rule, ...] = (

@@ -420,6 +420,13 @@ def test_a_node_that_need_not_have_moved_is_not_sought_elsewhere(script: Script)
     assert finding.severity == "info"
 
 
+def test_defaults_that_were_saved_over_do_not_hold_after_the_reset() -> None:
+    script = loaded_and_reset().save(4500).boot(5400).heartbeat(5500, 20_000)
+    text = script.told().finding("device.defaults_pending").text
+    assert "the defaults hold" not in text
+    assert "the running ones were saved (1010h) in their place" in text
+
+
 def test_a_node_that_moved_when_its_supply_was_switched_was_heard_until_then() -> None:
     script = Script("haomiao-38", 3).read(-90, 0x1017, 0, 100, size=2).heartbeat(0, 9000).load(4000)
     text = gone(script, 30_000).told().finding("device.defaults_pending").text

@@ -29,6 +29,8 @@ def _defaults_pending(facts: Facts) -> Iterator[Finding]:
         since = (
             f"the defaults hold since the reset at {facts.moment(restart[1])}" if restart else None
         )
+        if _set_again(facts, row):
+            since = "the running ones were saved (1010h) in their place before a reset"
         moved = _moved_by_defaults(facts, row, device)
         finding = told(
             "device.defaults_pending",
@@ -66,8 +68,8 @@ def _moved_by_defaults(facts: Facts, row: SdoRow, device: Device) -> str:
     )
 
 
-def _set_again(facts: Facts, load: SdoRow, order: Key) -> bool:
-    """Whether a node was given a number, or saved that which it had, between defaults and reset."""
+def _set_again(facts: Facts, load: SdoRow, order: Key | None = None) -> bool:
+    """Whether a node saved what it had, or an object was written, between defaults and reset."""
     restart = restart_after(facts, (facts.number(load.bus), load.node), load.seq)
     return any(
         (row.bus, row.node) == (load.bus, load.node)

@@ -599,6 +599,15 @@ def test_a_node_that_is_silent_beside_sync_does_not_wait_for_it(kind: int, cause
     assert finding.cause.startswith(cause)
 
 
+def test_a_sync_that_nobody_sends_does_not_explain_a_pdo_that_is_due_by_its_timer() -> None:
+    script = encoder().write(-40, 0x1800, 2, 254, size=1).write(-35, 0x1800, 5, 100, size=2)
+    script.write(-30, 0x1801, 2, 1, size=1).heartbeat(0, 20_000)
+    finding = script.told().finding("pdo.silent")
+    assert "is due every 100 ms" in finding.text
+    assert "and no SYNC (080h) is on the bus" in finding.text
+    assert finding.cause.startswith("Its settings are others than those")
+
+
 def test_a_node_that_sends_under_another_number_is_told_once() -> None:
     script = Script("jn2100", 12).heartbeat(0, 20_000).sync(0, 20_000)
     script.every(1, 20_000, 20, "18A#C8006400").every(2, 20_000, 20, "28A#C800000064000000")

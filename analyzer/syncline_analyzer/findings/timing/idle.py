@@ -66,15 +66,15 @@ def _silent(facts: Facts) -> Iterator[Finding]:
 
 def _cause(reasons: Sequence[_Reason]) -> tuple[str, str]:
     """Likely cause of a node's silence, and what to check."""
-    if any(_NO_SYNC in reason.text for reason in reasons):
-        return (
-            "It waits for a SYNC that nobody sends; the node itself is alive.",
-            "Is there to be a SYNC producer (1006h of the master)?",
-        )
     if any(reason.text.endswith(_DUE) for reason in reasons):
         return (
             "Its settings are others than those, or its application stopped; the node is alive.",
             "Read 180xh:1, 2 and 5, 1001h and 1003h of the node.",
+        )
+    if any(_NO_SYNC in reason.text for reason in reasons):
+        return (
+            "It waits for a SYNC that nobody sends; the node itself is alive.",
+            "Is there to be a SYNC producer (1006h of the master)?",
         )
     return (
         "Its settings; the node itself is alive.",

@@ -807,6 +807,44 @@ def test_guarding_that_ends_with_the_capture_or_was_none() -> None:
     assert "nmt.guarding_ended" not in run(*rows, gap, *after).ids()
 
 
+def answers(begin_ms: float, end_ms: float, state: int = 5) -> list[Row]:
+    """Guard answers of node 5 in a log without the requests."""
+    return [row for row in guarding(begin_ms, end_ms, state=state) if not row[3]]
+
+
+@pytest.mark.triggers("nmt.guarding_ended")
+@pytest.mark.near_miss("nmt.node_lost")
+@pytest.mark.parametrize("batch", [1, 7, 1 << 20])
+def test_answers_that_end_in_a_log_without_requests_accuse_nobody_alone(batch: int) -> None:
+    rows = ordered(answers(0, 4000), others(12_000))
+    result = run(*rows, batch=batch)
+    finding = one(result, "nmt.guarding_ended")
+    assert result.ids() == ["nmt.guarding_ended"]
+    assert (finding.severity, finding.node) == ("warning", NODE)
+    assert "The guard answers of node 5, every 100 ms until then, ended at +3.901 s" in finding.text
+    assert "nobody asked it any more, or it was lost." in finding.text
+    assert result.states(NODE)[-1] == ("UNKNOWN", 4.051, 11.9)
+    pdos = [frame(t, 0x185, "01") for t in range(5, 12_000, 20)]
+    lives = one(run(*ordered(rows, pdos), batch=batch), "nmt.guarding_ended")
+    assert lives.severity == "info"
+    assert "went on: nobody asks it any more." in lives.text
+
+
+@pytest.mark.triggers("nmt.node_lost")
+@pytest.mark.near_miss("nmt.guarding_ended")
+def test_heartbeats_that_end_in_a_log_without_requests_are_a_loss() -> None:
+    asked_once = [frame(1050, 0x705, "85")]
+    rows = ordered(heartbeats(0, 1000), asked_once, heartbeats(1100, 4000), others(12_000))
+    assert "nmt.node_lost" in run(*rows).ids()
+    assert run(*ordered(heartbeats(0, 4000), others(12_000))).ids() == ["nmt.node_lost"]
+
+
+@pytest.mark.near_miss("nmt.guard_toggle")
+def test_an_answer_that_is_missing_in_a_log_without_requests_repeats_no_bit() -> None:
+    every = answers(0, 4000)
+    assert run(*ordered([*every[:7], *every[8:15], *every[16:23], *every[24:]], OTHER)).ids() == []
+
+
 def test_nodes_that_miss_one_master_are_one_finding_at_the_master() -> None:
     slaves = [
         row

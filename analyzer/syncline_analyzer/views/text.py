@@ -172,7 +172,8 @@ def _nodes(analysis: Analysis, width: int) -> Table:
     for row in analysis.nodes:
         alive = number(row.heartbeat_period_ms, "ms")
         if row.guard_answers or row.guard_requests:
-            alive = f"guarded {row.guard_answers}/{row.guard_requests}"
+            asked = f"/{row.guard_requests}" if row.guard_requests else ""
+            alive = f"guarded {row.guard_answers}{asked}"
         sdo = str(row.sdo_transfers)
         for count, word in ((row.sdo_aborts, "aborted"), (row.sdo_unanswered, "unanswered")):
             sdo += f", {count} {word}" if count else ""

@@ -108,7 +108,7 @@ def _toggles(facts: Facts) -> Iterator[Finding]:
     """Toggle bits that do not alternate, but for those that a write has restarted."""
     for (bus, node), nmt in facts.control.nmt.nodes.items():
         number = nmt.counts.toggle_errors - len(_not_recorded(nmt))
-        if number < REPEATED or _sends_beats(facts, (bus, node), nmt):
+        if nmt.counts.unseen or number < REPEATED or _sends_beats(facts, (bus, node), nmt):
             continue
         name = facts.context.bus_name(bus)
         stuck = number >= nmt.counts.guard_answers - 2
@@ -237,6 +237,7 @@ RULES = (
         "The answers that repeat it.",
         (
             "A single repetition is none; nor is the first answer after a reset or a gap.",
+            "Only where requests are seen: an answer may be missing without them.",
             "Writes that restart the bit on some devices are not counted.",
             "Nor are heartbeats of a node that is asked as well: they carry no toggle bit.",
         ),

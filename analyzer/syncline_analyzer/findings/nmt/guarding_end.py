@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from syncline_analyzer.findings.nmt.guarding_story import guarding_stories
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import seconds
-from syncline_analyzer.folds.nmt.events import Pause
+from syncline_analyzer.folds.nmt.events import Pause, Silence
 from syncline_analyzer.folds.nmt.guarding import GUARD_ANSWER_NS
 from syncline_analyzer.folds.nmt.table import NodeKey, NodeNmt
 from syncline_analyzer.folds.nmt.timeout import (
@@ -39,6 +39,30 @@ _NAMED = 8
 """Nodes that a text names one by one."""
 
 
+_MASTERS = (
+    (
+        "The master's program stopped or was restarted, it gave the node up, or a tool that asked"
+        " was closed."
+    ),
+    (
+        "Does the master still run, and is the node in its list? Nobody watches it now: read its"
+        " 1001h, 100Ch and 100Dh."
+    ),
+)
+"""Cause, and what to check next; ..."""
+_OPEN = (
+    (
+        "The master's program stopped or gave the node up, a tool that asked was closed, or the node"
+        " lost its supply or its connection."
+    ),
+    (
+        "Does the node answer (1001h)? If it does, look at the master; if not, at the node's supply"
+        " and plug. Record again with a tool that stores remote frames."
+    ),
+)
+"""... the same where the requests are not seen."""
+
+
 class _End(NamedTuple):
     """The last request to a node that was asked regularly."""
 
@@ -50,16 +74,19 @@ class _End(NamedTuple):
     heard_ns: int
     life: str
     """Its life time where it is known, on, and over."""
+    unseen: bool = False
+    """The log holds no requests: it is the last answer."""
 
 
 def _ended(facts: Facts) -> Iterator[Finding]:
     """Masters that asked nodes regularly, and then no more."""
-    by_bus: dict[int, list[_End]] = {}
+    by_bus: dict[tuple[int, bool, bool], list[_End]] = {}
     for key, nmt in facts.control.nmt.nodes.items():
-        end = _end(facts, key, nmt)
+        end = _last_answer(facts, key, nmt) if nmt.counts.unseen else _end(facts, key, nmt)
         if end is not None and not _told(facts, key, end) and not _meant(facts, key, end):
-            by_bus.setdefault(key[0], []).append(end)
-    for bus, ends in by_bus.items():
+            alike = end.unseen, end.unseen and _silent([end])
+            by_bus.setdefault((key[0], *alike), []).append(end)
+    for (bus, *_), ends in by_bus.items():
         for group in _groups(sorted(ends)):
             yield _finding(facts, facts.context.bus_name(bus), group)
 
@@ -85,6 +112,30 @@ def _end(facts: Facts, key: NodeKey, nmt: NodeNmt) -> _End | None:
     over = life is not None and life[0] < silent_ns and _would_tell(facts, key, last)
     told = life[1] if life is not None and over else ""
     return _End(last.start_ns, last.start_seq, key[1], period, silent_ns, heard_ns, told)
+
+
+def _last_answer(facts: Facts, key: NodeKey, nmt: NodeNmt) -> _End | None:
+    """The same of a log without requests: the last answer."""
+    silences, last_ns = _answers_missing(facts, key), facts.control.clock.ended_ns.get(key[0])
+    period, told_ns, answers = nmt.heartbeat_period_ns, nmt.told_ns, nmt.counts.guard_answers
+    if period is None or told_ns is None or last_ns is None or not silences:
+        return None
+    last, paused = silences[-1], [s.end_ns - s.start_ns for s in silences if s.end_seq is not None]
+    if last.kind != "guard answer" or answers < max(ENOUGH, nmt.counts.heartbeats):
+        return None
+    silent_ns = last_ns - told_ns
+    if silent_ns < max(SILENT_NS, SILENT_PERIODS * period, LONGER * max(paused, default=0)):
+        return None
+    if _unheard(facts, key, told_ns, last_ns):
+        return None
+    heard_ns = told_ns if nmt.heard_ns is None else nmt.heard_ns
+    return _End(told_ns, last.start_seq, key[1], period, silent_ns, heard_ns, "", unseen=True)
+
+
+def _answers_missing(facts: Facts, key: NodeKey) -> list[Silence]:
+    """Silences of a node, in order."""
+    silences = facts.control.nmt.timelines[key].history.silences
+    return sorted(silences, key=lambda silence: silence.start_seq)
 
 
 def _would_tell(facts: Facts, key: NodeKey, last: Pause) -> bool:
@@ -163,10 +214,11 @@ def _finding(facts: Facts, bus: str, group: Sequence[_End]) -> Finding:
     named = ", ".join(map(str, sorted(nodes)[:_NAMED]))
     named += f" and {len(nodes) - _NAMED} more" if len(nodes) > _NAMED else ""
     whom = facts.inside(bus, first.node) if len(nodes) == 1 else f"nodes {named}"
-    text = f"The guard requests to {whom}, every {seconds(first.period_ns)} until then, ended"
+    what = "answers of" if first.unseen else "requests to"
+    text = f"The guard {what} {whom}, every {seconds(first.period_ns)} until then, ended"
     text += f" at {facts.moment(first.t_ns)}, while other frames went on for"
     text += f" {seconds(min(end.silent_ns for end in group))} up to the end."
-    text += _afterwards(facts, group)
+    text += _unseen(facts, group) if first.unseen else _afterwards(facts, group)
     alive = [end for end in group if end.life]
     if alive:
         text += (
@@ -174,35 +226,51 @@ def _finding(facts: Facts, bus: str, group: Sequence[_End]) -> Finding:
         )
     return Finding(
         "nmt.guarding_ended",
-        "warning" if alive else "info",
+        "warning" if alive or (first.unseen and _silent(group)) else "info",
         bus,
         first.node if len(nodes) == 1 else None,
         first.t_ns,
         max(end.t_ns for end in group) + 1,
         text,
-        "The master's program stopped or was restarted, it gave the node up, or a tool that asked"
-        " was closed.",
-        "Does the master still run, and is the node in its list? Nobody watches it now: read its"
-        " 1001h, 100Ch and 100Dh.",
+        *(_OPEN if first.unseen and _silent(group) else _MASTERS),
         [end.seq for end in group],
     )
 
 
 def _afterwards(facts: Facts, group: Sequence[_End]) -> str:
     """Whether anything was heard of the nodes for long after it."""
-    if any(end.heard_ns - end.t_ns >= end.silent_ns / 2 for end in group):
+    if not _silent(group):
         return ""
     last_ns = max(end.heard_ns for end in group)
     return f" Nothing was heard of {'it' if len(group) == 1 else 'them'} after {facts.moment(last_ns)}."
+
+
+def _silent(group: Sequence[_End]) -> bool:
+    """Whether nothing was heard of the nodes for long after it."""
+    return not any(end.heard_ns - end.t_ns >= end.silent_ns / 2 for end in group)
+
+
+def _unseen(facts: Facts, group: Sequence[_End]) -> str:
+    """What a log leaves open that holds no requests."""
+    who = "it" if len(group) == 1 else "them"
+    if not _silent(group):
+        return f" Other frames of {who} went on: nobody asks {who} any more."
+    lost = "it was lost" if len(group) == 1 else "they were lost"
+    text = " The log holds no guard requests, so it cannot tell which it was: nobody asked"
+    return f"{text} {who} any more, or {lost}.{_afterwards(facts, group)}"
 
 
 RULES = (
     Rule(
         "nmt.guarding_ended",
         "A master that asked a node for its state regularly ended that while the bus lived on.",
-        "The last request.",
+        "The last request; the last answer where the log holds no requests.",
         (
             "At least 20 answers to requests at even intervals, the last request or two among them.",
+            (
+                "Where the log holds no requests, an alternating bit 7 shows that a node is guarded; that"
+                " it may be lost instead is said, and a warning."
+            ),
             (
                 "Other frames come for 5 s and 20 periods after it, and for twice as long as any"
                 " pause before; no gap and no silence of the whole bus."

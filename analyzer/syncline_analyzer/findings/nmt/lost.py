@@ -456,7 +456,10 @@ RULES = (
             ),
             "Only nodes whose error control is periodic, and any frame of a node is a sign of life.",
             "A heartbeat that was switched off or slowed down by a write of 1017h is no loss.",
-            "A guarded node only while the master asks it.",
+            (
+                "A guarded node only while the master asks it; where no requests are seen, see"
+                " nmt.guarding_ended."
+            ),
             (
                 "That the device was exchanged is said where 1018h:4 was read before and after its only"
                 " silence, and no gap, write, program download or second device explains it; that LSS gave"

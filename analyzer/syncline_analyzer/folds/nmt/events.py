@@ -21,7 +21,9 @@ KEPT_AFTER_MARK = 3
 """State messages kept after an NMT command or a gap, also when they change nothing."""
 
 UNASKED = "nobody asked it for"
-"""How the cause of a state begins that is not known as a guarded node is not asked any more."""
+"""How the cause of a state begins that is not known as a guarded node is not asked any more, ..."""
+UNSEEN = "no guard answer of it for"
+"""... and the same where the log holds no requests."""
 
 BeatKind = Literal["heartbeat", "guard answer", "boot-up", "empty"]
 Certainty = Literal["observed", "commanded", "implied", "assumed"]
@@ -121,6 +123,11 @@ class Counts:
     empty: int = 0
     odd: int = 0
 
+    @property
+    def unseen(self) -> bool:
+        """Whether guard answers came, but none of the requests."""
+        return self.guard_answers > 0 and not self.guard_requests
+
 
 class Command(NamedTuple):
     """An NMT command, or a write that the node takes as one (`by` says which); node 0 means all."""
@@ -197,6 +204,8 @@ class NodeHistory:
     period_since_ns: int = 0
     """Before that the period was another one, as the last ones of each silence tell it."""
     guard_period_ns: int | None = None
+    unseen: bool = False
+    """Whether it answers guard requests of which the log holds none."""
     paces: Sequence[Pace] = ()
     stretches: Sequence[Pace] = ()
     even: Sequence[Even] = ()

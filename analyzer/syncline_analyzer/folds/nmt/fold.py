@@ -354,6 +354,7 @@ class NmtFold:
             period_ns=control.slowest_ns(),
             period_since_ns=control.slowest_since_ns(),
             guard_period_ns=control.guarding.periods.median_ns(),
+            unseen=control.counts.unseen,
             paces=control.paces.paces,
             stretches=control.paces.stretches,
             even=control.paces.even,

@@ -13,6 +13,8 @@ from syncline_schemas.records import dataclass
 
 STATES_SINCE = 2
 """States told since a remote frame that show that it has not emptied the heartbeats."""
+TOGGLED_IN = 3
+"""Among so many states in a row one has another bit 7 than the state before it: they answer requests."""
 ON_TIME = 0.15
 """Part of its period by which an empty heartbeat may come early or late."""
 
@@ -40,6 +42,8 @@ class Kinds:
     _remote_seq: int = -1
     _since_remote: int = 0
     """States told since the last remote frame."""
+    _bits: Mask = field(default_factory=lambda: np.zeros(0, np.bool_))
+    """Bit 7 of the last states."""
     _spoke: bool = False
     """Whether the last data frame told a byte."""
     _spoken: tuple[Int64s, int] = field(default_factory=lambda: (np.zeros(0, np.int64), 0))
@@ -75,6 +79,7 @@ class Kinds:
         self.guarding.in_row += len(t_ns)
         self._since_remote += len(t_ns)
         self._spoke = True
+        self._bits = np.zeros(TOGGLED_IN, np.bool_)
         spoken = np.concatenate((self._spoken[0], t_ns[-MIN_PERIODS - 1 :]))
         self._spoken = (spoken[-MIN_PERIODS - 1 :], self._spoken[1])
 
@@ -102,6 +107,7 @@ class Kinds:
         toggled = (rows.byte[talk] & 0x80) != 0
         said = Talk(rows.seq[talk], rows.t_ns[talk], request[talk], rows.remote[talk], toggled)
         kinds[talk[self.guarding.follow(said)]] = ANSWER
+        kinds[self._toggling(rows, speaks, request)] = ANSWER
         since = self._told_since_remote(rows, kinds)
         zeros = np.flatnonzero(one_byte & (rows.byte == 0))
         self._tell_zeros(rows, kinds, zeros, since)
@@ -120,6 +126,18 @@ class Kinds:
         passed = [seq for seq in self.resets if stop_seq is None or seq < stop_seq]
         self.reset_seq = max([self.reset_seq, *passed])
         self.resets = self.resets[len(passed) :]
+
+    def _toggling(self, rows: Columns, speaks: Mask, request: Mask) -> Int64s:
+        """Rows of states whose bit 7 alternates: answers to requests that the log does not hold."""
+        told = np.flatnonzero(speaks)
+        held = len(self._bits)
+        bits = np.concatenate((self._bits, (rows.byte[told] & 0x80) != 0))
+        changes = np.concatenate(([0], np.cumsum(bits[1:] != bits[:-1]), [0]))[: len(bits)]
+        before = np.concatenate((np.zeros(TOGGLED_IN, np.int64), changes))[: len(bits)]
+        unseen = (np.cumsum(request) + self.counts.guard_requests == 0)[told]
+        self._bits = bits[-TOGGLED_IN:]
+        found: Int64s = told[(changes > before)[held:] & unseen]
+        return found
 
     def _told_since_remote(self, rows: Columns, kinds: NDArray[np.int8]) -> Int64s:
         """(n,) states told since the last remote frame, that of the row included."""

@@ -10,6 +10,7 @@ from syncline_analyzer.folds.nmt.emptied import boots_with_00h
 from syncline_analyzer.folds.nmt.events import (
     IN_FLIGHT_NS,
     UNASKED,
+    UNSEEN,
     Beat,
     BootUpEvent,
     Certainty,
@@ -292,6 +293,9 @@ class Timeline:
         before = self._before or _Told.of(self.intervals)
         passed = (event.t_ns - event.since_ns) / 1e9
         cause = f"{UNASKED} {passed:.3f} s, and nothing else was heard of it"
+        if self.history.unseen:
+            cause = f"{UNSEEN} {passed:.3f} s: nobody asked it any more, or it is lost"
+            cause += "; the log holds no requests"
         self._begin(NmtState.UNKNOWN, event.t_ns, cause, "assumed", None)
         self._before = before
 

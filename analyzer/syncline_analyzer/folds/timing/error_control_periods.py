@@ -11,6 +11,7 @@ from syncline_analyzer.context import Context
 from syncline_analyzer.distinct import distinct
 from syncline_analyzer.distribution import Distribution, quantile_of
 from syncline_analyzer.fold import IndexedBatch
+from syncline_analyzer.folds.nmt.events import Counts
 from syncline_analyzer.folds.nmt.table import NodeNmt
 from syncline_analyzer.folds.timing.block import Block
 from syncline_analyzer.folds.timing.extremes import limits_of
@@ -162,7 +163,7 @@ class ErrorControlPeriods:
             if nodes is not None and nmt is None:
                 continue
             guarded = nmt.counts.guard_answers if nmt else state.answers.answered
-            beating = nmt.counts.heartbeats + nmt.counts.empty if nmt else state.beats.count
+            beating = _by_itself(nmt.counts) if nmt else state.beats.count
             name, can_id = self._context.bus_name(bus), FIRST_ID + node
             if beating > 1 and state.beats.periods.spread.count:
                 starts = [
@@ -404,3 +405,8 @@ def _told(known: Known | None) -> int | None:
     if known is None or known.source == "eds-default" or not isinstance(known.value, int):
         return None
     return known.value
+
+
+def _by_itself(counts: Counts) -> int:
+    """Messages of a node that nobody is seen to have asked for."""
+    return counts.heartbeats + counts.empty + (counts.guard_answers if counts.unseen else 0)

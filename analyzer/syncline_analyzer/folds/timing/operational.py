@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from syncline_analyzer.folds.nmt.events import UNASKED
+from syncline_analyzer.folds.nmt.events import UNASKED, UNSEEN
 from syncline_analyzer.folds.timing.rhythm import Operational
 from syncline_analyzer.results import NmtStateRow
 
@@ -61,7 +61,7 @@ def _stretches(rows: Sequence[NmtStateRow]) -> list[tuple[str, list[NmtStateRow]
     """Rows in a row of one state, and those that tell no other one."""
     found: list[tuple[str, list[NmtStateRow]]] = []
     for row in rows:
-        if found and (row.state == found[-1][0] or row.cause.startswith(UNASKED)):
+        if found and (row.state == found[-1][0] or row.cause.startswith((UNASKED, UNSEEN))):
             found[-1][1].append(row)
         else:
             found.append((row.state, [row]))

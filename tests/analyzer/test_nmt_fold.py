@@ -360,6 +360,34 @@ def test_an_unasked_fall_to_7fh_is_the_restart_of_a_lir(device: str) -> None:
     assert old.ids() == ["nmt.left_operational"]
 
 
+@pytest.mark.parametrize("batch", [1, 10, 11, 1 << 20])
+@pytest.mark.parametrize(
+    ("at_ms", "found"),
+    [(1000, "nmt.left_operational"), (1010, "nmt.unexpected_reset"), (990, "nmt.unexpected_reset")],
+)
+def test_a_heartbeat_that_keeps_its_rhythm_over_a_fall_is_no_restart(
+    at_ms: int, found: str, batch: int
+) -> None:
+    """7Fh may be the boot-up of a LIR, which is silent for 4 s at a restart."""
+    rows = ordered(heartbeats(0, 1000), heartbeats(at_ms, 3000, state="7F"), other(3000))
+    result = run(*rows, devices=LIR, batch=batch)
+    assert result.ids() == [found]
+    fell = found == "nmt.left_operational"
+    assert result.states(NODE)[1][0] == ("PRE-OPERATIONAL" if fell else "INITIALISING")
+    assert result.nodes[NODE].boot_ups == (not fell)
+
+
+@pytest.mark.parametrize("late_ms", [0, 20, 4000])
+def test_a_fall_in_step_after_which_the_rhythm_breaks_is_a_restart(late_ms: int) -> None:
+    rows = ordered(
+        heartbeats(0, 1000),
+        [frame(1000, 0x705, "7F")],
+        heartbeats(1100 + late_ms, 8000, state="7F"),
+        other(8000),
+    )
+    assert ("nmt.unexpected_reset" in run(*rows, devices=LIR).ids()) == (late_ms > 0)
+
+
 @pytest.mark.parametrize("t_ms", [990, 1055])
 @pytest.mark.parametrize("code", ["3081", "1075", "4081"])
 def test_a_communication_error_explains_the_fall_of_a_lir(code: str, t_ms: int) -> None:

@@ -504,7 +504,7 @@ def test_errors_explain_a_fall_of_a_lir_only_at_once() -> None:
     error = [frame(9010, 0x085, "1075100000000000"), frame(9100, 0x085, "0000000000000000")]
     falls = [
         row
-        for at in (12_050, 13_000, 13_950)
+        for at in (12_070, 13_000, 13_950)
         for row in (
             frame(at, 0x705, "7F"),
             frame(at + 30, 0x000, "0105"),

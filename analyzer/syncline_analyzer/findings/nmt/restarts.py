@@ -388,6 +388,10 @@ _UNASKED = (
     "The first boot-up of a node that was not heard before is its switching on.",
     "Not where a capture gap or a silence of the whole bus lies just before it.",
     "The second frame of a pair that one start sends is none.",
+    (
+        "A state byte that may be a device's boot-up is none where the heartbeats before and after it"
+        " keep their rhythm."
+    ),
 )
 
 

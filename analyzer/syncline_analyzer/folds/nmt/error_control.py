@@ -40,7 +40,7 @@ from syncline_analyzer.folds.nmt.kinds import (
 )
 from syncline_analyzer.folds.nmt.pace import HeartbeatPeriods
 from syncline_analyzer.folds.nmt.pairs import Pairs
-from syncline_analyzer.folds.nmt.restarts import LastTold, Restart, restarts
+from syncline_analyzer.folds.nmt.restarts import STARTED, LastTold, Restart, restarts
 from syncline_analyzer.median import median
 from syncline_schemas.named_tuples import NamedTuple
 from syncline_schemas.records import dataclass
@@ -57,6 +57,8 @@ MAX_TOGGLES = 10_000
 """Repeated toggle bits kept one by one per node."""
 MAX_ODD = 100
 """Messages that are no state, kept one by one per node."""
+_FALLEN = 0x7F
+"""Byte of the state into which a node falls that may have started anew."""
 _NONE = np.zeros(0, np.int64)
 _KINDS: tuple[BeatKind, ...] = ("heartbeat", "guard answer", "boot-up", "empty")
 
@@ -467,14 +469,22 @@ class ErrorControl:
         heard_ns: int | None,
         beat_ns: int | None,
     ) -> None:
-        """Keep the beats that change the state, and the first ones after each command."""
+        """Keep the beats that change the state, and the first ones after each command.
+
+        The one after a fall tells whether the heartbeat kept its rhythm.
+        """
         n = len(beats.seq)
         if not n:
             return
         heard = (beats.byte & 0x7F).astype(np.int64)
         states = np.where(kinds == EMPTY, -2, np.where(kinds == BOOT_UP, -3, heard))
-        keep = states != np.concatenate(([self._state], states[:-1]))
+        before = np.concatenate(([self._state], states[:-1]))
+        keep = states != before
         keep |= kinds == BOOT_UP
+        fell = np.isin(before, STARTED) & (states == _FALLEN) & (kinds == HEARTBEAT)
+        keep[1:] |= fell[:-1]
+        if fell[-1]:
+            self._marks.append([int(beats.seq[-1]), 1])
         keep[:-1] |= (kinds[:-1] == EMPTY) & (kinds[1:] == HEARTBEAT)
         for silence in self.silences[self._silences_told :]:
             at = int(np.searchsorted(beats.seq, silence.order))

@@ -10,7 +10,7 @@ from syncline_analyzer.folds.nmt.kinds import BOOT_UP, HEARTBEAT
 from syncline_schemas.canopen.nmt import STATE_OF_BYTE, NmtState
 from syncline_schemas.named_tuples import NamedTuple
 
-_ON_COMMAND = (0x04, 0x05)
+STARTED = (0x04, 0x05)
 """State bytes of STOPPED and OPERATIONAL, into which a node does not boot."""
 _BOOTED = np.isin(
     np.arange(256), [b for b, s in STATE_OF_BYTE.items() if s is NmtState.PRE_OPERATIONAL]
@@ -52,7 +52,7 @@ def restarts(last: LastTold | None, beats: Columns, kinds: NDArray[np.int8]) -> 
     state_before = np.concatenate(([before.state], state[:-1]))
     beating = kinds == HEARTBEAT
     beat_before = np.concatenate(([before.kind == HEARTBEAT], beating[:-1]))
-    fell = beating & beat_before & np.isin(state_before, _ON_COMMAND) & _BOOTED[state]
+    fell = beating & beat_before & np.isin(state_before, STARTED) & _BOOTED[state]
     booted = kinds == BOOT_UP
     for row in np.flatnonzero(fell | booted).tolist():
         since_seq = None if booted[row] else int(seq_before[row])

@@ -29,7 +29,7 @@ from syncline_analyzer.folds.nmt.quiet import Quiet
 from syncline_analyzer.folds.nmt.reactions import REACTION, Reactions
 from syncline_analyzer.folds.nmt.silences import RESET_WINDOW_NS, Silences, loss_of
 from syncline_analyzer.folds.nmt.timeout import LOST_FACTOR, off_pace
-from syncline_analyzer.folds.nmt.unheeded import unheeded
+from syncline_analyzer.folds.nmt.unheeded import in_step, unheeded
 from syncline_schemas.batch import Gap
 from syncline_schemas.canopen.nmt import (
     RESETS,
@@ -427,7 +427,15 @@ class Timeline:
             -TOLD_LATE_NS <= beat.t_ns - t_ns <= REACTION_NS and not self._told_since(t_ns, beat)
             for t_ns in history.communication_errors
         )
-        return not told and self._stays(beat)
+        return not told and self._stays(beat) and not self._in_step(beat)
+
+    def _in_step(self, fall: Beat) -> bool:
+        """Whether the heartbeat keeps its rhythm over a fall, as none does of a node that restarts."""
+        after = self.history.beats[bisect_right(self._seqs, fall.seq) :][:1]
+        if not after or after[0].after_ns != fall.t_ns or fall.after_ns is None:
+            return False
+        around = [beat for beat in (fall, after[0]) if beat.kind == "heartbeat"]
+        return len(around) == 2 and in_step(self.history, around, self._context.resolution_ns)
 
     def _told_since(self, t_ns: int, fall: Beat) -> bool:
         """Whether heartbeats went on as before after an error: the reaction to it comes at once."""

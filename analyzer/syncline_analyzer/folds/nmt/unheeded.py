@@ -14,6 +14,7 @@ from syncline_analyzer.folds.nmt.events import (
     Interval,
     NodeHistory,
 )
+from syncline_analyzer.folds.nmt.pace import Even
 from syncline_schemas.canopen.nmt import RESETS, STATE_OF_BYTE, NmtState
 
 BOOT_NS = 10_000_000_000
@@ -98,14 +99,29 @@ def _on_time(
 
     A node that starts anew falls out of step with the heartbeats (`beats`) that came before.
     """
-    intervals = [beat.t_ns - (beat.after_ns or 0) for beat in beats]
     return any(
         even.first_ns < command.t_ns
         and command.t_ns + 2 * even.period_ns < even.last_ns
-        and resolution_ns <= ON_TIME * even.period_ns
-        and all(abs(each - even.period_ns) <= ON_TIME * even.period_ns for each in intervals)
+        and _keep(even, beats, resolution_ns)
         for even in history.even
     )
+
+
+def in_step(history: NodeHistory, beats: Sequence[Beat], resolution_ns: int) -> bool:
+    """Whether some heartbeats in a row come on time among others of one pace."""
+    return any(
+        even.first_ns < beats[0].t_ns
+        and beats[-1].t_ns <= even.last_ns
+        and _keep(even, beats, resolution_ns)
+        for even in history.even
+    )
+
+
+def _keep(even: Even, beats: Sequence[Beat], resolution_ns: int) -> bool:
+    """Whether heartbeats come a period after the ones before them."""
+    slack = ON_TIME * even.period_ns
+    intervals = [beat.t_ns - (beat.after_ns or 0) for beat in beats]
+    return resolution_ns <= slack and all(abs(each - even.period_ns) <= slack for each in intervals)
 
 
 def _explained(history: NodeHistory, boot_ups: Sequence[BootUpEvent], command: Command) -> bool:

@@ -210,12 +210,13 @@ def test_a_device_that_goes_on_under_another_number(reset: str) -> None:
     back = [frame(3500, 0x709, "00")] if reset == "8100" else []
     told = renumbered(STORED, back, reset=reset)
     (finding,) = found(told, "lss.node_id_changed")
-    assert finding.text.startswith("Node 5 was given node-ID 8 by LSS, took it and stored it;")
+    begin = "A device that is taken for node 5 was given node-ID 8 by LSS, took it and stored it;"
+    assert finding.text.startswith(begin)
     assert "it is node 8 since it booted at +3.400 s." in finding.text
     assert severe(told) == []
     state = last_state(told, 5)
     assert (state.state, state.start_ns - T0) == ("UNKNOWN", 3_400 * MS)
-    assert "node 8" in state.cause
+    assert "taken for node 8" in state.cause
     assert {row.node: row.final_state for row in told.nodes}[5] == "UNKNOWN"
     assert "LOST" not in {row.state for row in told.nmt_states}
     own = [row for row in told.nmt_states if row.node == 5]
@@ -226,6 +227,27 @@ def test_the_identity_that_was_selected_is_that_of_the_node() -> None:
     told = renumbered(STORED, serial(1000, 5, 2), selected(2), serial(9000, 8, 2))
     (finding,) = found(told, "lss.node_id_changed")
     assert "it is node 8 since it booted" in finding.text
+
+
+@pytest.mark.parametrize(
+    ("more", "known"),
+    [
+        ([], False),
+        (serial(1000, 5, 2), False),
+        ([*serial(1000, 5, 2), *serial(9000, 8, 2)], True),
+        ([*serial(1000, 5, 2), *selected(2)], True),
+        (selected(2), False),
+        ([ask(2950, "5E"), answer(2952, "5E05")], True),
+    ],
+    ids=["nothing", "one serial", "both serials", "selected", "only selected", "inquired"],
+)
+def test_whose_number_it_was_is_known_or_assumed(more: list[Row], known: bool) -> None:
+    """A new device may get the number while node 5 dies by chance."""
+    told = renumbered(STORED, more)
+    (finding,) = found(told, "lss.node_id_changed")
+    assert finding.text.startswith("Node 5 was given") == known
+    assert any("taken for node 5, because" in each for each in finding.assumed) == (not known)
+    assert ("taken for node 8" in last_state(told, 5).cause) == (not known)
 
 
 @pytest.mark.near_miss("lss.node_id_changed")

@@ -22,6 +22,7 @@ _SEARCHES = ("identify non-configured remote slave", "identify non-configured sl
 """They look for devices that have no node-ID yet."""
 _IDENTITY = range(1, 5)
 """Subindices of 1018h: vendor, product, revision and serial number."""
+_SERIAL = 4
 
 
 class Renumbered(NamedTuple):
@@ -33,6 +34,8 @@ class Renumbered(NamedTuple):
     setting_seq: int
     boot_seq: int
     boot_ns: int
+    known: bool
+    """The device told its old number, or a serial number shows that it is the same."""
 
 
 def renumbered(
@@ -51,7 +54,9 @@ def renumbered(
         if old is not None and another(context, bus, old, new, lss.identity(setting)):
             continue
         if boot is not None and old is not None:
-            found[name, new] = Renumbered(name, old, new, setting.answer.seq, boot.seq, boot.t_ns)
+            known = _known(context, (bus, old, new), lss, setting)
+            place = (setting.answer.seq, boot.seq, boot.t_ns)
+            found[name, new] = Renumbered(name, old, new, *place, known)
     return list(found.values())
 
 
@@ -94,14 +99,30 @@ def _old(
 def another(context: Context, bus: int, old: int, new: int, selected: Mapping[int, int]) -> bool:
     """Whether 1018h of the two numbers, or of what LSS selected, is that of two devices."""
     for sub in _IDENTITY:
-        numbers = {selected.get(sub)}
-        for node in (old, new):
-            known = context.shadow.get(bus, node, 0x1018, sub)
-            told = known is not None and known.source.startswith("sdo")
-            numbers.add(context.shadow.number(bus, node, 0x1018, sub) if told else None)
+        numbers = {selected.get(sub), *(_told(context, bus, node, sub) for node in (old, new))}
         if len(numbers - {None}) > 1:
             return True
     return False
+
+
+def _told(context: Context, bus: int, node: int, sub: int) -> int | None:
+    """What a node answered of its identity (1018h)."""
+    known = context.shadow.get(bus, node, 0x1018, sub)
+    told = known is not None and known.source.startswith("sdo")
+    return context.shadow.number(bus, node, 0x1018, sub) if told else None
+
+
+def _known(
+    context: Context, place: tuple[int, int, int], lss: LssTable, setting: LssSetting
+) -> bool:
+    """Whether a device told its old number, or its serial number shows that it is the same.
+
+    `place` is its bus, its old number and the new one.
+    """
+    bus, old, new = place
+    serial, selected = _told(context, bus, old, _SERIAL), lss.identity(setting).get(_SERIAL)
+    same = serial is not None and serial in (selected, _told(context, bus, new, _SERIAL))
+    return same or lss.node_before(setting) == old
 
 
 def _searched(lss: LssTable, setting: LssSetting) -> bool:
@@ -159,6 +180,11 @@ def _until_moved(rows: Sequence[NmtStateRow], each: Renumbered) -> list[NmtState
     last = rows[at]
     before = [*rows[:at], replace(last, end_ns=each.boot_ns)]
     cause = f"its device is node {each.new} since then: LSS gave it this node-ID"
+    if not each.known:
+        cause = (
+            f"its device is taken for node {each.new} since then: LSS gave a device this node-ID"
+        )
+        cause += ", and no serial number tells which"
     after = [
         replace(
             last,

@@ -46,7 +46,18 @@ def _node_id_changed(facts: Facts) -> Iterator[Finding]:
         )
         proof = [store.request.seq, store.answer.seq] if store else []
         proof += [moved.boot_seq] if moved else []
-        yield replace(finding, evidence=[*finding.evidence, *proof])
+        assumed = _assumed(moved) if moved is not None else []
+        yield replace(finding, evidence=[*finding.evidence, *proof], assumed=assumed)
+
+
+def _assumed(moved: Renumbered) -> list[str]:
+    """Why a device is taken for one that nothing names."""
+    if moved.known:
+        return []
+    why = f"the device is taken for node {moved.old}, because this is the only node that was reset"
+    why += f" just before node {moved.new} booted and was never heard again; it may be a new device"
+    why += f" while node {moved.old} failed: no serial number (1018h:4), and no inquired node-ID, tells"
+    return [why]
 
 
 def _kept(store: LssSetting | None) -> str:
@@ -92,6 +103,8 @@ def _whose(facts: Facts, setting: LssSetting) -> str:
     before = moved.old if moved else facts.control.lss.node_before(setting)
     if before is None or before == UNCONFIGURED:
         return "A device"
+    if moved is not None and not moved.known:
+        return f"A device that is taken for {facts.inside(setting.request.bus, before)}"
     return facts.who(setting.request.bus, before)
 
 
@@ -165,6 +178,10 @@ RULES = (
                 " node alone is never heard again after a reset between, and the new number begins"
                 " with a boot-up within 10 s of it; not after a search for devices without a number, nor"
                 " where 1018h or the selection by LSS tell of two devices, or several answered."
+            ),
+            (
+                "That it is this node is said to be assumed where neither it told its number nor 1018h:4"
+                " was seen of it twice."
             ),
         ),
         _node_id_changed,

@@ -1,5 +1,6 @@
 """What a capture holds whose clock was set back while it was recorded: nothing of it vanishes."""
 
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -132,6 +133,32 @@ def test_the_state_of_a_node_that_is_not_heard_after_the_step(until_ms: int, sta
     last = [row for row in whole(rows, in_order=False).nmt_states if row.node == 6][-1]
     assert last.state == state
     assert (last.end_ns - last.start_ns) / SECOND == pytest.approx(50, abs=1)
+
+
+@pytest.mark.parametrize(
+    ("again_ms", "states"),
+    [(60_000, ["OPERATIONAL", "UNKNOWN", "OPERATIONAL"]), (30_000, ["OPERATIONAL"])],
+)
+def test_the_state_of_a_node_that_is_heard_long_after_the_step(
+    again_ms: int, states: list[str]
+) -> None:
+    rows = set_back([*beats(5, 0, 80_000), *beats(6, 50, 29_900), *beats(6, again_ms + 50, 80_000)])
+    told = whole(rows, in_order=False)
+    of_6 = [row for row in told.nmt_states if row.node == 6 and row.start_ns < T0]
+    assert [row.state for row in of_6] == states
+    assert of_6[0].start_ns == T0 + 30 * SECOND + HOUR
+    assert all(a.end_ns == b.start_ns for a, b in pairwise(of_6))
+    if len(of_6) > 1:
+        assert (of_6[1].end_ns - of_6[1].start_ns) / SECOND == pytest.approx(30, abs=1)
+
+
+def test_a_node_that_sends_pdos_after_the_step_is_heard() -> None:
+    """Its heartbeat comes again 30 s after the step."""
+    pdos = [frame(t, 0x186, "01") for t in range(20, 80_000, 100)]
+    rows = [*beats(5, 0, 80_000), *beats(6, 50, 29_900), *beats(6, 60_050, 80_000), *pdos]
+    told = whole(set_back(rows), in_order=False)
+    of_6 = [row for row in told.nmt_states if row.node == 6 and row.start_ns < T0]
+    assert [row.state for row in of_6] == ["OPERATIONAL"]
 
 
 def test_silences_before_the_step_are_told_of_no_time_after_it() -> None:

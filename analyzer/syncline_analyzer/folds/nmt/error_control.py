@@ -6,6 +6,7 @@ from dataclasses import field
 import numpy as np
 from numpy.typing import NDArray
 
+from syncline_analyzer.extent import SET_BACK_NS
 from syncline_analyzer.folds.nmt.cadence import (
     CANDIDATE_RATIO,
     MIN_PERIODS,
@@ -471,7 +472,8 @@ class ErrorControl:
     ) -> None:
         """Keep the beats that change the state, and the first ones after each command.
 
-        The one after a fall tells whether the heartbeat kept its rhythm.
+        The one after a fall tells whether the heartbeat kept its rhythm; the first one after a step
+        back of the clock, since when it is heard again.
         """
         n = len(beats.seq)
         if not n:
@@ -486,6 +488,8 @@ class ErrorControl:
         if fell[-1]:
             self._marks.append([int(beats.seq[-1]), 1])
         keep[:-1] |= (kinds[:-1] == EMPTY) & (kinds[1:] == HEARTBEAT)
+        previous_ns = np.concatenate(([beats.t_ns[0] if beat_ns is None else beat_ns], beats.t_ns))
+        keep |= beats.t_ns - previous_ns[:-1] <= -SET_BACK_NS
         for silence in self.silences[self._silences_told :]:
             at = int(np.searchsorted(beats.seq, silence.order))
             keep[at : at + 1] = True

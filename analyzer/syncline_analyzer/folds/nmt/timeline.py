@@ -58,6 +58,7 @@ TOLD_PERIODS = 2
 _TOLD = (NmtState.OPERATIONAL, NmtState.PRE_OPERATIONAL, NmtState.STOPPED)
 _ENDS_PDOS = (0x02, 0x80)
 GOES_ON = "; goes on after a step back of the clock"
+_SINCE_STEP = "nothing heard of it since the clock stepped back"
 
 
 @dataclass(slots=True)
@@ -119,6 +120,8 @@ class Timeline:
         """What the node told last."""
         self._fresh_seq: int | None = -1
         """The last boot-up, as long as the node has not told a state since: it may start itself."""
+        self._step: ClockStep | None = None
+        """The last step back of the clock, until the node is heard after it."""
         self._before: _Told | None = None
         """What was told ahead of a pause of the node's guarding, until anything tells more."""
         self._now = _Cursor(NmtState.UNKNOWN, history.first_ns)
@@ -172,7 +175,7 @@ class Timeline:
 
     def _step_back(self, step: ClockStep) -> None:
         """The clock was set back: the state goes on, at stamps that are earlier than before."""
-        last = self.intervals[-1]
+        last, self._step = self.intervals[-1], step
         before_ns = step.t_ns + step.back_ns
         if step.t_ns >= last.start_ns:
             return
@@ -182,6 +185,21 @@ class Timeline:
             Interval(last.state, step.t_ns, step.t_ns, cause, last.certainty, last.evidence)
         )
         self._now.since_ns = step.t_ns
+
+    def _heard_after_step(self, beat: Beat) -> None:
+        """The state of a node is not known before its first sign of life after a step back.
+
+        What it tells then is held against its state before all the same.
+        """
+        step, self._step = self._step, None
+        period_ns = self.history.period_ns if beat.kind != "guard answer" else None
+        if step is None or period_ns is None or beat.previous_ns <= beat.t_ns:
+            return
+        t_ns, last = step.t_ns + round(LOST_FACTOR * period_ns), self.intervals[-1]
+        if last.start_ns == step.t_ns and last.state in _TOLD and t_ns < beat.t_ns:
+            self._begin(NmtState.UNKNOWN, t_ns, _SINCE_STEP, "assumed", None)
+            if state_of(beat) is not last.state:
+                self._now.state = last.state
 
     def _forget_unheard(self) -> None:
         """The state of a node that was heard last before the clock was set back is not known long.
@@ -194,8 +212,7 @@ class Timeline:
             return
         t_ns = last.start_ns + round(LOST_FACTOR * period_ns)
         if GOES_ON in last.cause and last.state in _TOLD and t_ns < history.end_ns:
-            cause = "nothing heard of it since the clock stepped back"
-            self._begin(NmtState.UNKNOWN, t_ns, cause, "assumed", None)
+            self._begin(NmtState.UNKNOWN, t_ns, _SINCE_STEP, "assumed", None)
             self._close(history.end_ns)
 
     def _begin(
@@ -241,6 +258,7 @@ class Timeline:
         self._begin(state, command.t_ns, cause, "commanded", command.seq)
 
     def _beat(self, beat: Beat) -> None:
+        self._heard_after_step(beat)
         first, self._heard = not self._heard, True
         blind, self._now.blind = self._now.blind, False
         if self._is_boot_up(beat, first):

@@ -15,7 +15,7 @@ from syncline_analyzer.views.report_html import report
 from syncline_analyzer.views.screen import screen
 from syncline_schemas.batch import FrameBatch, Gap
 from tests.analyzer.control_runs import MS, Row, frame
-from tests.analyzer.whole_run import T0, beats, ids, whole
+from tests.analyzer.whole_run import T0, beats, found, ids, whole
 
 SECOND = 1000 * MS
 HOUR = -3_600 * SECOND
@@ -150,6 +150,17 @@ def test_the_state_of_a_node_that_is_heard_long_after_the_step(
     assert all(a.end_ns == b.start_ns for a, b in pairwise(of_6))
     if len(of_6) > 1:
         assert (of_6[1].end_ns - of_6[1].start_ns) / SECOND == pytest.approx(30, abs=1)
+
+
+def test_a_moment_before_the_begin_says_how_long_after_the_step_it_is() -> None:
+    lost = [*beats(5, 0, 80_000), *beats(6, 50, 50_000)]
+    (finding,) = found(whole(set_back(lost), in_order=False), "nmt.node_lost")
+    assert "from -3550.050 s (19.950 s after the clock was set back) on" in finding.text
+    once = set_back(lost)
+    twice = [(t + HOUR * (n >= len(once) - 500), *rest) for n, (t, *rest) in enumerate(once)]
+    again: list[Row] = twice  # type: ignore[assignment]
+    (finding,) = found(whole(again, in_order=False), "nmt.node_lost")
+    assert "(9.950 s after step back 2 of the clock) on" in finding.text
 
 
 def test_a_node_that_sends_pdos_after_the_step_is_heard() -> None:

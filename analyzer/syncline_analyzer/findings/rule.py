@@ -5,7 +5,7 @@ from dataclasses import field, replace
 from typing import Any, TypeVar
 
 from syncline_analyzer.context import Context
-from syncline_analyzer.findings.stretch import since_begin
+from syncline_analyzer.findings.stretch import moment
 from syncline_analyzer.folds.control import ControlTables
 from syncline_analyzer.results import Analysis, Finding
 from syncline_schemas.records import dataclass
@@ -46,7 +46,7 @@ class Facts:
 
     def moment(self, t_ns: int) -> str:
         """A moment of the capture as time since its begin."""
-        return since_begin(t_ns - self.analysis.capture.first_ns)
+        return moment(self.analysis, t_ns)
 
     def assumed_remote(self) -> list[str]:
         """What rests on remote frames assumes in a log that does not mark them."""

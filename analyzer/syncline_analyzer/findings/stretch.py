@@ -33,8 +33,18 @@ def milliseconds(us: float) -> str:
 
 
 def moment(analysis: Analysis, t_ns: int) -> str:
-    """A moment of the capture as time since its begin."""
-    return since_begin(t_ns - analysis.capture.first_ns)
+    """A moment of the capture as time since its begin.
+
+    Where its clock was set back, stamps may lie before the begin: those say after which step too.
+    """
+    told = since_begin(t_ns - analysis.capture.first_ns)
+    later = analysis.capture.stretches[1:] if t_ns < analysis.capture.first_ns else []
+    found = [n for n, each in enumerate(later, 1) if each.start_ns <= t_ns <= each.end_ns]
+    if len(found) != 1:
+        return told
+    passed = (t_ns - later[found[0] - 1].start_ns) / 1e9
+    which = "the clock was set back" if len(later) == 1 else f"step back {found[0]} of the clock"
+    return f"{told} ({passed:.3f} s after {which})"
 
 
 def since_begin(ns: int) -> str:

@@ -250,6 +250,59 @@ def test_whose_number_it_was_is_known_or_assumed(more: list[Row], known: bool) -
     assert ("taken for node 8" in last_state(told, 5).cause) == (not known)
 
 
+def moved(*more: list[Row], stored: bool = False) -> Analysis:
+    """Node 5 is node 8 from 3.4 s to 10 s, and boots as node 5 at 12 s."""
+    given = [ask(2900, "0401"), ask(3000, "1108"), answer(3002, "1100"), frame(3100, 0, "8105")]
+    again = [frame(3400, 0x708, "00"), *beats(8, 3500, 10_000)]
+    back = [frame(12_000, 0x705, "00"), *beats(5, 12_100, 30_000)]
+    kept = STORED if stored else []
+    return whole(beats(9, 0, 30_000), beats(5, 30, 3090), given, again, back, kept, *more)
+
+
+@pytest.mark.triggers("lss.node_id_changed")
+def test_a_number_that_was_not_stored_is_gone_at_the_next_start() -> None:
+    told = moved()
+    (finding,) = found(told, "lss.node_id_changed")
+    assert finding.severity == "warning"
+    assert "Node 8 fell silent at +9.900 s, and node 5," in finding.text
+    assert "started at +12.000 s: it started anew by itself" in finding.text
+    assert any("one device" in each for each in finding.assumed)
+    assert [f.id for f in told.findings if f.severity != "info"] == ["lss.node_id_changed"]
+    reset = moved([frame(9_950, 0, "8108")])
+    assert [f.id for f in reset.findings if f.severity != "info"] == []
+    (finding,) = found(reset, "lss.node_id_changed")
+    assert "it started anew with its old number" in finding.text
+
+
+@pytest.mark.near_miss("lss.node_id_changed")
+@pytest.mark.parametrize(
+    ("more", "stored"),
+    [
+        ([], True),
+        ([*serial(1000, 5, 1), *serial(9000, 8, 2)], False),
+        ([*beats(7, 40, 3090), frame(11_000, 0x707, "00"), *beats(7, 11_100, 30_000)], False),
+        ([ask(2950, "5E"), answer(2952, "5E07")], False),
+        (beats(8, 13_000, 14_000), False),
+    ],
+    ids=["stored", "other serials", "two may be it", "it was another", "heard again"],
+)
+def test_a_lost_node_that_may_be_another_device_stays_lost(more: list[Row], stored: bool) -> None:
+    told = moved(more, stored=stored)
+    (finding,) = found(told, "lss.node_id_changed")
+    assert finding.severity == "info"
+    assert "nmt.node_lost" in {f.id for f in told.findings if f.node == 8}
+
+
+@pytest.mark.parametrize("number", [8, 7])
+def test_a_number_that_lss_gave_back_is_not_missed(number: int) -> None:
+    there = [ask(9000, "0401"), ask(9100, "5E"), answer(9102, f"5E{number:02X}")]
+    back = [ask(9200, "1105"), answer(9202, "1100"), frame(9950, 0, "8108")]
+    told = moved([*there, *back], stored=True)
+    assert ("nmt.no_boot_up" not in ids(told)) == (number == 8)
+    again = [f for f in found(told, "lss.node_id_changed") if "is node 5 again" in f.text]
+    assert len(again) == (number == 8)
+
+
 @pytest.mark.near_miss("lss.node_id_changed")
 @pytest.mark.parametrize(
     ("more", "reset"),

@@ -86,7 +86,7 @@ def _old(
 ) -> int | None:
     """The number that the device had: as it told it, else the only one that a reset silenced."""
     told = lss.node_before(setting)
-    if told == UNCONFIGURED or (told is None and _searched(lss, setting)):
+    if told == UNCONFIGURED or (told is None and searched(lss, setting)):
         return None
     gone = [
         node
@@ -125,7 +125,7 @@ def _known(
     return same or lss.node_before(setting) == old
 
 
-def _searched(lss: LssTable, setting: LssSetting) -> bool:
+def searched(lss: LssTable, setting: LssSetting) -> bool:
     """Whether the master looked for devices without a node-ID shortly before."""
     return any(
         row.command in _SEARCHES

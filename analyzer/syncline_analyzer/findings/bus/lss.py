@@ -2,16 +2,18 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import takewhile
 
+from syncline_analyzer.findings.bus.lss_back import Back, gone_back, stored
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.folds.bus.lss import LssSetting
 from syncline_analyzer.folds.renumbered import Renumbered
 from syncline_analyzer.results import Finding
 from syncline_schemas.canopen.lss import UNCONFIGURED
 
-_OTHERS = ("switch state", "configure node-ID")
-"""After these another slave, or another number, is spoken of."""
+_ONE_DEVICE = (
+    "both numbers are those of one device: no other node was silent just while the new number was"
+    " heard"
+)
 
 
 def _settings(facts: Facts, command: str, *, refused: bool) -> list[LssSetting]:
@@ -27,7 +29,7 @@ def _node_id_changed(facts: Facts) -> Iterator[Finding]:
     for each in _settings(facts, "configure node-ID", refused=False):
         node = each.request.values.get("node_id", 0)
         given = "no node-ID any more" if node == UNCONFIGURED else f"node-ID {node}"
-        moved, store = _moved(facts, each), _store(facts, each)
+        moved, store = _moved(facts, each), stored(facts, each)
         took = f"{_whose(facts, each)} was given {given} by LSS"
         if store is None or store.refused:
             took += ", and took it" + (", but refused to store it" if store else "")
@@ -35,18 +37,21 @@ def _node_id_changed(facts: Facts) -> Iterator[Finding]:
             took += ", took it and stored it"
         if moved is not None:
             took += f"; it is node {node} since it booted{facts.at(moved.boot_ns)}"
+        back = next((b for b in gone_back(facts) if b.setting_seq == each.answer.seq), None)
         finding = _finding(
             "lss.node_id_changed",
-            "info",
+            "warning" if back is not None and back.unasked else "info",
             each,
-            f"{took}.",
+            f"{took}.{_again(facts, back) if back is not None else ''}",
             "Somebody, or the master, configured a device.",
             f"Was it meant? The new node-ID must be no other node's{_kept(store)}.",
             None if node == UNCONFIGURED else node,
         )
         proof = [store.request.seq, store.answer.seq] if store else []
         proof += [moved.boot_seq] if moved else []
+        proof += [back.boot_seq] if back is not None else []
         assumed = _assumed(moved) if moved is not None else []
+        assumed += [_ONE_DEVICE] if back is not None and not back.ordered else []
         yield replace(finding, evidence=[*finding.evidence, *proof], assumed=assumed)
 
 
@@ -60,6 +65,16 @@ def _assumed(moved: Renumbered) -> list[str]:
     return [why]
 
 
+def _again(facts: Facts, back: Back) -> str:
+    """How the device came to have its old number again."""
+    if back.ordered:
+        return f" It is node {back.node} again since it booted at {facts.moment(back.boot_ns)}."
+    text = f" Node {back.left} fell silent at {facts.moment(back.last_ns)}, and node {back.node},"
+    text += f" silent while node {back.left} was there, started at {facts.moment(back.boot_ns)}:"
+    how = " by itself, or was switched off and on," if back.unasked else ""
+    return f"{text} it started anew{how} with its old number, as the new one was not stored."
+
+
 def _kept(store: LssSetting | None) -> str:
     """What becomes of a node-ID at the next start, to go on in a sentence with."""
     if store is None:
@@ -71,30 +86,6 @@ def _moved(facts: Facts, setting: LssSetting) -> Renumbered | None:
     """The device that went on under the new number, where that is proven."""
     proven = (m for m in facts.control.renumbered if m.setting_seq == setting.answer.seq)
     return next(proven, None)
-
-
-def _store(facts: Facts, setting: LssSetting) -> LssSetting | None:
-    """The answered order to store a setting, given to the same slave before anything else was."""
-    lss, bus = facts.control.lss, setting.request.bus
-    later = (
-        row
-        for row in lss.rows
-        if row.bus == bus and row.sender == "master" and row.seq > setting.answer.seq
-    )
-    orders = takewhile(lambda row: not row.command.startswith(_OTHERS), later)
-    asked = {row.seq for row in orders if row.command == "store configuration"}
-    found = [each for each in lss.settings if each.request.bus == bus and each.request.seq in asked]
-    return found[-1] if found and not _blind(facts, setting, found[-1]) else None
-
-
-def _blind(facts: Facts, first: LssSetting, last: LssSetting) -> bool:
-    """Whether the recorder may have missed something between two settings."""
-    return any(
-        gap.bus in (None, first.request.bus)
-        and gap.start_ns < last.answer.t_ns
-        and first.request.t_ns < gap.end_ns
-        for gap in facts.analysis.capture.gaps
-    )
 
 
 def _whose(facts: Facts, setting: LssSetting) -> str:
@@ -178,6 +169,10 @@ RULES = (
                 " node alone is never heard again after a reset between, and the new number begins"
                 " with a boot-up within 10 s of it; not after a search for devices without a number, nor"
                 " where 1018h or the selection by LSS tell of two devices, or several answered."
+            ),
+            (
+                "A warning where the new number is not heard again and one node alone, silent just while"
+                " it was, boots after it without a command: the number was not stored."
             ),
             (
                 "That it is this node is said to be assumed where neither it told its number nor 1018h:4"

@@ -5,6 +5,7 @@ from itertools import groupby
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.findings.bus.bus_off import bus_off_silences
+from syncline_analyzer.findings.bus.lss_back import gone_back
 from syncline_analyzer.findings.device.exchange import Exchange, exchanged_in
 from syncline_analyzer.findings.device.identity import absences
 from syncline_analyzer.findings.emcy.messages import EMPTY
@@ -146,6 +147,10 @@ def _entries(facts: Facts) -> list[tuple[int, NodeKey, Lost]]:
         and not any(
             each.explains(facts.context.bus_name(key[0]), key[1], lost.last_ns, lost.end_ns)
             for each in elsewhere
+        )
+        and not any(
+            each.explains(facts.context.bus_name(key[0]), key[1], lost.last_ns, lost.end_ns)
+            for each in gone_back(facts)
         )
         and not any(each.covers(*key, lost.end_ns) for each in power_breaks(facts))
     ]

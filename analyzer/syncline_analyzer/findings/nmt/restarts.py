@@ -5,7 +5,8 @@ from collections.abc import Iterator, Sequence
 from collections.abc import Set as AbstractSet
 from itertools import groupby
 
-from syncline_analyzer.findings.device.identity import absences
+from syncline_analyzer.findings.bus.lss_back import Back, gone_back
+from syncline_analyzer.findings.device.identity import Absence, absences
 from syncline_analyzer.findings.nmt.guarding_story import told_by_guarding
 from syncline_analyzer.findings.nmt.lost import (
     BOOT_UP_NS,
@@ -317,7 +318,7 @@ def _read_as(row: EmcyRow | None) -> list[str]:
 
 def _no_boot_up(facts: Facts) -> Iterator[Finding]:
     """Nodes that a reset command silenced: for long, or for good."""
-    elsewhere = absences(facts)
+    elsewhere: list[Absence | Back] = [*absences(facts), *gone_back(facts)]
     for key, failed in failed_resets(facts):
         bus, node = facts.context.bus_name(key[0]), key[1]
         command, end_ns, end_seq, back = failed

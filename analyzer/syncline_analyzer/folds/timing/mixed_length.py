@@ -33,7 +33,7 @@ class MixedLengths:
     def add(self, batch: IndexedBatch, rows: NDArray[np.intp]) -> bool:
         """Take in the next frames; whether they show the first change."""
         low, high = batch.lengths[self.pdo.bus, self.can_id]
-        if low == high == self._last:
+        if 0 < low == high == self._last:
             self.counts[low] += len(rows)
             return False
         rows = rows[batch.frames.dlc[rows] > 0]

@@ -1,5 +1,7 @@
 """What stops with a PDO: its master's guarding, the requests for it, SYNC, or a node's heartbeat."""
 
+from pathlib import Path
+
 import pytest
 
 from syncline_schemas.batch import Gap
@@ -7,6 +9,56 @@ from tests.analyzer.control_runs import MS, Row, frame, remote
 from tests.analyzer.traps.script import Script
 from tests.analyzer.whole_run import beats, every, found, ids, whole, write
 
+OWN_EDS = """
+[FileInfo]
+FileName=own.eds
+[DeviceInfo]
+VendorName=Own
+ProductName=Own
+[OptionalObjects]
+SupportedObjects=2
+1=0x1400
+2=0x1800
+[1400]
+ParameterName=RPDO1
+ObjectType=0x9
+SubNumber=3
+[1400sub1]
+ParameterName=COB-ID
+DataType=0x0007
+AccessType=rw
+DefaultValue=$NODEID+0x200
+[1400sub2]
+ParameterName=type
+DataType=0x0005
+AccessType=rw
+DefaultValue=255
+[1400sub5]
+ParameterName=timer
+DataType=0x0006
+AccessType=rw
+DefaultValue=100
+[1800]
+ParameterName=TPDO1
+ObjectType=0x9
+SubNumber=3
+[1800sub1]
+ParameterName=COB-ID
+DataType=0x0007
+AccessType=rw
+DefaultValue=$NODEID+0x180
+[1800sub2]
+ParameterName=type
+DataType=0x0005
+AccessType=rw
+DefaultValue=255
+[1800sub5]
+ParameterName=timer
+DataType=0x0006
+AccessType=rw
+DefaultValue=100
+"""
+"""A device of which only its EDS is known: event timers of 100 ms."""
 COUNTING = b"\x01\x02"
 
 
@@ -206,3 +258,13 @@ def test_a_shaft_that_stood_still_may_have_paused_an_unread_repeat_counter() -> 
 def test_a_rhythm_beside_the_default_timer_is_that_of_the_value() -> None:
     script = Script("lir-da158a", 5).nmt(-1_000, 1).pdo(0, 30_000, 480, lambda k: 1_000 * k)
     assert "pdo.stopped" not in script.every(7, 60_000, 1_000, "714#05").told().ids
+
+
+@pytest.mark.near_miss("pdo.stopped")
+def test_a_node_that_receives_a_pdo_does_not_stop_sending_it(tmp_path: Path) -> None:
+    """The default of 1400h:5 is a deadline for whoever sends the RPDO."""
+    path = tmp_path / "own.eds"
+    path.write_text(OWN_EDS, encoding="utf-8")
+    script = Script(str(path), 5).nmt(-1_000, 1).heartbeat(0, 60_000)
+    script.every(0, 30_000, 100, lambda k: f"205#{k:04X}")
+    assert "pdo.stopped" not in script.told().ids

@@ -135,9 +135,11 @@ class PdoState:
         return timer.value * 1_000_000 if isinstance(timer.value, int) and timer.value else None
 
     def kept_timer_ns(self) -> int | None:
-        """Event timer that only the device's EDS tells, where the frames keep to it."""
+        """Event timer of a TPDO that only the device's EDS tells, where the frames keep to it."""
         timer = self.transmission.event_timer_ms if self.transmission else None
-        if timer is None or timer.source != "eds-default" or not isinstance(timer.value, int):
+        if self.owner is None or self.owner.kind != "tpdo" or self.owner.guess or timer is None:
+            return None
+        if timer.source != "eds-default" or not isinstance(timer.value, int):
             return None
         timer_ns = timer.value * 1_000_000
         off_ns = abs(self.period.quantile(0.5) - timer_ns)

@@ -261,6 +261,22 @@ def test_a_rhythm_beside_the_default_timer_is_that_of_the_value() -> None:
 
 
 @pytest.mark.near_miss("pdo.stopped")
+@pytest.mark.parametrize("command", [0x02, 0x80, 0x81, 0x82])
+@pytest.mark.parametrize("at", [29_900, 30_100])
+def test_a_command_to_all_nodes_may_stop_a_node_that_tells_no_state(command: int, at: int) -> None:
+    assert "pdo.stopped" not in lir(30_000).nmt(at, command, 0).told().ids
+
+
+@pytest.mark.triggers("pdo.stopped")
+def test_pdos_that_end_without_a_command_or_after_a_start_are_told() -> None:
+    assert "pdo.stopped" in lir(30_000).nmt(25_000, 2, 0).nmt(26_000, 1, 0).told().ids
+    assert "pdo.stopped" in lir(30_000).nmt(35_000, 2, 0).told().ids
+    assert "pdo.stopped" in lir(30_000).nmt(30_100, 0x80, 0).nmt(32_000, 1, 0).told().ids
+    soon = lir(30_000).nmt(30_100, 0x80, 0).nmt(55_000, 1, 0)
+    assert "pdo.stopped" not in soon.told().ids
+
+
+@pytest.mark.near_miss("pdo.stopped")
 def test_a_node_that_receives_a_pdo_does_not_stop_sending_it(tmp_path: Path) -> None:
     """The default of 1400h:5 is a deadline for whoever sends the RPDO."""
     path = tmp_path / "own.eds"

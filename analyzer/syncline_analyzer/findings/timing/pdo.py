@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from syncline_analyzer.findings.rule import Facts, Rule
 from syncline_analyzer.findings.stretch import milliseconds, moment, seconds
 from syncline_analyzer.findings.timing.blame import Why, assumed_window, why_late, why_missed
-from syncline_analyzer.findings.timing.stopping import SAME_MOMENT_NS, aftermath
+from syncline_analyzer.findings.timing.stopping import SAME_MOMENT_NS, aftermath, was_commanded
 from syncline_analyzer.findings.timing.sync import MAX_EVIDENCE, evidence_of, holes_of, together
 from syncline_analyzer.results import Finding, HoleRow, PdoPauseRow, PdoRow, SdoObject
 from syncline_schemas.wording import counted
@@ -118,7 +118,12 @@ def _pdo_late(facts: Facts) -> Iterator[Finding]:
 
 def _stopped(facts: Facts) -> Iterator[Finding]:
     """PDOs that stopped while their node went on; those of one node and moment are one finding."""
-    rows = [row for row in facts.analysis.pdo_pauses if not _was_set(facts, row, row.start_ns)]
+    rows = [
+        row
+        for row in facts.analysis.pdo_pauses
+        if not _was_set(facts, row, row.start_ns)
+        and not was_commanded(facts, row, _period_ns(facts, row))
+    ]
     rows.sort(key=lambda row: (row.bus, row.node, row.start_ns, row.cob_id))
     groups: list[list[PdoPauseRow]] = []
     for row in rows:
@@ -316,8 +321,8 @@ RULES = (
         (
             "At least 5 s and 20 frames that were due.",
             (
-                "Not where a repeat counter, transmission type 0, PDO-off bit, or a setting written at"
-                " that moment explains it."
+                "Not where a repeat counter, transmission type 0, PDO-off bit, a setting written at that"
+                " moment, or a command to all nodes that stops them explains it."
             ),
             (
                 "A PDO whose rhythm is only seen must have repeated its data: a value that stands still"

@@ -1,17 +1,24 @@
 """What is known of a node after its PDOs stopped: whether it lives, who watches it, what explains it."""
 
+from bisect import bisect_left
 from collections.abc import Iterator, Sequence
+from itertools import islice, takewhile
 
 from syncline_analyzer.findings.rule import Facts
 from syncline_analyzer.folds.nmt.table import NodeNmt
 from syncline_analyzer.folds.timing.pdo_judge import BY_TIMER
+from syncline_analyzer.folds.timing.pdo_periods import PAUSE_NS, PAUSE_PERIODS
 from syncline_analyzer.folds.timing.pdo_state import MOST_REPEATS
 from syncline_analyzer.pdo_binding import Pdo, PdoBindings
 from syncline_analyzer.results import PdoPauseRow, PdoRow
+from syncline_schemas.canopen.nmt import STATE_AFTER_COMMAND
 from syncline_schemas.records import dataclass
 
 SAME_MOMENT_NS = 1_000_000_000
 _DEFAULT = "eds-default"
+_START = 0x01
+_ACTS_NS = 500_000_000
+"""A command may act so late that a PDO still comes after it [ns]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,9 +42,8 @@ class Aftermath:
 def aftermath(facts: Facts, group: Sequence[PdoPauseRow]) -> Aftermath:
     """What is known of a node whose PDOs stopped at one moment."""
     first = group[0]
-    nmt = facts.control.nmt.nodes.get((facts.number(first.bus), first.node))
-    start_ns = min(row.start_ns for row in group)
-    stayed = nmt is not None and (nmt.told_ns or 0) > start_ns + SAME_MOMENT_NS
+    nmt = _nmt(facts, first)
+    stayed = _stayed(nmt, min(row.start_ns for row in group))
     watched = nmt is None or not _unwatched(nmt)
     rows = {each.cob_id: each for each in facts.analysis.pdos if each.bus == first.bus}
     pdos = {row.cob_id: (rows[row.cob_id], row.basis) for row in group if row.cob_id in rows}
@@ -50,6 +56,33 @@ def aftermath(facts: Facts, group: Sequence[PdoPauseRow]) -> Aftermath:
         counter,
         [each for row, basis in pdos.values() for each in _assumed(facts, row, basis)],
     )
+
+
+def _nmt(facts: Facts, row: PdoPauseRow) -> NodeNmt | None:
+    return facts.control.nmt.nodes.get((facts.number(row.bus), row.node))
+
+
+def _stayed(nmt: NodeNmt | None, start_ns: int) -> bool:
+    """Whether the node's error control goes on after a moment; a change of state it would tell."""
+    return nmt is not None and (nmt.told_ns or 0) > start_ns + SAME_MOMENT_NS
+
+
+def was_commanded(facts: Facts, pause: PdoPauseRow, period_ns: float) -> bool:
+    """Whether a command to all nodes explains a pause of a node that tells no state after it.
+
+    Such a command changes no state of a node that never told one: it may not listen to it.
+    """
+    timeline = facts.control.nmt.timelines.get((facts.number(pause.bus), pause.node))
+    if timeline is None or _stayed(_nmt(facts, pause), pause.start_ns):
+        return False
+    commands, until_ns = timeline.history.commands, pause.start_ns + 1.5 * period_ns
+    begin = bisect_left(commands, pause.start_ns - _ACTS_NS, key=lambda each: each.t_ns)
+    later = takewhile(lambda each: each.t_ns < pause.end_ns, islice(commands, begin, None))
+    told = [each for each in later if each.specifier in STATE_AFTER_COMMAND]
+    if not any(c.node == 0 and c.specifier != _START and c.t_ns <= until_ns for c in told):
+        return False
+    due_ns = pause.end_ns - told[-1].t_ns
+    return told[-1].specifier != _START or due_ns < max(PAUSE_NS, PAUSE_PERIODS * period_ns)
 
 
 def _unwatched(nmt: NodeNmt) -> bool:

@@ -284,3 +284,30 @@ def test_a_node_that_receives_a_pdo_does_not_stop_sending_it(tmp_path: Path) -> 
     script = Script(str(path), 5).nmt(-1_000, 1).heartbeat(0, 60_000)
     script.every(0, 30_000, 100, lambda k: f"205#{k:04X}")
     assert "pdo.stopped" not in script.told().ids
+
+
+def paced(path: Path, *, still: bool) -> Script:
+    """A node of the user's EDS whose frames keep to the timer of the EDS, and that lives on."""
+    path.write_text(OWN_EDS, encoding="utf-8")
+    script = Script(str(path), 5).nmt(-1_000, 1).heartbeat(0, 90_000)
+    return script.pdo(0, 30_000, 100.3, lambda k: min(k, 280) if still else k)
+
+
+@pytest.mark.triggers("pdo.stopped")
+def test_changes_that_an_inhibit_time_paces_look_like_a_timer(tmp_path: Path) -> None:
+    """Equal frames prove the timer; without any, the value may stand still and send nothing."""
+    sure = paced(tmp_path / "own.eds", still=True).told().finding("pdo.stopped")
+    assert sure.severity == "error"
+    assert "stands still" not in sure.cause
+    unsure = paced(tmp_path / "own.eds", still=False).told().finding("pdo.stopped")
+    assert unsure.severity == "warning"
+    assert "its event timer was not read, and each frame brought another value" in unsure.cause
+
+
+@pytest.mark.near_miss("pdo.stopped")
+def test_a_value_that_stood_still_and_moved_again_sent_no_changes(tmp_path: Path) -> None:
+    path = tmp_path / "own.eds"
+    again = paced(path, still=False).pdo(60_000, 90_000, 100.3, lambda k: 500 + k)
+    assert "pdo.stopped" not in again.told().ids
+    proven = paced(path, still=True).pdo(60_000, 90_000, 100.3, lambda k: 500 + k)
+    assert proven.told().finding("pdo.stopped").severity == "warning"

@@ -147,7 +147,7 @@ def _stop(facts: Facts, group: list[PdoPauseRow]) -> Finding:
     until = f"came again after {seconds(end_ns - start_ns)}" if back else "did not come again"
     return Finding(
         "pdo.stopped",
-        "error" if after.stayed and not back and not after.counter else "warning",
+        "error" if after.stayed and not back and not after.unsure else "warning",
         first.bus,
         first.node,
         start_ns,
@@ -332,11 +332,12 @@ RULES = (
             "Not a PDO that is sent because remote frames ask for it.",
             (
                 "An event timer that only the device's EDS tells counts where the period has kept to it;"
-                " then a pause that ended counts only where no unread repeat counter may explain it."
+                " then a pause that ended counts only where equal frames came before, and no unread"
+                " repeat counter may explain it."
             ),
             (
                 "An error only where the node's error control goes on and tells OPERATIONAL, and no"
-                " unread repeat counter may explain it; it says where nothing watches the node."
+                " value that stands still may explain it; it says where nothing watches the node."
             ),
         ),
         _stopped,

@@ -8,7 +8,7 @@ from syncline_analyzer.findings.rule import Facts
 from syncline_analyzer.folds.nmt.table import NodeNmt
 from syncline_analyzer.folds.timing.pdo_judge import BY_TIMER
 from syncline_analyzer.folds.timing.pdo_periods import PAUSE_NS, PAUSE_PERIODS
-from syncline_analyzer.folds.timing.pdo_state import MOST_REPEATS
+from syncline_analyzer.folds.timing.pdo_state import MOST_REPEATS, PROVE_TIMER
 from syncline_analyzer.pdo_binding import Pdo, PdoBindings
 from syncline_analyzer.results import PdoPauseRow, PdoRow
 from syncline_schemas.canopen.nmt import STATE_AFTER_COMMAND
@@ -28,14 +28,14 @@ class Aftermath:
     Attributes:
         stayed: whether the node's error control went on; a change of state it would tell.
         told: sentences behind the fact, each after a blank.
-        counter: the repeat counter that nobody read and that may explain it, or "".
+        unsure: whether a value that stands still may explain it.
     """
 
     stayed: bool
     told: str
     cause: str
     check_next: str
-    counter: str
+    unsure: bool
     assumed: list[str]
 
 
@@ -48,12 +48,13 @@ def aftermath(facts: Facts, group: Sequence[PdoPauseRow]) -> Aftermath:
     rows = {each.cob_id: each for each in facts.analysis.pdos if each.bus == first.bus}
     pdos = {row.cob_id: (rows[row.cob_id], row.basis) for row in group if row.cob_id in rows}
     counter = " and ".join(name for row, _ in pdos.values() for name in _counter(row))
+    changing = any(_changing(*each) for each in pdos.values())
     return Aftermath(
         stayed,
         "" if stayed else _told(nmt, group, watched),
-        _cause(stayed, counter),
+        _cause(stayed, counter, changing),
         _check(stayed or watched, counter),
-        counter,
+        bool(counter) or changing,
         [each for row, basis in pdos.values() for each in _assumed(facts, row, basis)],
     )
 
@@ -102,11 +103,7 @@ def _told(nmt: NodeNmt | None, group: Sequence[PdoPauseRow], watched: bool) -> s
     )
 
 
-def _cause(stayed: bool, counter: str) -> str:
-    still = (
-        f" Or its value stands still: its repeat counter ({counter}) was not read, and may end equal"
-        " frames."
-    )
+def _cause(stayed: bool, counter: str, changing: bool) -> str:
     what = (
         "The application in the device stopped (the CAN part goes on), its sensor failed, or the PDO"
         " was switched off in a way that was not recorded."
@@ -114,7 +111,13 @@ def _cause(stayed: bool, counter: str) -> str:
         else "It left OPERATIONAL, was switched off, or its application stopped: no heartbeat or"
         " guard answer after that tells which."
     )
-    return f"{what}{still}" if counter else what
+    why = [
+        f"its repeat counter ({counter}) was not read, and may end equal frames" * bool(counter),
+        "its event timer was not read, and each frame brought another value, which may send it"
+        * changing,
+    ]
+    still = "; ".join(each for each in why if each)
+    return f"{what} Or its value stands still: {still}." if still else what
 
 
 def _check(watched: bool, counter: str) -> str:
@@ -135,6 +138,11 @@ def _counter(row: PdoRow) -> list[str]:
     if row.repeat_source != _DEFAULT or row.longest_repeat > MOST_REPEATS:
         return []
     return [f"{0x27FF + _number(row):04X}h"]
+
+
+def _changing(row: PdoRow, basis: str) -> bool:
+    """Whether only the EDS tells its event timer, and changes of the value may have sent all frames."""
+    return basis == BY_TIMER and row.event_timer_us is None and row.repeats < PROVE_TIMER
 
 
 def _assumed(facts: Facts, row: PdoRow, basis: str) -> Iterator[str]:

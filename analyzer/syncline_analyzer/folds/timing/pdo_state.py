@@ -31,6 +31,8 @@ _KEEPS_TO_SYNC = 3.0
 """So much more than the response the period must spread: 1.4 come from independent jitter alone."""
 MOST_REPEATS = 255
 """More equal frames in a row no repeat counter (280xh, eight bits) allows."""
+PROVE_TIMER = 3
+"""Frames that bring nothing new, from which on a timer sends them; changes would not."""
 MAX_RESPONSES = 100_000
 """Responses of one PDO that are kept one by one."""
 
@@ -146,9 +148,16 @@ class PdoState:
         return timer_ns if timer_ns and off_ns <= _SAME_TIMER * timer_ns and self.cyclic() else None
 
     def may_stand_still(self, counter: Known | None) -> bool:
-        """Whether only the EDS tells its event timer, and that no repeat counter ends equal frames."""
+        """Whether only the EDS tells its event timer, and a value that stands still may end it.
+
+        A repeat counter that nobody read may end equal frames; and where every frame brought another
+        value, changes may have sent them all.
+        """
+        if self.told_timer_ns() is not None:
+            return False
         unread = counter is not None and counter.source == "eds-default"
-        return unread and self.told_timer_ns() is None and self.repeats.longest <= MOST_REPEATS
+        counted = unread and self.repeats.longest <= MOST_REPEATS
+        return counted or self.repeats.count < PROVE_TIMER
 
     def told_deadline_ns(self) -> int | None:
         """Time within which the node wants to receive an RPDO (140xh:5), as the bus or user told."""

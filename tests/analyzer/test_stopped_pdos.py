@@ -311,3 +311,13 @@ def test_a_value_that_stood_still_and_moved_again_sent_no_changes(tmp_path: Path
     assert "pdo.stopped" not in again.told().ids
     proven = paced(path, still=True).pdo(60_000, 90_000, 100.3, lambda k: 500 + k)
     assert proven.told().finding("pdo.stopped").severity == "warning"
+
+
+@pytest.mark.triggers("pdo.stopped")
+def test_a_counter_of_one_pdo_explains_nothing_where_another_stopped_with_it() -> None:
+    script = lir(30_000).heartbeat(0, 60_000).sync(0, 60_000, 100).read(-500, 0x2801, 0, 0, size=1)
+    finding = script.every(5, 30_000, 200, lambda k: f"285#{k:04X}").told().finding("pdo.stopped")
+    assert "TPDO1 (185h)" in finding.text
+    assert "TPDO2 (285h)" in finding.text
+    assert finding.severity == "error"
+    assert "stands still" not in finding.cause

@@ -47,14 +47,16 @@ def aftermath(facts: Facts, group: Sequence[PdoPauseRow]) -> Aftermath:
     watched = nmt is None or not _unwatched(nmt)
     rows = {each.cob_id: each for each in facts.analysis.pdos if each.bus == first.bus}
     pdos = {row.cob_id: (rows[row.cob_id], row.basis) for row in group if row.cob_id in rows}
-    counter = " and ".join(name for row, _ in pdos.values() for name in _counter(row))
-    changing = any(_changing(*each) for each in pdos.values())
+    unsure = all(_counter(row) or _changing(row, basis) for row, basis in pdos.values())
+    doubted = list(pdos.values()) if unsure else []
+    counter = " and ".join(name for row, _ in doubted for name in _counter(row))
+    changing = any(_changing(*each) for each in doubted)
     return Aftermath(
         stayed,
         "" if stayed else _told(nmt, group, watched),
         _cause(stayed, counter, changing),
         _check(stayed or watched, counter),
-        bool(counter) or changing,
+        bool(doubted),
         [each for row, basis in pdos.values() for each in _assumed(facts, row, basis)],
     )
 

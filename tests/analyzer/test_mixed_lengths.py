@@ -27,9 +27,11 @@ def test_a_length_that_goes_there_and_back_is_told(batch: int) -> None:
 
 
 @pytest.mark.triggers("config.pdo_mixed_lengths")
-def test_two_lengths_that_take_turns_are_those_of_two_senders() -> None:
+@pytest.mark.parametrize("period", [20, 500])
+def test_two_lengths_that_take_turns_are_those_of_two_senders(period: int) -> None:
+    """However seldom the second one sends: its frames stand one by one between the others."""
     script = Script("haomiao-38", 3).heartbeat(0, 20_000).every(0, 20_000, 20, LONG)
-    finding = script.every(7, 20_000, 20, SHORT).told().finding("config.pdo_mixed_lengths")
+    finding = script.every(7, 20_000, period, SHORT).told().finding("config.pdo_mixed_lengths")
     assert finding.cause.startswith("Another device sends on this identifier")
     assert "side by side" in finding.cause
     assert len(finding.evidence) == 20

@@ -18,8 +18,6 @@ MIN_FRAMES = 3
 """Frames of each length from which on they are told."""
 THERE_AND_BACK = 2
 """Changes of the length with nothing between them that explains one."""
-_SIDE_BY_SIDE = 0.1
-"""Changes, as a share of the frames, from which on two senders take turns."""
 _ACTS_NS = 2_000_000_000
 """A write acts on what a PDO carries within this time [ns]."""
 _EVIDENCE = 20
@@ -42,7 +40,8 @@ def _finding(
         f"{length} bytes ({counted(counts[length], 'frame')})" for length in sorted(counts)
     )
     changed = len(changes) + mixed.changed - len(mixed.changes)
-    taking_turns = changed >= _SIDE_BY_SIDE * sum(counts.values())
+    rarer = sum(counts.values()) - max(counts.values())
+    taking_turns = changed >= rarer
     mapping = f"{pdo.mapping:04X}h"
     default = pdo.source == "eds-default"
     return Finding(

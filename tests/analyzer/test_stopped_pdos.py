@@ -321,3 +321,13 @@ def test_a_counter_of_one_pdo_explains_nothing_where_another_stopped_with_it() -
     assert "TPDO2 (285h)" in finding.text
     assert finding.severity == "error"
     assert "stands still" not in finding.cause
+
+
+@pytest.mark.triggers("pdo.stopped")
+def test_an_rpdo_that_ends_is_laid_to_its_sender() -> None:
+    script = Script(None, 5).nmt(-1_000, 1).heartbeat(0, 60_000).read(-500, 0x1400, 1, 0x205)
+    script.pdo(3, 60_000, 100, lambda k: k)
+    finding = script.every(0, 30_000, 100, "205#0102").told().finding("pdo.stopped")
+    assert finding.severity == "warning"
+    assert finding.text.startswith("Nobody sent RPDO1 (205h) to node 5 any more from +30.9")
+    assert "node 5 only receives it" in finding.cause

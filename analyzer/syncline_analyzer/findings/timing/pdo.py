@@ -124,17 +124,19 @@ def _stopped(facts: Facts) -> Iterator[Finding]:
         if not _was_set(facts, row, row.start_ns)
         and not was_commanded(facts, row, _period_ns(facts, row))
     ]
-    rows.sort(key=lambda row: (row.bus, row.node, row.start_ns, row.cob_id))
+    rows.sort(key=lambda row: (row.bus, row.node, row.pdo[0], row.start_ns, row.cob_id))
     groups: list[list[PdoPauseRow]] = []
     for row in rows:
         last = groups[-1][-1] if groups else None
-        same = last is not None and (last.bus, last.node) == (row.bus, row.node)
+        own = (row.bus, row.node, row.pdo[0])
+        same = last is not None and (last.bus, last.node, last.pdo[0]) == own
         if last is not None and same and row.start_ns - last.start_ns <= SAME_MOMENT_NS:
             groups[-1].append(row)
         else:
             groups.append([row])
     for group in groups:
-        yield _stop(facts, group)
+        received = group[0].pdo.startswith("RPDO")
+        yield _sender_stopped(facts, group) if received else _stop(facts, group)
 
 
 def _stop(facts: Facts, group: list[PdoPauseRow]) -> Finding:
@@ -160,6 +162,30 @@ def _stop(facts: Facts, group: list[PdoPauseRow]) -> Finding:
         after.check_next,
         sorted({seq for row in group for seq in row.evidence}),
         assumed=after.assumed,
+    )
+
+
+def _sender_stopped(facts: Facts, group: list[PdoPauseRow]) -> Finding:
+    """RPDOs that do not come any more: their node only receives them."""
+    first = group[0]
+    names = " and ".join(dict.fromkeys(f"{row.pdo} ({row.cob_id:03X}h)" for row in group))
+    start_ns, end_ns = min(r.start_ns for r in group), max(r.end_ns for r in group)
+    back = all(row.resumed for row in group)
+    until = f"It came again after {seconds(end_ns - start_ns)}" if back else "It did not come again"
+    return Finding(
+        "pdo.stopped",
+        "warning",
+        first.bus,
+        first.node,
+        start_ns,
+        end_ns,
+        f"Nobody sent {names} to {facts.inside(first.bus, first.node)} any more from"
+        f" {moment(facts.analysis, start_ns)} on: {max(row.due for row in group)} were due by"
+        f" {first.basis}. {until}.",
+        f"Whoever sends it stopped, as a rule the master, or had nothing new to send; node {first.node}"
+        " only receives it.",
+        f"Look at the sender of {first.cob_id:03X}h: its program, its state, its own 180xh.",
+        sorted({seq for row in group for seq in row.evidence}),
     )
 
 
@@ -329,6 +355,7 @@ RULES = (
                 " sends no event."
             ),
             "Not in a silence of the whole bus, nor where SYNC itself stays away.",
+            "An RPDO is laid to whoever sends it, not to the node that receives it, and is no error.",
             "Not a PDO that is sent because remote frames ask for it.",
             (
                 "An event timer that only the device's EDS tells counts where the period has kept to it;"

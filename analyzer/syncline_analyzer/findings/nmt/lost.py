@@ -348,10 +348,15 @@ def _alone(facts: Facts, losses: list[_Loss], together: tuple[int, ...]) -> tupl
 
 
 def _of_the_bus(facts: Facts, loss: _Loss) -> str:
-    """What the other nodes tell of the bus; where there is none, nobody does."""
-    if facts.control.nmt.timelines[loss.bus, loss.nodes[0]].history.alone:
-        return "no other node is known here that would tell whether the bus itself worked"
-    return "the other nodes were heard all the time, so the bus itself worked"
+    """What the other nodes tell of the bus, where any was heard since then."""
+    node, name = loss.nodes[0], facts.context.bus_name(loss.bus)
+    nodes = facts.control.nmt.nodes.items()
+    heard = [nmt.heard_ns or 0 for key, nmt in nodes if key[0] == loss.bus and key[1] != node]
+    if max(heard, default=0) > loss.start_ns:
+        return "the other nodes were heard all the time, so the bus itself worked"
+    if any(row.bus == name and row.node != node for row in facts.analysis.nodes):
+        return "nothing tells for sure whether the bus itself worked"
+    return "no other node is known here that would tell whether the bus itself worked"
 
 
 def _came_back(facts: Facts, losses: list[_Loss]) -> str:

@@ -83,3 +83,13 @@ def test_other_lengths_that_are_no_fault() -> None:
     known = haomiao().read(-500, 0x1A00, 0, 1, size=1).read(-400, 0x1A00, 1, 0x60040020)
     assert "config.pdo_mixed_lengths" not in known.told().ids
     assert "config.pdo_length" in known.told().ids
+
+
+@pytest.mark.near_miss("config.pdo_mixed_lengths")
+@pytest.mark.parametrize("batch", [1 << 20, 9])
+def test_a_pdo_of_empty_frames_alone_has_no_length(batch: int) -> None:
+    """As logs write remote frames that do not mark them."""
+    empty = Script("haomiao-38", 3).heartbeat(0, 20_000).every(0, 20_000, 20, "183#")
+    assert "config.pdo_mixed_lengths" not in empty.told(batch).ids
+    later = empty.every(20_000, 40_000, 20, LONG).told(batch)
+    assert "config.pdo_mixed_lengths" not in later.ids

@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-INTERVAL_S = 0.02
+INTERVAL_S = 0.05
+"""More often, it would take a noticeable part of a processor from what is measured."""
 
 
 class PeakMemory:
@@ -24,7 +25,7 @@ class PeakMemory:
 
     @contextmanager
     def sampled(self) -> Iterator["PeakMemory"]:
-        """Look every 20 ms, in a thread, until the context is left."""
+        """Look every 50 ms, in a thread, until the context is left."""
         stop = threading.Event()
         thread = threading.Thread(target=self._sample_until, args=(stop,), daemon=True)
         thread.start()

@@ -69,16 +69,25 @@ def _first_boot(
     nmt: NmtTable, sdo: SdoTransfers, new: NodeKey, setting: LssSetting
 ) -> BootUpEvent | None:
     """The boot-up that is the first sign of a number, after a setting, with no gap in between."""
-    timeline = nmt.timelines.get(new)
+    boot = begins_with(nmt, new, setting)
+    if boot is None:
+        return None
+    gaps = nmt.timelines[new].history.gaps
+    hidden = any(setting.request.seq < seq <= boot.seq for seq, _ in gaps)
+    served = sdo.of_node(setting.request.bus, new[1]).records
+    answered = (served["answer_ns"] != NONE) & (served["seq"] < boot.seq)
+    return None if hidden or answered.any() else boot
+
+
+def begins_with(nmt: NmtTable, key: NodeKey, setting: LssSetting) -> BootUpEvent | None:
+    """The boot-up after a setting that is the first a number's error control and PDOs tell of it."""
+    timeline = nmt.timelines.get(key)
     if timeline is None or not timeline.boot_ups:
         return None
     boot, history = timeline.boot_ups[0], timeline.history
     before = boot.seq < setting.answer.seq or history.beats[0].seq < boot.seq
     before |= any(span.first_seq < boot.seq for span in history.spans)
-    hidden = any(setting.request.seq < seq <= boot.seq for seq, _ in history.gaps)
-    served = sdo.of_node(setting.request.bus, new[1]).records
-    answered = (served["answer_ns"] != NONE) & (served["seq"] < boot.seq)
-    return None if before or hidden or answered.any() else boot
+    return None if before else boot
 
 
 def _old(

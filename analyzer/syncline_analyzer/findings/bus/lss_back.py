@@ -7,7 +7,7 @@ from syncline_analyzer.findings.rule import Facts
 from syncline_analyzer.folds.bus.lss import LssSetting
 from syncline_analyzer.folds.nmt.events import IN_FLIGHT_NS, BootUpEvent, Command, Lost
 from syncline_analyzer.folds.nmt.table import NodeKey
-from syncline_analyzer.folds.renumbered import another, searched
+from syncline_analyzer.folds.renumbered import another, begins_with, searched
 from syncline_schemas.canopen.lss import UNCONFIGURED
 from syncline_schemas.canopen.nmt import RESETS
 from syncline_schemas.named_tuples import NamedTuple
@@ -91,14 +91,11 @@ def _not_stored(facts: Facts, setting: LssSetting, told: int | None, left: int) 
 
 def _life(facts: Facts, key: NodeKey, setting: LssSetting) -> tuple[int, int] | None:
     """From when to when a number was heard that began with a boot-up after a setting."""
-    timeline, nmt = facts.control.nmt.timelines.get(key), facts.control.nmt.nodes.get(key)
-    if timeline is None or nmt is None or not timeline.boot_ups or nmt.heard_ns is None:
+    boot, nmt = begins_with(facts.control.nmt, key, setting), facts.control.nmt.nodes.get(key)
+    if boot is None or nmt is None or nmt.heard_ns is None:
         return None
-    boot, history = timeline.boot_ups[0], timeline.history
-    first = history.beats[0].seq == boot.seq > setting.answer.seq
-    first &= not any(span.first_seq < boot.seq for span in history.spans)
-    lost = any(each.end_seq is None for each in timeline.lost)
-    return (boot.t_ns, nmt.heard_ns) if first and lost else None
+    lost = any(each.end_seq is None for each in facts.control.nmt.timelines[key].lost)
+    return (boot.t_ns, nmt.heard_ns) if lost else None
 
 
 def _returns(facts: Facts, key: NodeKey) -> Iterator[tuple[Lost, BootUpEvent]]:

@@ -5,9 +5,9 @@ from itertools import groupby
 
 from syncline_analyzer.context import Context
 from syncline_analyzer.findings.bus.bus_off import bus_off_silences
-from syncline_analyzer.findings.bus.lss_back import gone_back
+from syncline_analyzer.findings.bus.lss_back import Back, gone_back
 from syncline_analyzer.findings.device.exchange import Exchange, exchanged_in
-from syncline_analyzer.findings.device.identity import absences
+from syncline_analyzer.findings.device.identity import Absence, absences
 from syncline_analyzer.findings.emcy.messages import EMPTY
 from syncline_analyzer.findings.nmt.guarding_story import STORY_NS, told_by_guarding
 from syncline_analyzer.findings.nmt.lateness import late_silences
@@ -131,9 +131,14 @@ def _at_once(
         yield group
 
 
+def elsewhere(facts: Facts) -> list[Absence | Back]:
+    """When numbers fell silent because their device had another one since, or again."""
+    return [*absences(facts), *gone_back(facts)]
+
+
 def _entries(facts: Facts) -> list[tuple[int, NodeKey, Lost]]:
     """(last sign of life, node, silence) of what is no story of guarding, bus-off or a reset."""
-    told, elsewhere, doubled = told_by_guarding(facts), absences(facts), twins(facts)
+    told, others, doubled = told_by_guarding(facts), elsewhere(facts), twins(facts)
     entries = [
         (lost.last_ns, key, lost)
         for key, timeline in facts.control.nmt.timelines.items()
@@ -146,11 +151,7 @@ def _entries(facts: Facts) -> list[tuple[int, NodeKey, Lost]]:
         and not _of_one_of_two(doubled, facts, key, lost)
         and not any(
             each.explains(facts.context.bus_name(key[0]), key[1], lost.last_ns, lost.end_ns)
-            for each in elsewhere
-        )
-        and not any(
-            each.explains(facts.context.bus_name(key[0]), key[1], lost.last_ns, lost.end_ns)
-            for each in gone_back(facts)
+            for each in others
         )
         and not any(each.covers(*key, lost.end_ns) for each in power_breaks(facts))
     ]

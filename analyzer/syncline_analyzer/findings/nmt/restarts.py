@@ -5,12 +5,11 @@ from collections.abc import Iterator, Sequence
 from collections.abc import Set as AbstractSet
 from itertools import groupby
 
-from syncline_analyzer.findings.bus.lss_back import Back, gone_back
-from syncline_analyzer.findings.device.identity import Absence, absences
 from syncline_analyzer.findings.nmt.guarding_story import told_by_guarding
 from syncline_analyzer.findings.nmt.lost import (
     BOOT_UP_NS,
     EVIDENCE,
+    elsewhere,
     failed_resets,
     names,
     was_bus_off,
@@ -318,11 +317,11 @@ def _read_as(row: EmcyRow | None) -> list[str]:
 
 def _no_boot_up(facts: Facts) -> Iterator[Finding]:
     """Nodes that a reset command silenced: for long, or for good."""
-    elsewhere: list[Absence | Back] = [*absences(facts), *gone_back(facts)]
+    others = elsewhere(facts)
     for key, failed in failed_resets(facts):
         bus, node = facts.context.bus_name(key[0]), key[1]
         command, end_ns, end_seq, back = failed
-        if any(each.explains(bus, node, command.t_ns, end_ns) for each in elsewhere):
+        if any(each.explains(bus, node, command.t_ns, end_ns) for each in others):
             continue
         whom = "all nodes" if command.node == 0 else "it"
         lasted = seconds(end_ns - command.t_ns)

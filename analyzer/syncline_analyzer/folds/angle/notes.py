@@ -9,6 +9,7 @@ import numpy as np
 from syncline_analyzer.folds.angle.samples import Samples
 from syncline_analyzer.folds.angle.state import Fast, TraceState
 from syncline_analyzer.folds.angle.trace import AMBIGUOUS, Derived, Encoder, Tilt
+from syncline_analyzer.folds.angle.untold import Apart
 from syncline_analyzer.results import Trace
 from syncline_schemas.devices import Device
 from syncline_schemas.measurement import ambiguous_rpm
@@ -87,12 +88,12 @@ def note_ambiguous(state: TraceState) -> None:
     if 2 * count < state.samples or not count or state.first_ns is None:
         return
     converter = state.converter
-    text = ""
+    text, untold = "", None
     if isinstance(converter, Encoder):
-        text = _too_seldom(state, converter)
+        untold = state.untold.most()
+        text = _too_seldom(state, converter, untold)
     elif isinstance(converter, Tilt):
         text = _repeating(converter, state.last_value or 0.0)
-    untold = state.untold.most() if isinstance(converter, Encoder) else None
     seq, t_ns = (untold.seq, untold.t_ns) if untold else (state.first_seq, state.first_ns)
     if text:
         state.note("ambiguous", seq, t_ns, None, state.last_value, text)
@@ -111,9 +112,8 @@ def _repeating(converter: Tilt, value: float) -> str:
     )
 
 
-def _too_seldom(state: TraceState, converter: Encoder) -> str:
+def _too_seldom(state: TraceState, converter: Encoder, untold: Apart | None) -> str:
     scale, reach = converter.scale, converter.reach_counts
-    untold = state.untold.most()
     usual_ns = min(state.link.spacing_ns.values(), default=0.0)
     spacing_ns = untold.spacing_ns if untold else usual_ns
     if not scale.counts_per_turn or not reach or not spacing_ns:

@@ -26,7 +26,7 @@ class Apart:
     first_ns: int
     last_ns: int = 0
     count: int = 0
-    span_ns: float = 0.0
+    span_ns: int = 0
     untold: int = 0
     seq: int = 0
     t_ns: int = 0
@@ -63,7 +63,7 @@ class Untold:
             apart = self._octaves.setdefault(number, Apart(int(t_ns[rows[0]])))
             apart.last_ns = int(t_ns[rows[-1]])
             apart.count += len(rows)
-            apart.span_ns += float(span_ns[rows].sum())
+            apart.span_ns += int(span_ns[rows].sum())
             open_ = rows[untold[rows]]
             if len(open_) and not apart.untold:
                 apart.seq, apart.t_ns = int(seq[open_[0]]), int(t_ns[open_[0]])
